@@ -17,8 +17,8 @@
 
 use gungraun::{library_benchmark, library_benchmark_group, main};
 use std::hint::black_box;
-use whitstone_benches::{Tile, Traced, closest, closest_shape, closest_single};
-use whitstone_core::{Accelerator, Shape};
+use whitstone_benches::{Tile, Traced, intersect, closest_shape, closest_single};
+use whitstone_core::{Accelerator, LoweredShape};
 
 #[library_benchmark]
 #[bench::node(whitstone_benches::node())]
@@ -33,8 +33,8 @@ fn single(traced: Traced<Box<dyn Accelerator>>) -> usize {
 #[bench::leaf(whitstone_benches::leaf())]
 #[bench::hit(whitstone_benches::hit())]
 fn stream(mut traced: Traced<Box<dyn Accelerator>>) -> usize {
-    black_box(closest(black_box(&mut traced), |bvh, rays, hits| {
-        bvh.closest_stream(rays, hits);
+    black_box(intersect(black_box(&mut traced), |bvh, rays, hits| {
+        bvh.intersect_stream(rays, hits);
     }))
 }
 
@@ -42,8 +42,8 @@ fn stream(mut traced: Traced<Box<dyn Accelerator>>) -> usize {
 #[bench::sphere(whitstone_benches::sphere())]
 #[bench::cuboid(whitstone_benches::cuboid())]
 #[bench::triangle(whitstone_benches::triangle())]
-fn shape(mut traced: Traced<Shape>) -> usize {
-    black_box(closest(black_box(&mut traced), closest_shape))
+fn shape(mut traced: Traced<LoweredShape>) -> usize {
+    black_box(intersect(black_box(&mut traced), closest_shape))
 }
 
 #[library_benchmark]

@@ -6,8 +6,8 @@ use whitstone_accelerators::bvh::Bvh;
 use whitstone_cameras::perspective::Perspective;
 use whitstone_core::stream::{HitStream, LANES, Lanes, RayStream};
 use whitstone_core::{
-    Accelerator, Accelerators, Camera, Cameras, DVec2, DVec3, FilmSize, Geometry, Interval, Plugin, Ray,
-    Shape, Shapes, Skip, Transform, TriangleMesh,
+    Accelerator, Accelerators, Camera, Cameras, DVec2, DVec3, FilmSize, Geometry, Interval, LoweredShape,
+    Plugin, Ray, SelfHitFilter, Shapes, Transform, TriangleMesh,
 };
 use whitstone_shapes::cuboid::Cuboid;
 use whitstone_shapes::sphere::Sphere;
@@ -24,7 +24,7 @@ pub fn rays(half_side: f64) -> Box<RayStream> {
         let origin = DVec3::new(0.1, 0.2, -4.0);
         let target = DVec3::new(place(lane % 16), place(lane / 16), 0.0);
         let ray = Ray::new(origin, (target - origin).normalize());
-        rays.set(lane, ray, f64::INFINITY, Skip::NOTHING);
+        rays.set(lane, ray, f64::INFINITY, SelfHitFilter::NOTHING);
     }
     rays
 }
@@ -65,7 +65,7 @@ fn triangles(centers: impl Iterator<Item = DVec3>, edge: f64) -> TriangleMesh {
 }
 
 fn bvh(mesh: TriangleMesh) -> Box<dyn Accelerator> {
-    let geometry = Arc::new(Geometry::new(vec![Shape::Triangles(mesh)]));
+    let geometry = Arc::new(Geometry::new(vec![LoweredShape::Triangles(mesh)]));
     build::<Accelerators, Bvh>("", geometry).expect("it is a hierarchy")
 }
 
@@ -91,30 +91,33 @@ pub fn hit() -> Traced<Box<dyn Accelerator>> {
     Traced::new(bvh(triangles(centers, 12.0)), 0.3)
 }
 
-fn shape<P: Plugin<Shapes>>(text: &str) -> Traced<Shape> {
+fn shape<P: Plugin<Shapes>>(text: &str) -> Traced<LoweredShape> {
     let shape = build::<Shapes, P>(text, Transform::IDENTITY).expect("it is a shape");
     Traced::new(shape, 1.5)
 }
 
 /// Half of the rays hit it.
-pub fn sphere() -> Traced<Shape> {
+pub fn sphere() -> Traced<LoweredShape> {
     shape::<Sphere>("")
 }
 
 /// Half of the rays hit it.
-pub fn cuboid() -> Traced<Shape> {
+pub fn cuboid() -> Traced<LoweredShape> {
     shape::<Cuboid>("")
 }
 
 /// One triangle, tested by the watertight test in double precision; half of the rays hit it.
-pub fn triangle() -> Traced<Shape> {
+pub fn triangle() -> Traced<LoweredShape> {
     let center = DVec3::new(-1.5, -1.5, 0.0);
-    Traced::new(Shape::Triangles(triangles(std::iter::once(center), 3.0)), 1.5)
+    Traced::new(
+        LoweredShape::Triangles(triangles(std::iter::once(center), 3.0)),
+        1.5,
+    )
 }
 
 /// Finds the nearest hits of the stream. Returns their number, so that the work is not optimised
 /// away.
-pub fn closest<T>(traced: &mut Traced<T>, trace: impl FnOnce(&T, &RayStream, &mut HitStream)) -> usize {
+pub fn intersect<T>(traced: &mut Traced<T>, trace: impl FnOnce(&T, &RayStream, &mut HitStream)) -> usize {
     trace(&traced.target, &traced.rays, &mut traced.hits);
     (0..traced.rays.len)
         .filter(|&lane| traced.hits.get(lane).is_some())
@@ -128,18 +131,18 @@ pub fn closest_single(traced: &Traced<Box<dyn Accelerator>>) -> usize {
         let ray = rays.ray(*lane);
         traced
             .target
-            .closest(&ray, Interval::FORWARD, Skip::NOTHING)
+            .intersect(&ray, Interval::FORWARD, SelfHitFilter::NOTHING)
             .is_some()
     };
     (0..rays.len).filter(hit).count()
 }
 
 /// Finds the nearest hits with one shape.
-pub fn closest_shape(shape: &Shape, rays: &RayStream, hits: &mut HitStream) {
+pub fn closest_shape(shape: &LoweredShape, rays: &RayStream, hits: &mut HitStream) {
     hits.clear(rays);
     match shape {
-        Shape::Triangles(mesh) => mesh.closest_stream(0, rays, hits),
-        Shape::Opaque(primitive) => primitive.closest_stream(0, rays, hits),
+        LoweredShape::Triangles(mesh) => mesh.intersect_stream(0, rays, hits),
+        LoweredShape::Opaque(primitive) => primitive.intersect_stream(0, rays, hits),
         _ => {}
     }
 }

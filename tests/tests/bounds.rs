@@ -1,7 +1,7 @@
 //! The pictures of what accelerators divide space into.
 
 use std::path::Path;
-use whitstone::core::{DVec2, Interval, Skip};
+use whitstone::core::{DVec2, Interval, SelfHitFilter};
 use whitstone::image::Raster;
 use whitstone::scene::Pipeline;
 use whitstone::{registry, wireframe};
@@ -50,9 +50,9 @@ fn frame_of_hits(pipeline: &Pipeline) -> Option<[usize; 4]> {
     frame(size.width as usize, size.height as usize, |x, y| {
         let ray = pipeline.camera.ray(DVec2::new(x as f64 + 0.5, y as f64 + 0.5));
         pipeline
-            .world
+            .scene
             .accelerator
-            .occluded(&ray, Interval::FORWARD, Skip::NOTHING)
+            .occluded(&ray, Interval::FORWARD, SelfHitFilter::NOTHING)
     })
 }
 
@@ -109,7 +109,7 @@ fn explain_draws_the_levels_that_are_asked_for() {
             &registry(),
         )
         .unwrap();
-        let outlines = |deepest| pipeline.world.accelerator.outlines(deepest).unwrap();
+        let outlines = |deepest| pipeline.scene.accelerator.debug_bounds(deepest).unwrap();
         let counts = [0, 1, 2].map(|deepest| outlines(deepest).len());
         // A grid of one level has no third.
         assert!(counts[0] == 1 && counts[0] < counts[1], "{kind}: {counts:?}");

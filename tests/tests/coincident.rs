@@ -376,7 +376,7 @@ fn a_light_in_coincident_surfaces_is_hidden_by_none() {
         built(&(ceiling(RED) + &rest), ""),
         built(&(ceiling(RED) + &ceiling(BLUE) + &rest), ""),
     );
-    assert!(two.world.light_margin > 0.0 && one.world.light_margin == 0.0);
+    assert!(two.scene.light_margin > 0.0 && one.scene.light_margin == 0.0);
     let dark = built(&(ceiling(RED) + &rest).replace(lamp, ""), "");
     assert!(differing(&one, &dark) > 1000);
     assert!(differing(&one, &two) <= MOST);

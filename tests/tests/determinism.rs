@@ -2,7 +2,7 @@
 //! renders.
 
 use std::fs;
-use whitstone::core::{FamilyName, Needs, Scratch};
+use whitstone::core::{FamilyName, Scratch, SurfaceAttributes};
 use whitstone::scene::RenderOptions;
 use whitstone_tests::{bits, load, program, root, scenes, small};
 
@@ -77,20 +77,20 @@ fn what_a_scene_does_not_need_is_not_computed_and_is_not_missed() {
     for scene in scenes() {
         let mut pipeline = load(&scene, &small(), &registry).unwrap_or_else(|report| panic!("{report}"));
         let planned = pipeline.render(RenderOptions::default());
-        let needs = pipeline.world.needs();
-        pipeline.world = pipeline.world.one_size_fits_all();
+        let needs = pipeline.scene.needs();
+        pipeline.scene = pipeline.scene.without_specialization();
         let general = pipeline.render(RenderOptions::default());
         let name = scene.display();
         assert!(planned.rgb == general.rgb, "{name}");
         let (some, all) = (planned.counters, general.counters);
         assert_eq!((all.uv, all.textured), (all.shaded, all.shaded), "{name}");
-        if !needs.contains(Needs::UV) {
+        if !needs.contains(SurfaceAttributes::UV) {
             assert_eq!(some.uv, 0, "{name}");
             without_uv += 1;
         } else {
             with_uv += 1;
         }
-        if !needs.contains(Needs::TEXTURE) {
+        if !needs.contains(SurfaceAttributes::TEXTURE) {
             assert_eq!(some.textured, 0, "{name}");
         }
     }

@@ -10,9 +10,9 @@ use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::time::Duration;
 use whitstone::core::{
-    Aabb, Accelerator, Accelerators, Context, Geometry, Interval, Needs, Plugin, Primitive, PrimitiveHit,
-    RawHit, Ray, Registry, Rgb, SceneErrors, Shape, Shapes, Skip, Statistics, SurfacePoint, Texture,
-    Textures, Transform,
+    Aabb, Accelerator, Accelerators, Context, Geometry, Interval, LoweredShape, Plugin,
+    PreliminaryIntersection, Ray, Registry, Rgb, SceneErrors, SelfHitFilter, Shape, ShapeHit, Shapes,
+    Statistics, SurfaceAttributes, SurfaceInteraction, Texture, Textures, Transform,
 };
 use whitstone::image::{Image, Limits, Raster, exr_io, texels};
 use whitstone::validate::environment::Environment;
@@ -396,7 +396,7 @@ fn mix_an_edge(image: &mut Image) {
 }
 
 /// A sphere whose outside is inside.
-struct FlippedSphere(Box<dyn Primitive>);
+struct FlippedSphere(Box<dyn Shape>);
 
 impl Plugin<Shapes> for FlippedSphere {
     const TYPE: &'static str = "flipped_sphere";
@@ -406,24 +406,29 @@ impl Plugin<Shapes> for FlippedSphere {
         config: Self::Config,
         transform: Transform,
         context: &mut dyn Context,
-    ) -> Result<Shape, SceneErrors> {
+    ) -> Result<LoweredShape, SceneErrors> {
         match <Sphere as Plugin<Shapes>>::build(config, transform, context)? {
-            Shape::Opaque(primitive) => Ok(Shape::Opaque(Box::new(Self(primitive)))),
+            LoweredShape::Opaque(primitive) => Ok(LoweredShape::Opaque(Box::new(Self(primitive)))),
             other => Ok(other),
         }
     }
 }
 
-impl Primitive for FlippedSphere {
+impl Shape for FlippedSphere {
     fn bounds(&self) -> Aabb {
         self.0.bounds()
     }
-    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
-        self.0.closest(ray, interval, leaves)
+    fn intersect(&self, ray: &Ray, interval: Interval, origin_primitive: Option<u32>) -> Option<ShapeHit> {
+        self.0.intersect(ray, interval, origin_primitive)
     }
-    fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
+    fn surface(
+        &self,
+        ray: &Ray,
+        hit: &PreliminaryIntersection,
+        needs: SurfaceAttributes,
+    ) -> SurfaceInteraction {
         let point = self.0.surface(ray, hit, needs);
-        SurfacePoint {
+        SurfaceInteraction {
             n_g: -point.n_g,
             n_s: -point.n_s,
             ..point
@@ -450,10 +455,10 @@ impl Plugin<Textures> for BiasedImage {
 }
 
 impl Texture for BiasedImage {
-    fn needs(&self) -> Needs {
+    fn needs(&self) -> SurfaceAttributes {
         self.0.needs()
     }
-    fn value(&self, point: &SurfacePoint) -> Rgb {
+    fn value(&self, point: &SurfaceInteraction) -> Rgb {
         let larger = 0.02_f32.exp2();
         let mut point = *point;
         point.footprint.uv = point.footprint.uv.map(|step| step * larger);
@@ -485,8 +490,8 @@ impl<const KIND: usize> Plugin<Accelerators> for Faulty<KIND> {
 impl<const KIND: usize> Faulty<KIND> {
     /// Spawned rays start a thousand times as far along as those of the reference: 4000 units of
     /// 2^-24.
-    fn ray(&self, ray: &Ray, skip: Skip) -> Ray {
-        if KIND == FAR_SPAWN && skip != Skip::NOTHING {
+    fn ray(&self, ray: &Ray, skip: SelfHitFilter) -> Ray {
+        if KIND == FAR_SPAWN && skip != SelfHitFilter::NOTHING {
             let far = 4000.0 * (-24.0_f64).exp2() * (1.0 + ray.origin.abs().max_element());
             return Ray::new(ray.at(far), ray.direction);
         }
@@ -495,12 +500,17 @@ impl<const KIND: usize> Faulty<KIND> {
 }
 
 impl<const KIND: usize> Accelerator for Faulty<KIND> {
-    fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
-        self.0.closest(&self.ray(ray, skip), interval, skip)
+    fn intersect(
+        &self,
+        ray: &Ray,
+        interval: Interval,
+        skip: SelfHitFilter,
+    ) -> Option<PreliminaryIntersection> {
+        self.0.intersect(&self.ray(ray, skip), interval, skip)
     }
-    fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
+    fn occluded(&self, ray: &Ray, interval: Interval, skip: SelfHitFilter) -> bool {
         let ray = self.ray(ray, skip);
-        match self.0.closest(&ray, interval, skip) {
+        match self.0.intersect(&ray, interval, skip) {
             // Shape 3 of the classic scene is the matte ball.
             Some(hit) => KIND != NO_SHADOW || hit.shape != 3,
             None => false,

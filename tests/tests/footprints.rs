@@ -6,7 +6,8 @@ use serde::Deserialize;
 use std::path::Path;
 use std::sync::Arc;
 use whitstone::core::{
-    Context, DVec2, Needs, Plugin, Registry, Rgb, SceneErrors, Scratch, SurfacePoint, Texture, Textures,
+    Context, DVec2, Plugin, Registry, Rgb, SceneErrors, Scratch, SurfaceAttributes, SurfaceInteraction,
+    Texture, Textures,
 };
 use whitstone::scene::{Pipeline, RenderOptions, Sources};
 use whitstone_tests::build;
@@ -34,12 +35,12 @@ impl Plugin<Textures> for Probe {
 }
 
 impl Texture for Probe {
-    fn needs(&self) -> Needs {
-        Needs::UV | Needs::FOOTPRINT
+    fn needs(&self) -> SurfaceAttributes {
+        SurfaceAttributes::UV | SurfaceAttributes::FOOTPRINT
     }
 
     /// The third channel tells what is left of it on the way to the camera.
-    fn value(&self, point: &SurfacePoint) -> Rgb {
+    fn value(&self, point: &SurfaceInteraction) -> Rgb {
         let shown = match self.0 {
             0 => point.uv,
             side => FACTOR * point.footprint.uv[usize::from(side) - 1].as_dvec2(),
@@ -186,7 +187,7 @@ fn streams_spread_as_single_rays_do() {
            [sampler]\ntype = \"grid\"\nn = 2\n";
     let film = "width = 21\nheight = 17";
     let built = pipeline(CAMERA, film, &scene, 1);
-    assert!(built.world.reads_footprints());
+    assert!(built.scene.reads_footprints());
     let rendered = built.render(RenderOptions::default());
     let mut scratch = Scratch::default();
     for (number, found) in (0..).zip(&rendered.rgb) {
@@ -195,11 +196,11 @@ fn streams_spread_as_single_rays_do() {
         assert_eq!(found.map(f32::to_bits), expected.map(f32::to_bits), "{number}");
     }
     let mut whole = pipeline(CAMERA, film, &scene, 1);
-    whole.world = whole.world.one_size_fits_all();
+    whole.scene = whole.scene.without_specialization();
     assert_eq!(whole.render(RenderOptions::default()).rgb, rendered.rgb);
     // More samples lie closer together.
     let more = scene.replace("n = 2", "n = 4");
-    let sum = |pipeline: &Pipeline| pipeline.camera_spread([3, 4], 0).unwrap().direction[0].length();
+    let sum = |pipeline: &Pipeline| pipeline.camera_differential([3, 4], 0).unwrap().direction[0].length();
     let ratio = sum(&built) / sum(&pipeline(CAMERA, film, &more, 1));
     assert!((ratio - 2.0).abs() < 1e-2, "{ratio}");
 }
@@ -210,8 +211,8 @@ fn rays_carry_nothing_where_no_texture_asks() {
                 material = { type = \"matte\", reflectance = { type = \"checker\" } }\n";
     let sources = Sources::from_text("scene.toml", text, Path::new("."), &[]);
     let built = build(&sources.unwrap(), &whitstone::registry()).unwrap_or_else(|report| panic!("{report}"));
-    assert!(!built.world.reads_footprints());
-    assert_eq!(built.camera_spread([0, 0], 0), None);
+    assert!(!built.scene.reads_footprints());
+    assert_eq!(built.camera_differential([0, 0], 0), None);
     assert!(
         built
             .left_out

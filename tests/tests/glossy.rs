@@ -66,7 +66,7 @@ fn pixels(pipeline: &Pipeline) -> Vec<Rgb> {
 fn with_one_direction_it_is_a_mirror_to_the_bit() {
     let mirror = room("type = \"mirror\", reflectance = [0.9, 0.7, 0.5]");
     let glossy = room("type = \"glossy\", samples = 1, exponent = 3, reflectance = [0.9, 0.7, 0.5]");
-    assert!(!glossy.world.one_by_one());
+    assert!(!glossy.scene.requires_scalar_tracing());
     assert_eq!(bits(&glossy, 1), bits(&mirror, 2));
 }
 
@@ -130,14 +130,14 @@ fn a_furnace_shows_the_reflectance() {
 #[test]
 fn rays_are_counted_and_threads_do_not_matter() {
     let glossy = room("type = \"glossy\", samples = 3, exponent = 50");
-    assert!(glossy.world.one_by_one());
+    assert!(glossy.scene.requires_scalar_tracing());
     assert_eq!(bits(&glossy, 1), bits(&glossy, 4));
     let single = built(
         "[integrator]\ntype = \"whitted\"\nmax_depth = 1\n[[shape]]\ntype = \"sphere\"\nradius = 0.5\ncenter = [0, 0.5, 0]\nmaterial = { type = \"glossy\", samples = 5 }\n",
     );
     let mut scratch = Scratch::recording();
     let ray = single.camera_ray([20, 15], 0);
-    single.integrator.radiance(&single.world, &ray, &mut scratch);
+    single.integrator.radiance(&single.scene, &ray, &mut scratch);
     assert_eq!(scratch.counters.closest, 26);
     let paths: Vec<String> = scratch
         .record

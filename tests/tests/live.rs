@@ -279,7 +279,7 @@ fn what_fails_shrinks() -> Result<(), Failed> {
     let again = load(&path, &[], &registry)?;
     // Two mirrors, or one and a glass: of the four shapes at most three are left.
     let reflecting = left.contains("mirror") || left.contains("dielectric");
-    let shapes = again.world.geometry.shapes().len();
+    let shapes = again.scene.geometry.shapes().len();
     if !reflecting || shapes > 3 || left.lines().count() > 40 {
         return Err(format!("{shapes} shapes in\n{left}").into());
     }

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 use whitstone::core::{
-    Accelerator, Accelerators, Context, Geometry, Interval, Plugin, RawHit, Ray, Registry, SceneErrors, Skip,
-    Statistics,
+    Accelerator, Accelerators, Context, Geometry, Interval, Plugin, PreliminaryIntersection, Ray, Registry,
+    SceneErrors, SelfHitFilter, Statistics,
 };
 use whitstone::validate::matrix::{Cell, Outcome};
 use whitstone::validate::{Mode, Options, Renderer, Validator};
@@ -123,10 +123,15 @@ impl Plugin<Accelerators> for Blind {
 }
 
 impl Accelerator for Blind {
-    fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
-        self.0.closest(ray, interval, skip).filter(|hit| hit.shape == 0)
+    fn intersect(
+        &self,
+        ray: &Ray,
+        interval: Interval,
+        skip: SelfHitFilter,
+    ) -> Option<PreliminaryIntersection> {
+        self.0.intersect(ray, interval, skip).filter(|hit| hit.shape == 0)
     }
-    fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
+    fn occluded(&self, ray: &Ray, interval: Interval, skip: SelfHitFilter) -> bool {
         self.0.occluded(ray, interval, skip)
     }
     fn statistics(&self) -> Statistics {

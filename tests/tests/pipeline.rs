@@ -2,7 +2,7 @@
 
 use std::path::Path;
 use std::sync::Arc;
-use whitstone::core::{Aabb, DVec3, Light, LightGives, LightSample, Lobes, Rgb};
+use whitstone::core::{Aabb, BsdfFlags, DVec3, Light, LightFlags, LightSample, Rgb};
 use whitstone::scene::{Pipeline, RenderOptions, Sources};
 use whitstone_tests::{build, root};
 
@@ -16,25 +16,25 @@ fn pipeline(text: &str) -> Pipeline {
 fn constant_textures_are_colours() {
     let black = "[texture.black]\ntype = \"constant\"\nvalue = 0\n";
     for (k_refl, lobes) in [
-        ("\"black\"", Lobes::LOCAL),
-        ("{ type = \"constant\", value = 0 }", Lobes::LOCAL),
+        ("\"black\"", BsdfFlags::LOCAL),
+        ("{ type = \"constant\", value = 0 }", BsdfFlags::LOCAL),
         (
             "{ type = \"constant\", value = 0.5 }",
-            Lobes::LOCAL | Lobes::REFLECTION,
+            BsdfFlags::LOCAL | BsdfFlags::REFLECTION,
         ),
         // What a checker's squares are is not looked at.
         (
             "{ type = \"checker\", a = 0, b = 0 }",
-            Lobes::LOCAL | Lobes::REFLECTION,
+            BsdfFlags::LOCAL | BsdfFlags::REFLECTION,
         ),
     ] {
         let shape = format!(
             "[[shape]]\ntype = \"sphere\"\nmaterial = {{ type = \"whitted\", k_d = 0.5, k_refl = {k_refl} }}\n"
         );
         let built = pipeline(&format!("{black}{shape}"));
-        assert_eq!(built.world.materials[0].lobes(), lobes, "{k_refl}");
+        assert_eq!(built.scene.materials[0].flags(), lobes, "{k_refl}");
         let traces = !built.left_out.iter().any(|part| part.what == "reflected rays");
-        assert_eq!(traces, lobes.contains(Lobes::REFLECTION), "{k_refl}");
+        assert_eq!(traces, lobes.contains(BsdfFlags::REFLECTION), "{k_refl}");
     }
 }
 
@@ -42,8 +42,8 @@ fn constant_textures_are_colours() {
 struct Shy;
 
 impl Light for Shy {
-    fn gives(&self) -> LightGives {
-        LightGives::SAMPLES
+    fn flags(&self) -> LightFlags {
+        LightFlags::SAMPLES
     }
     fn samples(&self, _: DVec3, out: &mut Vec<LightSample>) {
         out.push(LightSample {
@@ -52,7 +52,7 @@ impl Light for Shy {
             irradiance: Rgb::WHITE,
         });
     }
-    fn reaches(&self, _: &Aabb) -> bool {
+    fn affects_bounds(&self, _: &Aabb) -> bool {
         false
     }
 }
@@ -78,10 +78,10 @@ fn many_lights_are_culled() {
     let render = |culls: bool, lies: bool| {
         let mut built = pipeline(&text);
         if lies {
-            built.world.lights.push(Arc::new(Shy));
+            built.scene.lights.push(Arc::new(Shy));
         }
-        assert!(built.world.culls_lights, "there are many");
-        built.world.culls_lights = culls;
+        assert!(built.scene.culls_lights, "there are many");
+        built.scene.culls_lights = culls;
         let film = built.render(RenderOptions::default());
         (film.rgb, film.counters)
     };
@@ -135,7 +135,7 @@ fn lights_that_reach_nothing_are_left_out() {
         ),
     ] {
         let built = scene(&format!("{point}{light}"), "matte");
-        assert_eq!(built.world.lights.len(), kept, "{light}");
+        assert_eq!(built.scene.lights.len(), kept, "{light}");
         let told = built
             .left_out
             .iter()
@@ -148,7 +148,7 @@ fn lights_that_reach_nothing_are_left_out() {
         }
     }
     let mirror = scene(point, "mirror");
-    assert_eq!(mirror.world.lights.len(), 0);
+    assert_eq!(mirror.scene.lights.len(), 0);
     let why = mirror.left_out.iter().find(|part| part.what == "light 1 (point)");
     assert_eq!(why.unwrap().why, "no material in use reflects light by itself");
 }

@@ -81,7 +81,7 @@ fn bodies_in_bodies_are_those_whose_faces_name_both_sides() {
         let ranked =
             sphere(1.5, &format!("{outer}, priority = 1")) + &sphere(0.9, &format!("{inner}, priority = 2"));
         let (named, ranked) = (built(&named, shadows), built(&ranked, shadows));
-        assert!(named.world.bodies.is_none() && ranked.world.bodies.is_some());
+        assert!(named.scene.bodies.is_none() && ranked.scene.bodies.is_some());
         assert_eq!(bits(&named, 1), bits(&ranked, 2));
         // The other way round the inner one is not there.
         let hidden =

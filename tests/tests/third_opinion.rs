@@ -26,7 +26,7 @@ fn counts(scene: &std::path::Path, ours: &[String]) -> Option<[usize; 3]> {
     Plan::new(&description, &registry).ok()?;
     let tracer = Tracer::new(&description).ok()?;
     let pipeline = load(scene, ours, &registry).ok()?;
-    let tolerance = if pipeline.world.reads_footprints() {
+    let tolerance = if pipeline.scene.reads_footprints() {
         FILTERED
     } else {
         TOLERANCE

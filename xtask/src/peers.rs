@@ -83,8 +83,8 @@ fn check_names(names: &[String], read: &dyn Fn(&str) -> String) -> Vec<String> {
             format!("{file}: the documentation has no example \"--set accelerator.type={name}\""),
         );
         require(
-            source.contains("caveat: "),
-            format!("{file}: it gives no caveat, so nobody is told that images depend on it"),
+            source.contains("approximation_note: "),
+            format!("{file}: no `approximation_note`: nothing reports that images depend on it"),
         );
         require(
             lib.contains(&format!("registry.add::<whitstone_core::Accelerators, {name}::")),

@@ -17,7 +17,8 @@ use whitstone_accelerators::{
     octree::Octree, slab_bvh::SlabBvh,
 };
 use whitstone_core::{
-    Accelerator, Accelerators, DVec3, Effort, Geometry, Interval, Plugin, Ray, Shape, Skip, TriangleMesh,
+    Accelerator, Accelerators, DVec3, Geometry, Interval, LoweredShape, Plugin, Ray, SelfHitFilter,
+    TraversalStatistics, TriangleMesh,
 };
 use whitstone_testkit::build;
 
@@ -27,13 +28,13 @@ fn main() {
     let kind = arguments.next().unwrap_or_else(|| "ball".to_owned());
     let only = arguments.next().unwrap_or_default();
     let side = ((triangles / 2) as f64).sqrt() as usize;
-    let mut shapes = vec![Shape::Triangles(match kind.as_str() {
+    let mut shapes = vec![LoweredShape::Triangles(match kind.as_str() {
         "needles" => needles(triangles),
         _ => ball(side, DVec3::ZERO, 1.0),
     })];
     if kind == "stadium" {
         // The ball is the teapot in the stadium.
-        shapes.push(Shape::Triangles(ball(8, DVec3::ZERO, 100.0)));
+        shapes.push(LoweredShape::Triangles(ball(8, DVec3::ZERO, 100.0)));
     }
     let geometry = Arc::new(Geometry::new(shapes));
     println!("{kind}, {} triangles", geometry.elements().count());
@@ -55,8 +56,8 @@ fn main() {
             "{name:34} {:8.3} {:7.1} {:>7} {:>7} {nearest:8.0} {any:9.0} {:7.2}",
             statistics.get("build_seconds").copied().unwrap_or(0.0),
             statistics["bytes"] / geometry.elements().count() as f64,
-            effort(&*accelerator, |effort| effort.steps),
-            effort(&*accelerator, |effort| effort.tests),
+            traversal_statistics(&*accelerator, |effort| effort.steps),
+            traversal_statistics(&*accelerator, |effort| effort.tests),
             nearest / bvh2
         );
     };
@@ -118,9 +119,13 @@ fn rays() -> Vec<Ray> {
 }
 
 /// Mean of a counter over all rays; "-" if the accelerator does not count.
-fn effort(accelerator: &dyn Accelerator, of: impl Fn(Effort) -> u64) -> String {
+fn traversal_statistics(accelerator: &dyn Accelerator, of: impl Fn(TraversalStatistics) -> u64) -> String {
     let rays = rays();
-    let count = |ray: &Ray| accelerator.effort(ray, Interval::FORWARD, Skip::NOTHING).map(&of);
+    let count = |ray: &Ray| {
+        accelerator
+            .traversal_statistics(ray, Interval::FORWARD, SelfHitFilter::NOTHING)
+            .map(&of)
+    };
     let sum: Option<u64> = rays.iter().map(count).sum();
     sum.map_or_else(
         || "-".to_owned(),
@@ -146,10 +151,10 @@ fn cost(accelerator: &dyn Accelerator) -> (f64, f64) {
     (
         best(&|ray| {
             accelerator
-                .closest(ray, Interval::FORWARD, Skip::NOTHING)
+                .intersect(ray, Interval::FORWARD, SelfHitFilter::NOTHING)
                 .is_some()
         }),
-        best(&|ray| accelerator.occluded(ray, Interval::up_to(1.0), Skip::NOTHING)),
+        best(&|ray| accelerator.occluded(ray, Interval::up_to(1.0), SelfHitFilter::NOTHING)),
     )
 }
 

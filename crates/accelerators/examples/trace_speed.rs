@@ -10,7 +10,8 @@ use std::time::Instant;
 use whitstone_accelerators::brute_force::BruteForce;
 use whitstone_accelerators::bvh::Bvh;
 use whitstone_core::{
-    Aabb, Accelerator, Accelerators, DVec3, Geometry, Interval, RawHit, Ray, Shapes, Skip, Transform,
+    Aabb, Accelerator, Accelerators, DVec3, Geometry, Interval, PreliminaryIntersection, Ray, SelfHitFilter,
+    Shapes, Transform,
 };
 use whitstone_shapes::mesh::Mesh;
 use whitstone_testkit::build;
@@ -32,8 +33,8 @@ fn main() {
     let elements = geometry.elements().map(|element| geometry.bounds(element));
     let bounds = elements.fold(Aabb::EMPTY, Aabb::union);
     for (name, rays) in [("picture", picture(&bounds)), ("random", random(&bounds))] {
-        let closest = |accelerator: &dyn Accelerator, ray: &Ray| {
-            accelerator.closest(ray, Interval::FORWARD, Skip::NOTHING)
+        let intersect = |accelerator: &dyn Accelerator, ray: &Ray| {
+            accelerator.intersect(ray, Interval::FORWARD, SelfHitFilter::NOTHING)
         };
         let best = |trace: &dyn Fn(&Ray) -> bool| {
             let seconds = (0..5).map(|_| {
@@ -44,22 +45,28 @@ fn main() {
             seconds.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap()
         };
         let million = rays.len() as f64 / 1e6;
-        let (seconds, hits) = best(&|ray| closest(&*bvh, ray).is_some());
+        let (seconds, hits) = best(&|ray| intersect(&*bvh, ray).is_some());
         println!(
             "{name}: closest {:.2} Mrays/s, {hits} of {} hit",
             million / seconds,
             rays.len()
         );
-        let (seconds, hits) = best(&|ray| bvh.occluded(ray, Interval::FORWARD, Skip::NOTHING));
+        let (seconds, hits) = best(&|ray| bvh.occluded(ray, Interval::FORWARD, SelfHitFilter::NOTHING));
         println!("{name}: occluded {:.2} Mrays/s, {hits} hit", million / seconds);
 
         if let Some(stride) = rays.len().checked_div(compared) {
             let all = build::<Accelerators, BruteForce>("", geometry.clone()).unwrap();
-            let bits = |hit: RawHit| (hit.t.to_bits(), hit.params.to_array().map(f64::to_bits), hit.id());
+            let bits = |hit: PreliminaryIntersection| {
+                (
+                    hit.t.to_bits(),
+                    hit.prim_uv.to_array().map(f64::to_bits),
+                    hit.id(),
+                )
+            };
             let start = Instant::now();
             let mut count = 0;
             for ray in rays.iter().step_by(stride.max(1)) {
-                let (expected, found) = (closest(&*all, ray), closest(&*bvh, ray));
+                let (expected, found) = (intersect(&*all, ray), intersect(&*bvh, ray));
                 assert_eq!(expected.map(bits), found.map(bits), "{ray:?}");
                 count += 1;
             }

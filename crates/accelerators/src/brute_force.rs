@@ -12,8 +12,8 @@ use std::sync::Arc;
 use whitstone_core::stream::{HitStream, Lanes, RayStream};
 use whitstone_core::triangle::ShearedRay;
 use whitstone_core::{
-    Accelerator, Accelerators, Context, Element, Geometry, Instance, InstancePath, Interval, Plugin, RawHit,
-    Ray, SceneErrors, Shape, Skip, Statistics,
+    Accelerator, Accelerators, Context, Element, Geometry, Instance, InstanceId, Interval, LoweredShape,
+    Plugin, PreliminaryIntersection, Ray, SceneErrors, SelfHitFilter, Statistics,
 };
 
 /// Tests every element in order, without an acceleration structure.
@@ -44,20 +44,26 @@ impl BruteForce {
     /// never narrowed, so that this accelerator, unlike the others, does not rely on the shapes'
     /// tests being pure functions.
     #[inline(always)]
-    fn hits(&self, ray: &Ray, interval: Interval, skip: Skip, mut found: impl FnMut(RawHit) -> bool) {
+    fn hits(
+        &self,
+        ray: &Ray,
+        interval: Interval,
+        skip: SelfHitFilter,
+        mut found: impl FnMut(PreliminaryIntersection) -> bool,
+    ) {
         // Created at the first mesh only: its divisions cost as much as a hit.
         let mut sheared = None;
         for (part, shape) in self.geometry.shapes().iter().zip(0u32..) {
-            let leaves = skip.of_shape(InstancePath::WORLD, shape);
+            let leaves = skip.of_shape(InstanceId::TOP_LEVEL, shape);
             match part {
-                Shape::Opaque(primitive) => {
-                    if let Some(hit) = primitive.closest(ray, interval, leaves)
-                        && !found(hit.of_shape(InstancePath::WORLD, shape))
+                LoweredShape::Opaque(primitive) => {
+                    if let Some(hit) = primitive.intersect(ray, interval, leaves)
+                        && !found(hit.of_shape(InstanceId::TOP_LEVEL, shape))
                     {
                         return;
                     }
                 }
-                Shape::Triangles(mesh) => {
+                LoweredShape::Triangles(mesh) => {
                     let sheared = sheared.get_or_insert_with(|| ShearedRay::new(ray));
                     for triangle in 0..mesh.triangles.len() as u32 {
                         let element = Element::Triangle { shape, triangle };
@@ -68,8 +74,8 @@ impl BruteForce {
                         }
                     }
                 }
-                Shape::Instance(instance) => {
-                    if let Some(hit) = instance.closest(ray, interval, skip)
+                LoweredShape::Instance(instance) => {
+                    if let Some(hit) = instance.intersect(ray, interval, skip)
                         && !found(hit)
                     {
                         return;
@@ -86,15 +92,20 @@ impl BruteForce {
         let any = self.geometry.paths() > 1;
         let shapes = if any { self.geometry.shapes() } else { &[] };
         shapes.iter().filter_map(|shape| match shape {
-            Shape::Instance(instance) => Some(&**instance),
+            LoweredShape::Instance(instance) => Some(&**instance),
             _ => None,
         })
     }
 }
 
 impl Accelerator for BruteForce {
-    fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
-        let mut best: Option<RawHit> = None;
+    fn intersect(
+        &self,
+        ray: &Ray,
+        interval: Interval,
+        skip: SelfHitFilter,
+    ) -> Option<PreliminaryIntersection> {
+        let mut best: Option<PreliminaryIntersection> = None;
         self.hits(ray, interval, skip, |hit| {
             if best.as_ref().is_none_or(|best| hit.beats(best)) {
                 best = Some(hit);
@@ -104,7 +115,7 @@ impl Accelerator for BruteForce {
         best
     }
 
-    fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
+    fn occluded(&self, ray: &Ray, interval: Interval, skip: SelfHitFilter) -> bool {
         let mut occluded = false;
         self.hits(ray, interval, skip, |_| {
             occluded = true;
@@ -113,18 +124,18 @@ impl Accelerator for BruteForce {
         occluded
     }
 
-    fn closest_stream(&self, rays: &RayStream, hits: &mut HitStream) {
+    fn intersect_stream(&self, rays: &RayStream, hits: &mut HitStream) {
         hits.clear(rays);
         for (part, shape) in self.geometry.shapes().iter().zip(0u32..) {
             match part {
-                Shape::Opaque(primitive) => primitive.closest_stream(shape, rays, hits),
-                Shape::Triangles(mesh) => mesh.closest_stream(shape, rays, hits),
+                LoweredShape::Opaque(primitive) => primitive.intersect_stream(shape, rays, hits),
+                LoweredShape::Triangles(mesh) => mesh.intersect_stream(shape, rays, hits),
                 _ => {}
             }
         }
         // At equal distance, hits outside of instances win.
         for instance in self.instances() {
-            instance.closest_stream(rays, hits);
+            instance.intersect_stream(rays, hits);
         }
     }
 
@@ -132,8 +143,8 @@ impl Accelerator for BruteForce {
         hidden[..rays.len].fill(false);
         for (part, shape) in self.geometry.shapes().iter().zip(0u32..) {
             match part {
-                Shape::Opaque(primitive) => primitive.occluded_stream(shape, rays, hidden),
-                Shape::Triangles(mesh) => mesh.occluded_stream(shape, rays, hidden),
+                LoweredShape::Opaque(primitive) => primitive.occluded_stream(shape, rays, hidden),
+                LoweredShape::Triangles(mesh) => mesh.occluded_stream(shape, rays, hidden),
                 _ => {}
             }
         }

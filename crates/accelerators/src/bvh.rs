@@ -37,8 +37,8 @@ use std::time::Instant;
 use tree::Tree;
 use whitstone_core::stream::{HitStream, Lanes, RayStream};
 use whitstone_core::{
-    Aabb, Accelerator, Accelerators, Context, DVec3, Geometry, Interval, Outline, Plugin, RawHit, Ray,
-    SceneErrors, Skip, Statistics,
+    Aabb, Accelerator, Accelerators, Context, DVec3, DebugBounds, Geometry, Interval, Plugin,
+    PreliminaryIntersection, Ray, SceneErrors, SelfHitFilter, Statistics,
 };
 use whitstone_simd::{Level, with_lanes};
 use wide::Wide;
@@ -138,8 +138,8 @@ impl Bvh {
         }
     }
 
-    fn outline(&self, child: Child, aabb: &Aabb, depth: usize, deepest: usize, found: &mut Vec<Outline>) {
-        found.push(Outline::of_box(depth, aabb));
+    fn outline(&self, child: Child, aabb: &Aabb, depth: usize, deepest: usize, found: &mut Vec<DebugBounds>) {
+        found.push(DebugBounds::of_box(depth, aabb));
         if let Kind::Inner(node) = child.kind()
             && depth < deepest
         {
@@ -158,7 +158,12 @@ impl Bvh {
 
     /// Finds any hit if `ANY`, else the nearest.
     #[inline(always)]
-    fn find<const ANY: bool>(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
+    fn find<const ANY: bool>(
+        &self,
+        ray: &Ray,
+        interval: Interval,
+        skip: SelfHitFilter,
+    ) -> Option<PreliminaryIntersection> {
         let query = Query { ray, interval, skip };
         // Nodes and leaves are eight wide, so AVX-512 gains nothing for a single ray. It is 4%
         // slower on some processors.
@@ -167,17 +172,22 @@ impl Bvh {
 }
 
 impl Accelerator for Bvh {
-    fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
+    fn intersect(
+        &self,
+        ray: &Ray,
+        interval: Interval,
+        skip: SelfHitFilter,
+    ) -> Option<PreliminaryIntersection> {
         self.find::<false>(ray, interval, skip)
     }
 
-    fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
+    fn occluded(&self, ray: &Ray, interval: Interval, skip: SelfHitFilter) -> bool {
         self.find::<true>(ray, interval, skip).is_some()
     }
 
-    fn closest_stream(&self, rays: &RayStream, hits: &mut HitStream) {
+    fn intersect_stream(&self, rays: &RayStream, hits: &mut HitStream) {
         hits.clear(rays);
-        stream::closest(self, rays, hits);
+        stream::intersect(self, rays, hits);
     }
 
     fn occluded_stream(&self, rays: &RayStream, hidden: &mut Lanes<bool>) {
@@ -188,7 +198,7 @@ impl Accelerator for Bvh {
         self.statistics.clone()
     }
 
-    fn outlines(&self, deepest: usize) -> Option<Vec<Outline>> {
+    fn debug_bounds(&self, deepest: usize) -> Option<Vec<DebugBounds>> {
         let whole = self.leaves.bounds();
         let mut found = Vec::new();
         if let Some(root) = self.root {

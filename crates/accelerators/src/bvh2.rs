@@ -22,7 +22,7 @@ use serde::Deserialize;
 use std::num::NonZeroU32;
 use std::sync::Arc;
 use whitstone_core::{
-    Aabb, Accelerator, Accelerators, Context, DVec3, Element, Geometry, Outline, Plugin, SceneErrors,
+    Aabb, Accelerator, Accelerators, Context, DVec3, DebugBounds, Element, Geometry, Plugin, SceneErrors,
     Statistics,
 };
 
@@ -180,8 +180,8 @@ impl Bvh2 {
         }
     }
 
-    fn outline(&self, child: Child, aabb: &Aabb, depth: usize, deepest: usize, found: &mut Vec<Outline>) {
-        found.push(Outline::of_box(depth, aabb));
+    fn outline(&self, child: Child, aabb: &Aabb, depth: usize, deepest: usize, found: &mut Vec<DebugBounds>) {
+        found.push(DebugBounds::of_box(depth, aabb));
         if let Err(node) = child.first_slot()
             && depth < deepest
         {
@@ -280,7 +280,7 @@ impl Structure for Bvh2 {
         ])
     }
 
-    fn outlines(&self, deepest: usize) -> Vec<Outline> {
+    fn debug_bounds(&self, deepest: usize) -> Vec<DebugBounds> {
         let mut found = Vec::new();
         if let (Some(child), Some(bounds)) = (self.root, &self.bounds) {
             self.outline(child, bounds, 0, deepest, &mut found);

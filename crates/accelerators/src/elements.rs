@@ -17,8 +17,8 @@ use std::sync::Arc;
 use std::time::Instant;
 use whitstone_core::triangle::ShearedRay;
 use whitstone_core::{
-    Aabb, Accelerator, DVec3, Effort, Element, Geometry, Interval, Outline, RawHit, Ray, SceneError,
-    SceneErrors, Shape, Skip, Statistics,
+    Aabb, Accelerator, DVec3, DebugBounds, Element, Geometry, Interval, LoweredShape,
+    PreliminaryIntersection, Ray, SceneError, SceneErrors, SelfHitFilter, Statistics, TraversalStatistics,
 };
 
 /// Boxes that reach farther are treated as unbounded: their areas would overflow.
@@ -50,8 +50,8 @@ pub(crate) const MOST_ELEMENTS: usize = 1 << 28;
 
 /// Fails if a geometry does not have fewer than `most` elements.
 pub(crate) fn check_count(geometry: &Geometry, most: usize) -> Result<(), SceneError> {
-    let count = |shape: &Shape| match shape {
-        Shape::Triangles(mesh) => mesh.triangles.len(),
+    let count = |shape: &LoweredShape| match shape {
+        LoweredShape::Triangles(mesh) => mesh.triangles.len(),
         _ => 1,
     };
     let count: usize = geometry.shapes().iter().map(count).sum();
@@ -172,7 +172,7 @@ fn boxes(geometry: &Geometry) -> Vec<(Aabb, usize)> {
 
 fn corners(geometry: &Geometry, element: Element) -> Option<[DVec3; 3]> {
     match (element, &geometry.shapes()[element.shape() as usize]) {
-        (Element::Triangle { triangle, .. }, Shape::Triangles(mesh)) => Some(mesh.corners(triangle)),
+        (Element::Triangle { triangle, .. }, LoweredShape::Triangles(mesh)) => Some(mesh.corners(triangle)),
         _ => None,
     }
 }
@@ -371,7 +371,7 @@ impl<F: FnMut(Element) -> Option<f64>> Visitor for F {
 
 /// Counts the calls to another visitor.
 struct Counting<V> {
-    effort: Effort,
+    effort: TraversalStatistics,
     visitor: V,
 }
 
@@ -396,7 +396,7 @@ pub(crate) trait Structure: Send + Sync {
     fn statistics(&self) -> Statistics;
 
     /// The volumes down to a level, as in [`Accelerator::outlines`]; none if there are no elements.
-    fn outlines(&self, deepest: usize) -> Vec<Outline>;
+    fn debug_bounds(&self, deepest: usize) -> Vec<DebugBounds>;
 }
 
 /// A structure, with the nearest-hit and any-hit searches.
@@ -458,8 +458,8 @@ impl<S: Structure> Searched<S> {
         &self,
         ray: &Ray,
         interval: Interval,
-        skip: Skip,
-        best: &mut Option<RawHit>,
+        skip: SelfHitFilter,
+        best: &mut Option<PreliminaryIntersection>,
     ) -> impl FnMut(Element) -> Option<f64> {
         let sheared = ShearedRay::new(ray);
         let mut open = interval;
@@ -477,23 +477,33 @@ impl<S: Structure> Searched<S> {
 }
 
 impl<S: Structure> Accelerator for Searched<S> {
-    fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
+    fn intersect(
+        &self,
+        ray: &Ray,
+        interval: Interval,
+        skip: SelfHitFilter,
+    ) -> Option<PreliminaryIntersection> {
         let mut best = None;
         self.visit(ray, interval, &mut self.nearest(ray, interval, skip, &mut best));
         best
     }
 
-    fn effort(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<Effort> {
+    fn traversal_statistics(
+        &self,
+        ray: &Ray,
+        interval: Interval,
+        skip: SelfHitFilter,
+    ) -> Option<TraversalStatistics> {
         let mut best = None;
         let mut counting = Counting {
-            effort: Effort::default(),
+            effort: TraversalStatistics::default(),
             visitor: self.nearest(ray, interval, skip, &mut best),
         };
         self.visit(ray, interval, &mut counting);
         Some(counting.effort)
     }
 
-    fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
+    fn occluded(&self, ray: &Ray, interval: Interval, skip: SelfHitFilter) -> bool {
         let sheared = ShearedRay::new(ray);
         let mut until_hit = |element: Element| {
             let hit = self.geometry.intersect(element, ray, &sheared, interval, skip);
@@ -514,8 +524,8 @@ impl<S: Structure> Accelerator for Searched<S> {
         statistics
     }
 
-    fn outlines(&self, deepest: usize) -> Option<Vec<Outline>> {
-        Some(self.structure.outlines(deepest))
+    fn debug_bounds(&self, deepest: usize) -> Option<Vec<DebugBounds>> {
+        Some(self.structure.debug_bounds(deepest))
     }
 }
 
@@ -569,7 +579,7 @@ mod tests {
     #[test]
     fn more_elements_than_can_be_numbered_are_refused() {
         let mesh = |count: usize| {
-            Shape::Triangles(whitstone_core::TriangleMesh {
+            LoweredShape::Triangles(whitstone_core::TriangleMesh {
                 triangles: vec![[0; 3]; count],
                 ..Default::default()
             })
@@ -589,7 +599,7 @@ mod tests {
             triangles: vec![[0, 1, 2], [0, 1, 3], [2, 2, 2]],
             ..Default::default()
         };
-        let elements = Elements::of(&Geometry::new(vec![Shape::Triangles(mesh)]));
+        let elements = Elements::of(&Geometry::new(vec![LoweredShape::Triangles(mesh)]));
         assert_eq!((elements.items.len(), elements.degenerate), (1, 2));
     }
 }

@@ -33,7 +33,7 @@ use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::IntegerIn;
 use whitstone_core::{
-    Accelerator, Accelerators, Context, Element, Geometry, Outline, Plugin, SceneErrors, Statistics,
+    Accelerator, Accelerators, Context, DebugBounds, Element, Geometry, Plugin, SceneErrors, Statistics,
 };
 
 /// A uniform grid of one or two levels: fast to build, suited to evenly distributed elements.
@@ -186,15 +186,15 @@ impl Structure for Grid {
     }
 
     /// The whole grid, then its non-empty cells, then those of the inner grids.
-    fn outlines(&self, deepest: usize) -> Vec<Outline> {
+    fn debug_bounds(&self, deepest: usize) -> Vec<DebugBounds> {
         if self.elements.is_empty() {
             return Vec::new();
         }
-        let whole = Outline::of_box(0, self.cells.bounds());
-        let occupied = |cells: &Cells, depth: usize| -> Vec<Outline> {
+        let whole = DebugBounds::of_box(0, self.cells.bounds());
+        let occupied = |cells: &Cells, depth: usize| -> Vec<DebugBounds> {
             let numbers = (0..cells.count()).filter(|&cell| depth <= deepest && !cells.held(cell).is_empty());
             numbers
-                .map(|cell| Outline::of_box(depth, &cells.cell(cell)))
+                .map(|cell| DebugBounds::of_box(depth, &cells.cell(cell)))
                 .collect()
         };
         let inner = self.inner.iter().flat_map(|inner| occupied(inner, 2));

@@ -4,7 +4,7 @@ use crate::binary::{Builder, Tree};
 use crate::elements::{Elements, Item};
 use rayon::prelude::*;
 use std::ops::Range;
-use whitstone_core::{Element, Geometry, Outline, Statistics};
+use whitstone_core::{DebugBounds, Element, Geometry, Statistics};
 
 /// A convex bounding volume.
 pub(crate) trait Volume: Copy + Send + Sync {
@@ -19,7 +19,7 @@ pub(crate) trait Volume: Copy + Send + Sync {
     fn half_area(&self) -> f64;
 
     /// Its edges.
-    fn outline(&self, depth: usize) -> Outline;
+    fn outline(&self, depth: usize) -> DebugBounds;
 }
 
 /// A binary hierarchy of volumes.
@@ -115,7 +115,7 @@ impl<V: Volume> Hierarchy<V> {
         ])
     }
 
-    pub(crate) fn outlines(&self, deepest: usize) -> Vec<Outline> {
+    pub(crate) fn debug_bounds(&self, deepest: usize) -> Vec<DebugBounds> {
         let mut found = Vec::new();
         let mut waiting: Vec<(u32, usize)> = self.root().map(|root| (root, 0)).into_iter().collect();
         while let Some((node, depth)) = waiting.pop() {

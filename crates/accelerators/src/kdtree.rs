@@ -40,8 +40,8 @@ use std::sync::Arc;
 use std::time::Instant;
 use whitstone_core::config::IntegerIn;
 use whitstone_core::{
-    Aabb, Accelerator, Accelerators, Context, Effort, Geometry, Interval, Outline, Plugin, RawHit, Ray,
-    SceneErrors, Skip, Statistics,
+    Aabb, Accelerator, Accelerators, Context, DebugBounds, Geometry, Interval, Plugin,
+    PreliminaryIntersection, Ray, SceneErrors, SelfHitFilter, Statistics, TraversalStatistics,
 };
 use whitstone_simd::{Level, with_lanes};
 
@@ -141,10 +141,10 @@ impl KdTree {
         }
     }
 
-    fn outline(&self, node: usize, cell: &Box4, depth: usize, deepest: usize, found: &mut Vec<Outline>) {
+    fn outline(&self, node: usize, cell: &Box4, depth: usize, deepest: usize, found: &mut Vec<DebugBounds>) {
         let frame = &self.leaves.frame;
         let [min, max] = [cell.min, cell.max].map(|p| frame.world(p.truncate().as_dvec3()));
-        found.push(Outline::of_box(depth, &Aabb { min, max }));
+        found.push(DebugBounds::of_box(depth, &Aabb { min, max }));
         if let Some((cut, children)) = self.nodes[node].cut()
             && depth < deepest
         {
@@ -160,12 +160,12 @@ impl KdTree {
         &self,
         ray: &Ray,
         interval: Interval,
-        skip: Skip,
-    ) -> (Option<RawHit>, Effort) {
+        skip: SelfHitFilter,
+    ) -> (Option<PreliminaryIntersection>, TraversalStatistics) {
         let traversal = Traversal::<COUNT>::new(self);
         let query = Query { ray, interval, skip };
         let hit = with_lanes(Level::Avx512, Search::<ANY, _>(&traversal, &query));
-        (hit, traversal.effort())
+        (hit, traversal.traversal_statistics())
     }
 }
 
@@ -189,15 +189,25 @@ fn flatten(tree: &Tree<AxisCut>, place: usize, nodes: &mut Vec<Node>, references
 }
 
 impl Accelerator for KdTree {
-    fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
+    fn intersect(
+        &self,
+        ray: &Ray,
+        interval: Interval,
+        skip: SelfHitFilter,
+    ) -> Option<PreliminaryIntersection> {
         self.find::<false, false>(ray, interval, skip).0
     }
 
-    fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
+    fn occluded(&self, ray: &Ray, interval: Interval, skip: SelfHitFilter) -> bool {
         self.find::<true, false>(ray, interval, skip).0.is_some()
     }
 
-    fn effort(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<Effort> {
+    fn traversal_statistics(
+        &self,
+        ray: &Ray,
+        interval: Interval,
+        skip: SelfHitFilter,
+    ) -> Option<TraversalStatistics> {
         Some(self.find::<false, true>(ray, interval, skip).1)
     }
 
@@ -205,7 +215,7 @@ impl Accelerator for KdTree {
         self.statistics.clone()
     }
 
-    fn outlines(&self, deepest: usize) -> Option<Vec<Outline>> {
+    fn debug_bounds(&self, deepest: usize) -> Option<Vec<DebugBounds>> {
         let mut found = Vec::new();
         if !self.cell.is_empty() {
             self.outline(0, &self.cell, 0, deepest, &mut found);

@@ -16,7 +16,7 @@ use filter::{NUMBERS, WINDOW};
 use frame::Frame;
 use std::sync::Arc;
 use whitstone_core::triangle::Axis;
-use whitstone_core::{Aabb, DVec3, Element, Geometry, Shape};
+use whitstone_core::{Aabb, DVec3, Element, Geometry, LoweredShape};
 
 /// All leaves of a structure.
 pub(crate) struct Leaves {
@@ -93,7 +93,7 @@ impl Leaves {
         let corners = match leaf.kind() {
             Kind::Triangles(first, count) if self.exact != 0.0 => self.exact_corners(first, count, lane),
             _ => match &self.geometry.shapes()[slot.shape as usize] {
-                Shape::Triangles(mesh) => mesh.corners(slot.triangle),
+                LoweredShape::Triangles(mesh) => mesh.corners(slot.triangle),
                 _ => [DVec3::ZERO; 3],
             },
         };

@@ -27,7 +27,7 @@ use serde::Deserialize;
 use std::num::NonZeroU32;
 use std::sync::Arc;
 use whitstone_core::{
-    Aabb, Accelerator, Accelerators, Context, DVec3, Geometry, Outline, Plugin, SceneErrors, Statistics,
+    Aabb, Accelerator, Accelerators, Context, DVec3, DebugBounds, Geometry, Plugin, SceneErrors, Statistics,
 };
 
 /// A BVH of oriented boxes: fewer but slower steps, for long, thin, slanted shapes.
@@ -112,9 +112,9 @@ impl Volume for Oriented {
         x * y + y * z + z * x
     }
 
-    fn outline(&self, depth: usize) -> Outline {
+    fn outline(&self, depth: usize) -> DebugBounds {
         let (min, max) = (self.min.into(), self.max.into());
-        Outline::of_parallelepiped(depth, &Aabb { min, max }, self.axes)
+        DebugBounds::of_parallelepiped(depth, &Aabb { min, max }, self.axes)
     }
 }
 
@@ -204,8 +204,8 @@ impl Structure for ObbBvh {
         statistics
     }
 
-    fn outlines(&self, deepest: usize) -> Vec<Outline> {
-        self.0.outlines(deepest)
+    fn debug_bounds(&self, deepest: usize) -> Vec<DebugBounds> {
+        self.0.debug_bounds(deepest)
     }
 }
 

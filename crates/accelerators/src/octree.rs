@@ -26,7 +26,7 @@ use std::num::NonZeroU32;
 use std::sync::Arc;
 use whitstone_core::config::IntegerIn;
 use whitstone_core::{
-    Aabb, Accelerator, Accelerators, Context, DVec3, Element, Geometry, Outline, Plugin, SceneErrors,
+    Aabb, Accelerator, Accelerators, Context, DVec3, DebugBounds, Element, Geometry, Plugin, SceneErrors,
     Statistics,
 };
 
@@ -204,8 +204,8 @@ impl Octree {
 }
 
 impl Octree {
-    fn outline(&self, node: u32, cube: &Cube, depth: usize, deepest: usize, found: &mut Vec<Outline>) {
-        found.push(Outline::of_box(depth, &cube.aabb()));
+    fn outline(&self, node: u32, cube: &Cube, depth: usize, deepest: usize, found: &mut Vec<DebugBounds>) {
+        found.push(DebugBounds::of_box(depth, &cube.aabb()));
         if let Node::Inner { children } = self.nodes[node as usize]
             && depth < deepest
         {
@@ -320,7 +320,7 @@ impl Structure for Octree {
         ])
     }
 
-    fn outlines(&self, deepest: usize) -> Vec<Outline> {
+    fn debug_bounds(&self, deepest: usize) -> Vec<DebugBounds> {
         let mut found = Vec::new();
         if !self.elements.is_empty() {
             self.outline(0, &self.cube, 0, deepest, &mut found);

@@ -31,7 +31,7 @@ use std::collections::BinaryHeap;
 use std::num::NonZeroU32;
 use std::sync::Arc;
 use whitstone_core::{
-    Aabb, Accelerator, Accelerators, Context, DVec3, Geometry, Outline, Plugin, SceneErrors, Statistics,
+    Aabb, Accelerator, Accelerators, Context, DVec3, DebugBounds, Geometry, Plugin, SceneErrors, Statistics,
 };
 
 /// A BVH of k-DOPs with slabs in 3, 7 or 13 directions, traversed in order of distance.
@@ -183,8 +183,8 @@ impl<const N: usize> Volume for Slabs<N> {
         self.polyhedron().half_area()
     }
 
-    fn outline(&self, depth: usize) -> Outline {
-        Outline {
+    fn outline(&self, depth: usize) -> DebugBounds {
+        DebugBounds {
             depth,
             segments: self.polyhedron().edges(),
         }
@@ -272,8 +272,8 @@ impl<const N: usize> Structure for Slabbed<N> {
         statistics
     }
 
-    fn outlines(&self, deepest: usize) -> Vec<Outline> {
-        self.0.outlines(deepest)
+    fn debug_bounds(&self, deepest: usize) -> Vec<DebugBounds> {
+        self.0.debug_bounds(deepest)
     }
 }
 

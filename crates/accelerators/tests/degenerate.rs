@@ -8,8 +8,9 @@ use whitstone_accelerators::{
     octree::Octree, slab_bvh::SlabBvh,
 };
 use whitstone_core::{
-    Aabb, Accelerator, Accelerators, DVec2, DVec3, Geometry, Interval, Needs, Plugin, Primitive,
-    PrimitiveHit, RawHit, Ray, Shape, Skip, SurfacePoint, TriangleMesh,
+    Aabb, Accelerator, Accelerators, DVec2, DVec3, Geometry, Interval, LoweredShape, Plugin,
+    PreliminaryIntersection, Ray, SelfHitFilter, Shape, ShapeHit, SurfaceAttributes, SurfaceInteraction,
+    TriangleMesh,
 };
 use whitstone_testkit::{Random, build, random_rays};
 
@@ -41,8 +42,8 @@ const MOST_BYTES: f64 = 256.0;
 /// Far more than any build needs, and far less than quadratic growth would take.
 const MOST_TIME: Duration = Duration::from_secs(300);
 
-fn mesh(positions: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Shape {
-    Shape::Triangles(TriangleMesh {
+fn mesh(positions: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> LoweredShape {
+    LoweredShape::Triangles(TriangleMesh {
         positions,
         triangles,
         orientation: 1.0,
@@ -50,23 +51,23 @@ fn mesh(positions: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Shape {
     })
 }
 
-fn separate(positions: Vec<DVec3>) -> Shape {
+fn separate(positions: Vec<DVec3>) -> LoweredShape {
     let triangles = (0..positions.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
     let triangles = triangles.collect();
     mesh(positions, triangles)
 }
 
 /// Builds every accelerator over a geometry and checks its build time, memory and results.
-fn all_take(name: &str, shapes: Vec<Shape>, rays: u64) {
+fn all_take(name: &str, shapes: Vec<LoweredShape>, rays: u64) {
     let geometry = Arc::new(Geometry::new(shapes));
     let count = geometry.elements().count().max(64) as f64;
     let everything = make::<BruteForce>("", geometry.clone());
-    let closest = |accelerator: &dyn Accelerator, ray: &Ray| {
-        let hit = accelerator.closest(ray, Interval::FORWARD, Skip::NOTHING);
+    let intersect = |accelerator: &dyn Accelerator, ray: &Ray| {
+        let hit = accelerator.intersect(ray, Interval::FORWARD, SelfHitFilter::NOTHING);
         hit.map(|hit| (hit.id(), hit.t.to_bits()))
     };
     let expected: Vec<_> = random_rays(&geometry, rays, 5)
-        .map(|ray| (ray, closest(&*everything, &ray)))
+        .map(|ray| (ray, intersect(&*everything, &ray)))
         .collect();
     for (kind, make, text) in CONFIGURATIONS {
         let start = Instant::now();
@@ -80,7 +81,7 @@ fn all_take(name: &str, shapes: Vec<Shape>, rays: u64) {
             "{name}: {kind} with \"{text}\" takes {bytes} bytes an element"
         );
         for (ray, expected) in &expected {
-            let found = closest(&*accelerator, ray);
+            let found = intersect(&*accelerator, ray);
             assert_eq!(found, *expected, "{name}: {kind} with \"{text}\", {ray:?}");
         }
     }
@@ -138,21 +139,21 @@ fn sizes_of_a_millionth_within_a_million() {
 /// A shape with the given bounds that every ray hits at t = 1.
 struct Odd(Aabb);
 
-impl Primitive for Odd {
+impl Shape for Odd {
     fn bounds(&self) -> Aabb {
         self.0
     }
 
-    fn closest(&self, _: &Ray, interval: Interval, _: Option<u32>) -> Option<PrimitiveHit> {
-        interval.contains(1.0).then_some(PrimitiveHit {
+    fn intersect(&self, _: &Ray, interval: Interval, _: Option<u32>) -> Option<ShapeHit> {
+        interval.contains(1.0).then_some(ShapeHit {
             t: 1.0,
             primitive: 0,
-            params: DVec2::ZERO,
+            prim_uv: DVec2::ZERO,
         })
     }
 
-    fn surface(&self, ray: &Ray, hit: &RawHit, _: Needs) -> SurfacePoint {
-        SurfacePoint::new(ray.at(hit.t), 0.0, DVec3::Z)
+    fn surface(&self, ray: &Ray, hit: &PreliminaryIntersection, _: SurfaceAttributes) -> SurfaceInteraction {
+        SurfaceInteraction::new(ray.at(hit.t), 0.0, DVec3::Z)
     }
 }
 
@@ -181,7 +182,7 @@ fn bounds_that_are_no_numbers_or_endless() {
     ] {
         let mut random = Random::new(4);
         let corners = (0..900).map(|_| 3.0 * random.cube()).collect();
-        let odd = Shape::Opaque(Box::new(Odd(bounds)));
+        let odd = LoweredShape::Opaque(Box::new(Odd(bounds)));
         all_take(&format!("{bounds:?}"), vec![separate(corners), odd], 200);
     }
 }

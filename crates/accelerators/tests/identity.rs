@@ -13,8 +13,8 @@ use whitstone_accelerators::{
     octree::Octree, slab_bvh::SlabBvh,
 };
 use whitstone_core::{
-    Accelerator, Accelerators, DAffine3, DMat3, DVec3, Geometry, Interval, Plugin, RawHit, Ray, Shape,
-    Shapes, Skip, Statistics, Transform, TriangleMesh,
+    Accelerator, Accelerators, DAffine3, DMat3, DVec3, Geometry, Interval, LoweredShape, Plugin,
+    PreliminaryIntersection, Ray, SelfHitFilter, Shapes, Statistics, Transform, TriangleMesh,
 };
 use whitstone_shapes::{
     cuboid::Cuboid, disk::Disk, plane::Plane, rectangle::Rectangle, sphere::Sphere, triangle::Triangle,
@@ -101,12 +101,12 @@ type Named = (&'static str, &'static str, Box<dyn Accelerator>);
 fn agree(geometry: &Arc<Geometry>, accelerators: &[Named], rays: u64, seed: u64) -> Result<u64, String> {
     let everything = make::<BruteForce>("", geometry.clone());
     let mut hits = 0;
-    let mut skip = Skip::NOTHING;
+    let mut skip = SelfHitFilter::NOTHING;
     for ray in random_rays(geometry, rays, seed) {
-        let expected = everything.closest(&ray, Interval::FORWARD, skip);
+        let expected = everything.intersect(&ray, Interval::FORWARD, skip);
         hits += u64::from(expected.is_some());
         for (name, text, accelerator) in accelerators {
-            let found = accelerator.closest(&ray, Interval::FORWARD, skip);
+            let found = accelerator.intersect(&ray, Interval::FORWARD, skip);
             let hidden = accelerator.occluded(&ray, Interval::FORWARD, skip);
             if found.map(identity) != expected.map(identity) || hidden != expected.is_some() {
                 return Err(format!(
@@ -117,13 +117,17 @@ fn agree(geometry: &Arc<Geometry>, accelerators: &[Named], rays: u64, seed: u64)
         // Sometimes the next ray starts from the primitive that was hit, which all must then skip.
         skip = expected
             .filter(|hit| hit.primitive % 2 == 1)
-            .map_or(Skip::NOTHING, |hit| Skip::leaving(&hit));
+            .map_or(SelfHitFilter::NOTHING, |hit| SelfHitFilter::leaving(&hit));
     }
     Ok(hits)
 }
 
-fn identity(hit: RawHit) -> impl Debug + PartialEq {
-    (hit.id(), hit.t.to_bits(), hit.params.to_array().map(f64::to_bits))
+fn identity(hit: PreliminaryIntersection) -> impl Debug + PartialEq {
+    (
+        hit.id(),
+        hit.t.to_bits(),
+        hit.prim_uv.to_array().map(f64::to_bits),
+    )
 }
 
 /// From 10 to 320 shapes of all kinds; the meshes among them have up to 40 triangles.
@@ -182,7 +186,7 @@ fn placement(random: &mut Random, center: DVec3, size: f64, part: f64, even: boo
 }
 
 /// Triangles near one another; some are duplicates, some are thin.
-fn mesh(random: &mut Random, place: &Transform) -> Shape {
+fn mesh(random: &mut Random, place: &Transform) -> LoweredShape {
     let count = 1 + random.below(40);
     let mut positions = Vec::new();
     for i in 0..count {
@@ -194,7 +198,7 @@ fn mesh(random: &mut Random, place: &Transform) -> Shape {
         };
         positions.extend(corners);
     }
-    Shape::Triangles(TriangleMesh {
+    LoweredShape::Triangles(TriangleMesh {
         triangles: (0..count as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
         positions,
         orientation: 1.0,
@@ -210,15 +214,20 @@ struct SeldomWrong {
 }
 
 impl Accelerator for SeldomWrong {
-    fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
-        let mut hit = self.right.closest(ray, interval, skip)?;
+    fn intersect(
+        &self,
+        ray: &Ray,
+        interval: Interval,
+        skip: SelfHitFilter,
+    ) -> Option<PreliminaryIntersection> {
+        let mut hit = self.right.intersect(ray, interval, skip)?;
         if self.hits.fetch_add(1, Ordering::Relaxed) % self.once_in == self.once_in - 1 {
             hit.t = hit.t.next_up();
         }
         Some(hit)
     }
 
-    fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
+    fn occluded(&self, ray: &Ray, interval: Interval, skip: SelfHitFilter) -> bool {
         self.right.occluded(ray, interval, skip)
     }
 

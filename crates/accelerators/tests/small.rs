@@ -8,7 +8,7 @@
 
 use std::sync::Arc;
 use whitstone_accelerators::bvh::Bvh;
-use whitstone_core::{Accelerators, DVec3, Geometry, Shape, Shapes, Transform, TriangleMesh};
+use whitstone_core::{Accelerators, DVec3, Geometry, LoweredShape, Shapes, Transform, TriangleMesh};
 use whitstone_shapes::plane::Plane;
 use whitstone_shapes::sphere::Sphere;
 use whitstone_testkit::{accelerator_agrees, build};
@@ -41,9 +41,9 @@ fn a_small_world_agrees_with_trying_everything() {
         *p = p.as_vec3().as_dvec3();
     }
     let worlds = [
-        vec![Shape::Triangles(exact)],
+        vec![LoweredShape::Triangles(exact)],
         vec![
-            Shape::Triangles(mesh()),
+            LoweredShape::Triangles(mesh()),
             ball("center = [0.1, 0.2, 0.3]\nradius = 0.3"),
             ball("center = [-0.4, 0.1, 0.0]\nradius = 0.2"),
             wall,

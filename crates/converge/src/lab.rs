@@ -315,7 +315,7 @@ impl<'a> Lab<'a> {
 }
 
 fn primitives(pipeline: &Pipeline) -> u64 {
-    pipeline.world.geometry.elements().count() as u64
+    pipeline.scene.geometry.elements().count() as u64
 }
 
 fn texts(changes: &[Change]) -> Vec<String> {

@@ -4,69 +4,50 @@
 //! This crate does no input or output and contains no plugin. All other crates depend on it; it
 //! depends only on `whitstone-simd`. `docs/whitted-model.md` defines the meaning of every quantity.
 
-mod accelerator;
-mod bodies;
-mod camera;
-mod closed_mesh;
-mod color;
-pub mod config;
-mod distribution;
-mod error;
-pub mod footprint;
 mod geometry;
-pub mod hash;
-mod instance;
-mod integrator;
-mod light;
-mod material;
-mod mesh_defects;
-mod object_order;
-mod path;
-mod ray;
-mod registry;
-mod sampler;
-mod shadow;
-mod shape;
-pub mod solid;
-pub mod steps;
-mod straight;
-pub mod stream;
-mod surface_part;
-mod texture;
-mod transform;
-pub mod triangle;
+mod plugin;
+mod shading;
 
-pub use accelerator::{Accelerator, Effort, Outline, Statistics};
-pub use bodies::{Bodies, Face, Inside, Overlapping, Substance};
-pub use camera::{Camera, FilmSize};
-pub use closed_mesh::{ClosedMesh, NotClosed};
-pub use color::Rgb;
-pub use distribution::Distribution;
-pub use error::{DuplicateType, SceneError, SceneErrors, SourceSpan, nearest};
-pub use footprint::{Footprint, Spread};
-pub use geometry::{Element, Geometry, TriangleMesh};
-pub use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3, DVec4, Vec2, Vec3, Vec4};
-pub use instance::{Group, Instance};
-pub use integrator::{Counters, Integrator, LightMemory, Scratch, TreeNode, World};
-pub use light::{Light, LightGives, LightSample};
-pub use material::{
-    Branch, BranchKind, BranchStream, BranchStreams, Branches, Filter, Flags, Illumination, Incoming, Lobes,
-    Material, MaterialRef,
+pub use geometry::{solid, stream, triangle};
+pub use plugin::{config, hash, transform_steps};
+pub use shading::ray_differential;
+
+pub use geometry::accelerator::{Accelerator, DebugBounds, Statistics, TraversalStatistics};
+pub use geometry::closed_mesh::{ClosedMesh, NotClosed};
+pub use geometry::instance::{Group, Instance};
+pub use geometry::mesh_defects::MeshDefects;
+pub use geometry::ray::{Aabb, Interval, Ray};
+pub use geometry::scene_geometry::{Element, Geometry, TriangleMesh};
+pub use geometry::shape::{
+    InstanceId, LoweredShape, PreliminaryIntersection, SelfHitFilter, Shape, ShapeHit, SurfaceAttributes,
+    SurfaceInteraction,
 };
-pub use mesh_defects::MeshDefects;
-pub use object_order::{ObjectOrder, Refused, View};
-pub use path::{Medium, PathLetter, PathState};
-pub use ray::{Aabb, Interval, Ray};
-pub use registry::{
+pub use geometry::shape_kernel::{NO_PRIMITIVE, ShapeKernel};
+pub use geometry::solid::{SolidRef, Span, Spans};
+pub use geometry::surface_part::SurfacePart;
+pub use geometry::transform::Transform;
+pub use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3, DVec4, Vec2, Vec3, Vec4};
+pub use plugin::error::{DuplicateType, SceneError, SceneErrors, SourceSpan, nearest};
+pub use plugin::registry::{
     Accelerators, Cameras, Context, Entry, Family, FamilyName, Integrators, Lights, Materials, Plugin,
     Registry, Samplers, Shapes, Textures, Twin,
 };
-pub use sampler::{Refinement, Sampler};
-pub use shadow::Shadowing;
-pub use shape::{InstancePath, Needs, Primitive, PrimitiveHit, RawHit, Shape, Skip, SurfacePoint};
-pub use solid::{SolidRef, Span, Spans};
-pub use straight::{LEAVES_NOTHING, Straight};
-pub use surface_part::SurfacePart;
-pub use texture::{ColorSource, Texture, TextureBytes};
-pub use transform::Transform;
+pub use shading::camera::{Camera, FilmSize};
+pub use shading::color::Rgb;
+pub use shading::glossy_lobe::GlossyLobe;
+pub use shading::integrator::{Counters, Integrator, LightMemory, Scene, Scratch, TreeNode};
+pub use shading::light::{Light, LightFlags, LightSample};
+pub use shading::material::{
+    BsdfFlags, LaneMask, LightLiSample, LightSamples, Material, MaterialRef, SpecularRay, SpecularRayKind,
+    SpecularRayStream, SpecularRayStreams, SpecularRays, Transmittance,
+};
+pub use shading::nested_dielectrics::{
+    Medium, MediumInterface, MediumStack, NestedDielectrics, PrioritizedDielectric,
+};
+pub use shading::object_order::{ObjectOrder, Refused, View};
+pub use shading::path::{MediumState, PathLetter, PathState};
+pub use shading::ray_differential::{Footprint, RayDifferential};
+pub use shading::sampler::{Refinement, Sampler};
+pub use shading::shadow::ShadowMode;
+pub use shading::texture::{ColorSource, Texture, TextureBytes};
 pub use whitstone_simd as simd;

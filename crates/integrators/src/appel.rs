@@ -7,11 +7,12 @@
 //! - Example: `scenes/integrators/appel.toml`.
 
 use crate::rules::Rules;
-use crate::shadows::Shadows;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::stream::{Colors, RayStream};
-use whitstone_core::{Context, Integrator, Integrators, Plugin, Ray, Rgb, SceneErrors, Scratch, World};
+use whitstone_core::{
+    Context, Integrator, Integrators, Plugin, Ray, Rgb, Scene, SceneErrors, Scratch, ShadowMode,
+};
 
 /// Ray casting: local illumination with shadows, without reflected or refracted rays.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -20,7 +21,7 @@ pub struct Config {
     /// "opaque": surfaces hide lights; "filtered": transparent surfaces attenuate light; "none":
     /// every light is visible.
     #[serde(default)]
-    shadows: Shadows,
+    shadows: ShadowMode,
 }
 
 /// The `appel` integrator; see the module documentation.
@@ -47,12 +48,12 @@ impl Integrator for Appel {
         false
     }
 
-    fn radiance(&self, world: &World, ray: &Ray, scratch: &mut Scratch) -> Rgb {
-        self.rules.radiance(world, ray, scratch)
+    fn radiance(&self, scene: &Scene, ray: &Ray, scratch: &mut Scratch) -> Rgb {
+        self.rules.radiance(scene, ray, scratch)
     }
 
-    fn radiance_stream(&self, world: &World, rays: &RayStream, scratch: &mut Scratch, out: &mut Colors) {
-        self.rules.radiance_stream(world, rays, scratch, out);
+    fn radiance_stream(&self, scene: &Scene, rays: &RayStream, scratch: &mut Scratch, out: &mut Colors) {
+        self.rules.radiance_stream(scene, rays, scratch, out);
     }
 }
 

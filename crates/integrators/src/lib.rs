@@ -9,9 +9,9 @@
 
 use whitstone_core::{DuplicateType, Integrators, Registry};
 
+mod local_illumination;
 mod paths;
 mod rules;
-mod shadows;
 mod wave;
 
 #[cfg(feature = "appel")]

@@ -1,7 +1,7 @@
 //! The rays of a wave and the pending ones, and moving them between columns by lists of lanes.
 
 use whitstone_core::stream::{Colors, Ids, LANES, Lanes, RayStream, gather};
-use whitstone_core::{DVec3, Rgb, Spread, simd};
+use whitstone_core::{DVec3, RayDifferential, Rgb, simd};
 
 /// Rays of a wave with their throughput and medium. Their `limit`s stay infinite.
 #[derive(Default)]
@@ -74,7 +74,7 @@ impl Paths {
 
     pub(crate) fn clear(&mut self) {
         self.rays.len = 0;
-        self.rays.spread.turn_off();
+        self.rays.differential.turn_off();
         self.leave_media();
     }
 
@@ -105,12 +105,12 @@ impl Paths {
         );
     }
 
-    /// Appends some branches of the rays of a group. They leave the primitives `leaves` and enter
+    /// Appends some branches of the rays of a group. They leave the primitives `origin_primitive` and enter
     /// the media `media` (`None`: no absorption).
     pub(crate) fn append(
         &mut self,
         group: &Self,
-        leaves: &Ids,
+        origin_primitive: &Ids,
         branch: &Followed,
         media: Option<&Colors>,
         lanes: &[u16],
@@ -125,7 +125,7 @@ impl Paths {
             #[inline(always)]
             || {
                 self.rays.gather_lines(start, &branch.rays, lanes);
-                self.rays.skip.gather(start, leaves, lanes);
+                self.rays.skip.gather(start, origin_primitive, lanes);
                 self.throughput.gather(start, &branch.throughput, lanes);
                 if let Some(media) = media {
                     self.absorption.gather(start, media, lanes);
@@ -146,7 +146,7 @@ struct Later {
     origin: DVec3,
     direction: DVec3,
     throughput: Rgb,
-    leaves: [u32; 3],
+    origin_primitive: [u32; 3],
     depth: u32,
     /// Index of the previously pushed ray of the same camera ray.
     below: u32,
@@ -160,7 +160,7 @@ const BOTTOM: u32 = u32::MAX;
 pub(crate) struct Waiting {
     rows: Vec<Later>,
     /// Ray differentials of the rows, if textures need them; otherwise empty.
-    spreads: Vec<Spread>,
+    differentials: Vec<RayDifferential>,
     /// Absorption coefficients of the media of the rows; empty until one of them absorbs.
     absorptions: Vec<Rgb>,
     free: Vec<u32>,
@@ -175,7 +175,7 @@ impl Default for Waiting {
     fn default() -> Self {
         Self {
             rows: Vec::new(),
-            spreads: Vec::new(),
+            differentials: Vec::new(),
             absorptions: Vec::new(),
             free: Vec::new(),
             tops: [BOTTOM; LANES],
@@ -190,7 +190,7 @@ impl Waiting {
     pub(crate) fn push(
         &mut self,
         group: &Paths,
-        leaves: &Ids,
+        origin_primitive: &Ids,
         branch: &Followed,
         media: Option<&Colors>,
         lanes: &[u16],
@@ -206,7 +206,11 @@ impl Waiting {
                 origin: branch.rays.origin.get(lane),
                 direction: branch.rays.direction.get(lane),
                 throughput: branch.throughput.get(lane),
-                leaves: [leaves.instance[lane], leaves.shape[lane], leaves.primitive[lane]],
+                origin_primitive: [
+                    origin_primitive.instance[lane],
+                    origin_primitive.shape[lane],
+                    origin_primitive.primitive[lane],
+                ],
                 depth: group.depth.0[lane] + 1,
                 below: *top,
             };
@@ -220,9 +224,10 @@ impl Waiting {
                     self.rows.len() as u32 - 1
                 }
             };
-            if let Some(spread) = branch.rays.spread(lane) {
-                self.spreads.resize(self.rows.len(), Spread::default());
-                self.spreads[*top as usize] = spread;
+            if let Some(differential) = branch.rays.differential(lane) {
+                self.differentials
+                    .resize(self.rows.len(), RayDifferential::default());
+                self.differentials[*top as usize] = differential;
             }
             if media.is_some() || !self.absorptions.is_empty() {
                 self.absorptions.resize(self.rows.len(), Rgb::BLACK);
@@ -247,9 +252,12 @@ impl Waiting {
         for &slot in self.found.lanes() {
             let top = &mut self.tops[slot as usize % LANES];
             let row = &self.rows[*top as usize];
-            if group.rays.spread.get().is_some() {
-                let spread = &self.spreads[*top as usize];
-                next.rays.spread.turn_on().set(next.rays.len % LANES, spread);
+            if group.rays.differential.get().is_some() {
+                let differential = &self.differentials[*top as usize];
+                next.rays
+                    .differential
+                    .turn_on()
+                    .set(next.rays.len % LANES, differential);
             }
             let to = next.rays.len % LANES;
             if let Some(absorption) = self.absorptions.get(*top as usize) {
@@ -262,7 +270,7 @@ impl Waiting {
             next.rays.origin.set(to, row.origin);
             next.rays.direction.set(to, row.direction);
             let skip = &mut next.rays.skip;
-            [skip.instance[to], skip.shape[to], skip.primitive[to]] = row.leaves;
+            [skip.instance[to], skip.shape[to], skip.primitive[to]] = row.origin_primitive;
             next.throughput.set(to, row.throughput);
             next.depth.0[to] = row.depth;
             next.slot.0[to] = slot;

@@ -16,7 +16,6 @@ mod fill;
 mod gouraud;
 
 use crate::rules::Rules;
-use crate::shadows::Shadows;
 use bins::Bins;
 use fill::{Depths, Projected, project};
 use schemars::JsonSchema;
@@ -24,8 +23,8 @@ use serde::Deserialize;
 use toml::Spanned;
 use whitstone_core::stream::{Colors, HitStream, Lanes, RayStream};
 use whitstone_core::{
-    Context, DMat4, DVec2, DVec3, DVec4, Integrator, Integrators, Interval, ObjectOrder, Plugin, Ray,
-    Refused, Rgb, SceneError, SceneErrors, Scratch, Shape, Skip, View, World,
+    Context, DMat4, DVec2, DVec3, DVec4, Integrator, Integrators, Interval, LoweredShape, ObjectOrder,
+    Plugin, Ray, Refused, Rgb, Scene, SceneError, SceneErrors, Scratch, SelfHitFilter, ShadowMode, View,
 };
 
 /// Rasterization of triangles with a depth buffer, local illumination and shadows.
@@ -35,7 +34,7 @@ pub struct Config {
     /// "opaque": surfaces hide lights; "filtered": transparent surfaces attenuate light; "none":
     /// every light is visible.
     #[serde(default)]
-    shadows: Shadows,
+    shadows: ShadowMode,
     /// Interpolation over a triangle: "phong" interpolates normals; "gouraud" interpolates colours
     /// and requires `shadows = "none"`.
     #[serde(default)]
@@ -57,7 +56,7 @@ enum Interpolation {
 /// The `rasterizer` integrator; see the module documentation.
 #[derive(Clone, Copy)]
 pub struct Rasterizer {
-    shadows: Shadows,
+    shadows: ShadowMode,
     interpolation: Interpolation,
 }
 
@@ -73,19 +72,19 @@ impl Rasterizer {
     /// Radiance along rays whose nearest hits are given; overwrites `hits`.
     fn shade(
         &self,
-        world: &World,
+        scene: &Scene,
         rays: &RayStream,
         hits: &mut Box<HitStream>,
         scratch: &mut Scratch,
         out: &mut Colors,
     ) {
         match self.interpolation {
-            Interpolation::Phong => self.rules().shade_stream(world, rays, hits, scratch, out),
+            Interpolation::Phong => self.rules().shade_stream(scene, rays, hits, scratch, out),
             Interpolation::Gouraud => {
                 for lane in 0..rays.len {
                     out.set(
                         lane,
-                        gouraud::radiance(world, &rays.ray(lane), hits.get(lane), scratch),
+                        gouraud::radiance(scene, &rays.ray(lane), hits.get(lane), scratch),
                     );
                 }
             }
@@ -105,7 +104,7 @@ impl Plugin<Integrators> for Rasterizer {
         };
         if let Some(place) = interpolation
             && rasterizer.interpolation == Interpolation::Gouraud
-            && rasterizer.shadows.hide()
+            && rasterizer.shadows != ShadowMode::None
         {
             let error = SceneError::at(place.span(), "shadows cannot be interpolated between vertices");
             return Err(error.with_help("add shadows = \"none\"").into());
@@ -120,22 +119,24 @@ impl Integrator for Rasterizer {
     }
 
     /// Uses ray casting: projecting all triangles does not pay off for a single ray.
-    fn radiance(&self, world: &World, ray: &Ray, scratch: &mut Scratch) -> Rgb {
+    fn radiance(&self, scene: &Scene, ray: &Ray, scratch: &mut Scratch) -> Rgb {
         match self.interpolation {
-            Interpolation::Phong => self.rules().radiance(world, ray, scratch),
+            Interpolation::Phong => self.rules().radiance(scene, ray, scratch),
             Interpolation::Gouraud => {
                 scratch.counters.closest += 1;
-                let hit = world.accelerator.closest(ray, Interval::FORWARD, Skip::NOTHING);
-                gouraud::radiance(world, ray, hit, scratch)
+                let hit = scene
+                    .accelerator
+                    .intersect(ray, Interval::FORWARD, SelfHitFilter::NOTHING);
+                gouraud::radiance(scene, ray, hit, scratch)
             }
         }
     }
 
-    fn radiance_stream(&self, world: &World, rays: &RayStream, scratch: &mut Scratch, out: &mut Colors) {
+    fn radiance_stream(&self, scene: &Scene, rays: &RayStream, scratch: &mut Scratch, out: &mut Colors) {
         let mut hits = Box::<HitStream>::default();
         scratch.counters.closest += rays.len as u64;
-        world.accelerator.closest_stream(rays, &mut hits);
-        self.shade(world, rays, &mut hits, scratch, out);
+        scene.accelerator.intersect_stream(rays, &mut hits);
+        self.shade(scene, rays, &mut hits, scratch, out);
     }
 
     fn object_order(
@@ -171,7 +172,7 @@ impl Integrator for Rasterizer {
         }
         let (mut vertices, mut triangles) = (0, 0);
         for (shape, number) in view.geometry.shapes().iter().zip(0..) {
-            let Shape::Triangles(mesh) = shape else {
+            let LoweredShape::Triangles(mesh) = shape else {
                 let help = "draw a mesh instead, or use the integrator \"appel\", which shows the same by casting rays";
                 return Err(refuse(Some(number), "only triangles can be rasterized", help));
             };
@@ -210,7 +211,7 @@ struct Frame {
 impl ObjectOrder for Frame {
     fn radiance_stream(
         &self,
-        world: &World,
+        scene: &Scene,
         raster: &Lanes<DVec2>,
         rays: &RayStream,
         scratch: &mut Scratch,
@@ -219,10 +220,10 @@ impl ObjectOrder for Frame {
         let mut depths = Depths::new(raster, rays, &self.to_image);
         let (low, high) = depths.bounds();
         for names in self.bins.around(low, high) {
-            depths.draw(world.geometry.shapes(), &self.projected, self.film, names);
+            depths.draw(scene.geometry.shapes(), &self.projected, self.film, names);
         }
-        let mut hits = depths.hits(&world.geometry, rays);
-        self.rasterizer.shade(world, rays, &mut hits, scratch, out);
+        let mut hits = depths.hits(&scene.geometry, rays);
+        self.rasterizer.shade(scene, rays, &mut hits, scratch, out);
     }
 }
 
@@ -274,10 +275,10 @@ mod tests {
     #[test]
     fn what_cannot_be_projected_is_refused() {
         let integrator = build::<Integrators, Rasterizer>("", ()).unwrap();
-        let mesh = || Shape::Triangles(TriangleMesh::default());
+        let mesh = || LoweredShape::Triangles(TriangleMesh::default());
         let wall: Wall = floor(0.0);
         let film = FilmSize { width: 4, height: 4 };
-        let refused = |shapes: Vec<Shape>, eye: &Eye| {
+        let refused = |shapes: Vec<LoweredShape>, eye: &Eye| {
             let view = View {
                 geometry: &Geometry::new(shapes),
                 camera: eye,
@@ -288,7 +289,8 @@ mod tests {
         };
         let straight = Eye(Some(DMat4::IDENTITY), 1);
         assert_eq!(refused(vec![mesh()], &straight), None);
-        let (shape, message) = refused(vec![mesh(), Shape::Opaque(Box::new(wall))], &straight).unwrap();
+        let (shape, message) =
+            refused(vec![mesh(), LoweredShape::Opaque(Box::new(wall))], &straight).unwrap();
         assert_eq!((shape, &*message), (Some(1), "only triangles can be rasterized"));
         for eye in [Eye(None, 1), Eye(Some(DMat4::IDENTITY), 4)] {
             assert_eq!(refused(vec![mesh()], &eye).unwrap().0, None);

@@ -1,16 +1,16 @@
 //! Single-ray traversal of ray trees, shared by the integrators.
 
-use crate::shadows::Shadows;
+use crate::local_illumination::local_illumination;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::{
-    Branch, BranchKind, Branches, DVec3, Interval, Lobes, Medium, PathState, Ray, Rgb, Scratch, Skip,
-    SurfacePoint, World,
+    BsdfFlags, DVec3, Interval, MediumState, PathState, Ray, Rgb, Scene, Scratch, SelfHitFilter, ShadowMode,
+    SpecularRay, SpecularRayKind, SpecularRays, SurfaceInteraction,
 };
 
 /// The rays that are traced at a surface.
 pub(crate) struct Rules {
-    pub(crate) shadows: Shadows,
+    pub(crate) shadows: ShadowMode,
     /// `None`: local illumination only.
     pub(crate) branches: Option<Limits>,
 }
@@ -36,15 +36,15 @@ pub(crate) enum Beyond {
 
 impl Rules {
     /// Radiance along one camera ray. Its tree is traversed depth first.
-    pub(crate) fn radiance(&self, world: &World, ray: &Ray, scratch: &mut Scratch) -> Rgb {
+    pub(crate) fn radiance(&self, scene: &Scene, ray: &Ray, scratch: &mut Scratch) -> Rgb {
         scratch.pending.clear();
         let mut sum = Rgb::BLACK;
         let mut next = Some(PathState {
-            spread: scratch.spread.take(),
+            differential: scratch.differential.take(),
             ..PathState::camera(*ray)
         });
         while let Some(path) = next.take().or_else(|| scratch.pending.pop()) {
-            sum += self.trace(world, &path, scratch, &mut next);
+            sum += self.trace(scene, &path, scratch, &mut next);
         }
         sum
     }
@@ -53,65 +53,82 @@ impl Rules {
     /// others are pushed to the stack.
     fn trace(
         &self,
-        world: &World,
+        scene: &Scene,
         path: &PathState,
         scratch: &mut Scratch,
         next: &mut Option<PathState>,
     ) -> Rgb {
         scratch.counters.closest += 1;
-        let Some(hit) = world.accelerator.closest(&path.ray, Interval::FORWARD, path.skip) else {
-            let background = endless(world, path.absorption, path.ray.direction);
+        let Some(hit) = scene
+            .accelerator
+            .intersect(&path.ray, Interval::FORWARD, path.skip)
+        else {
+            let background = endless(scene, path.absorption, path.ray.direction);
             scratch.note(path, None, path.throughput, background);
             return path.throughput * background;
         };
         let throughput = path.throughput * path.absorption.transmittance(hit.t);
         let view = -path.ray.direction;
-        let mut point = world.surface(&path.ray, &hit).seen_from(view);
+        let mut point = scene.surface(&path.ray, &hit).seen_from(view);
         if throughput.is_black() {
             scratch.note(path, Some((&hit, &point)), throughput, Rgb::BLACK);
             return Rgb::BLACK;
         }
-        point.footprint = world.footprint(&path.ray, &hit, &point, path.spread.as_ref());
-        let skip = Skip::leaving(&hit);
-        let lobes = world.lobes_of(hit.shape);
-        world.count_shaded(hit.shape, 1, &mut scratch.counters);
+        point.footprint = scene.footprint(&path.ray, &hit, &point, path.differential.as_ref());
+        let skip = SelfHitFilter::leaving(&hit);
+        let lobes = scene.flags_of(hit.shape);
+        scene.count_shaded(hit.shape, 1, &mut scratch.counters);
         let mut local = Rgb::BLACK;
-        if lobes.intersects(Lobes::SHOWN) {
-            let medium = Medium {
+        if lobes.intersects(BsdfFlags::LOCAL_OR_EMISSIVE) {
+            let medium = MediumState {
                 absorption: path.absorption,
                 inside: path.inside,
             };
-            local = self
-                .shadows
-                .local(world, hit.shape, &point, view, skip, medium, scratch);
+            local = local_illumination(
+                self.shadows,
+                scene,
+                hit.shape,
+                &point,
+                view,
+                skip,
+                medium,
+                scratch,
+            );
         }
         let node = scratch.note(path, Some((&hit, &point)), throughput, local);
         let mut sum = throughput * local;
         if let Some(limits) = self.branches
-            && lobes.intersects(Lobes::BRANCHES)
+            && lobes.intersects(BsdfFlags::SPECULAR)
         {
-            let mut branches = Branches::default();
-            world.branches(hit.shape, path.inside, &point, view, &mut branches);
-            let face = world.face(hit.shape, path.inside, &point, view);
+            let mut branches = SpecularRays::default();
+            scene.specular_rays(hit.shape, path.inside, &point, view, &mut branches);
+            let face = scene.face(hit.shape, path.inside, &point, view);
             // Visited in reverse, so that the first branch ends up in `next` and is traced first.
-            world.backwards(hit.shape, &point, view, &branches, |branch, letter| {
+            scene.for_each_branch_rev(hit.shape, &point, view, &branches, |branch, letter| {
                 let Some(mut child) = follow(path, branch, &point, view, skip, throughput, limits) else {
                     return;
                 };
                 child.origin = Some((node, letter));
                 child.inside = face.map_or(path.inside, |face| face.inside(branch.kind));
                 if path.depth < limits.max_depth {
-                    child.spread = path.spread.map(|spread| {
+                    child.differential = path.differential.map(|differential| {
                         // All directions of a glossy reflection use the differentials of the mirror
                         // direction.
                         let mut own = branches.iter().filter(|own| own.kind == branch.kind);
                         let direction = own.next().map_or(branch.direction, |own| own.direction);
                         let branch = (branch.kind.into(), direction);
-                        world.spread_of_branch(&spread, &path.ray, &hit, &point, branch, path.inside)
+                        scene.differential_of_branch(
+                            &differential,
+                            &path.ray,
+                            &hit,
+                            &point,
+                            branch,
+                            path.inside,
+                        )
                     });
                     scratch.pending.extend(next.replace(child));
                 } else if limits.beyond == Beyond::Background {
-                    let limit = endless(world, child.absorption, branch.direction);
+                    let limit = endless(scene, child.absorption, branch.direction);
                     scratch.note_limit(&child, limit);
                     sum += child.throughput * limit;
                 }
@@ -124,22 +141,22 @@ impl Rules {
 /// The ray of a branch; `None` if rule G or its weight drops it.
 fn follow(
     path: &PathState,
-    branch: &Branch,
-    point: &SurfacePoint,
+    branch: &SpecularRay,
+    point: &SurfaceInteraction,
     view: DVec3,
-    skip: Skip,
+    skip: SelfHitFilter,
     throughput: Rgb,
     limits: Limits,
 ) -> Option<PathState> {
-    let Branch {
+    let SpecularRay {
         direction,
         weight,
         kind,
     } = *branch;
     let (allowed, absorption) = match kind {
-        BranchKind::Reflection => (point.same_side(view, direction), path.absorption),
-        BranchKind::Transmission { absorption } => (point.opposite_sides(view, direction), absorption),
-        BranchKind::Straight => (point.opposite_sides(view, direction), path.absorption),
+        SpecularRayKind::Reflection => (point.same_side(view, direction), path.absorption),
+        SpecularRayKind::Transmission { absorption } => (point.opposite_sides(view, direction), absorption),
+        SpecularRayKind::Null => (point.opposite_sides(view, direction), path.absorption),
     };
     let throughput = throughput * weight;
     let contribution = throughput.max_component();
@@ -153,11 +170,11 @@ fn follow(
         inside: path.inside,
         depth,
         origin: None,
-        spread: None,
+        differential: None,
     })
 }
 
 /// Background radiance after an endless segment in a medium.
-pub(crate) fn endless(world: &World, absorption: Rgb, direction: DVec3) -> Rgb {
-    absorption.transmittance(f64::INFINITY) * world.background(direction)
+pub(crate) fn endless(scene: &Scene, absorption: Rgb, direction: DVec3) -> Rgb {
+    absorption.transmittance(f64::INFINITY) * scene.background(direction)
 }

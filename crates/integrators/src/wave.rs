@@ -9,11 +9,11 @@ use crate::paths::{ByShape, Followed, List, Paths, Values, Waiting};
 use crate::rules::{Beyond, Limits, Rules};
 use std::mem::swap;
 use whitstone_core::stream::{
-    Colors, GROUP, HitStream, LANES, NO_SHAPE, PointStream, RayStream, Vectors, groups,
+    Colors, GROUP, HitStream, LANES, NO_SHAPE, RayStream, SurfaceStream, Vectors, groups,
 };
 use whitstone_core::{
-    BranchStream, BranchStreams, Counters, Inside, LightMemory, Lobes, Material, PathLetter, Rgb, Scratch,
-    World, simd,
+    BsdfFlags, Counters, LightMemory, Material, MediumStack, PathLetter, Rgb, Scene, Scratch,
+    SpecularRayStream, SpecularRayStreams, simd,
 };
 
 /// Working memory: about 200 KiB per thread.
@@ -25,11 +25,11 @@ pub(crate) struct Memory {
     /// The rays of a wave that hit the same shape.
     group: Box<Paths>,
     group_hits: Box<HitStream>,
-    points: PointStream,
+    points: SurfaceStream,
     lights: LightMemory,
     /// Radiance along the rays of a group; later weighted by their throughput.
     radiance: Colors,
-    branches: BranchStreams,
+    branches: SpecularRayStreams,
     reflected: Followed,
     transmitted: Followed,
     next_lanes: NextLanes,
@@ -61,17 +61,17 @@ struct BeyondLimit {
 impl Rules {
     pub(crate) fn radiance_stream(
         &self,
-        world: &World,
+        scene: &Scene,
         rays: &RayStream,
         scratch: &mut Scratch,
         out: &mut Colors,
     ) {
-        if world.one_by_one() {
+        if scene.requires_scalar_tracing() {
             // Streams store neither the medium set nor more than two branches per hit; the few
             // scenes that need them are traced ray by ray.
             for lane in 0..rays.len {
-                scratch.spread = rays.spread(lane);
-                out.set(lane, self.radiance(world, &rays.ray(lane), scratch));
+                scratch.differential = rays.differential(lane);
+                out.set(lane, self.radiance(scene, &rays.ray(lane), scratch));
             }
             return;
         }
@@ -79,15 +79,15 @@ impl Rules {
         let m = &mut *memory;
         m.current.start(rays);
         out.fill(rays.len, Rgb::BLACK);
-        m.trace(world, &mut scratch.counters);
-        self.waves(world, m, &mut scratch.counters, out);
+        m.trace(scene, &mut scratch.counters);
+        self.waves(scene, m, &mut scratch.counters, out);
         scratch.put_memory(memory);
     }
 
     /// [`Self::radiance_stream`] for rays whose nearest hits are given; overwrites `hits`.
     pub(crate) fn shade_stream(
         &self,
-        world: &World,
+        scene: &Scene,
         rays: &RayStream,
         hits: &mut Box<HitStream>,
         scratch: &mut Scratch,
@@ -98,34 +98,34 @@ impl Rules {
         m.current.start(rays);
         out.fill(rays.len, Rgb::BLACK);
         swap(&mut m.hits, hits);
-        self.waves(world, m, &mut scratch.counters, out);
+        self.waves(scene, m, &mut scratch.counters, out);
         scratch.put_memory(memory);
     }
 
     /// Traces waves until no pixel has a pending ray. The hits of the current rays must be known.
-    fn waves(&self, world: &World, m: &mut Memory, counters: &mut Counters, out: &mut Colors) {
+    fn waves(&self, scene: &Scene, m: &mut Memory, counters: &mut Counters, out: &mut Colors) {
         while m.current.rays.len > 0 {
-            self.wave(world, m, counters, out);
+            self.wave(scene, m, counters, out);
             swap(&mut m.current, &mut m.next);
             if m.current.rays.len > 0 {
-                m.trace(world, counters);
+                m.trace(scene, counters);
             }
         }
     }
 
     /// Shades the hits of the current rays and collects the next ray of each pixel in `next`.
-    fn wave(&self, world: &World, m: &mut Memory, counters: &mut Counters, out: &mut Colors) {
+    fn wave(&self, scene: &Scene, m: &mut Memory, counters: &mut Counters, out: &mut Colors) {
         m.next.clear();
         let len = m.current.rays.len;
         if m.current.absorbing {
             absorb(&mut m.current, &mut m.hits);
         }
         let mut by_shape = std::mem::take(&mut m.by_shape);
-        by_shape.sort(&m.hits.id.shape[..len], world.materials.len());
+        by_shape.sort(&m.hits.id.shape[..len], scene.materials.len());
         if let Some(shape) = by_shape.only() {
             swap(&mut m.group, &mut m.current);
             swap(&mut m.group_hits, &mut m.hits);
-            self.shade(world, shape, m, counters, out);
+            self.shade(scene, shape, m, counters, out);
         } else {
             by_shape.groups(|shape, lanes| {
                 m.group.take(&m.current, lanes);
@@ -133,7 +133,7 @@ impl Rules {
                     #[inline(always)]
                     || m.group_hits.gather(0, &m.hits, lanes),
                 );
-                self.shade(world, shape, m, counters, out);
+                self.shade(scene, shape, m, counters, out);
             });
         }
         m.by_shape = by_shape;
@@ -141,45 +141,45 @@ impl Rules {
 
     /// Adds the contribution of the rays in `group`, which all hit this shape or all miss, to their
     /// pixels, and collects their next rays.
-    fn shade(&self, world: &World, shape: u32, m: &mut Memory, counters: &mut Counters, out: &mut Colors) {
+    fn shade(&self, scene: &Scene, shape: u32, m: &mut Memory, counters: &mut Counters, out: &mut Colors) {
         if shape == NO_SHAPE {
-            background(world, &m.group, &mut m.radiance);
+            background(scene, &m.group, &mut m.radiance);
             weigh(&m.group, &mut m.radiance);
             add(&m.group, &m.radiance, out);
             m.resume_all();
             return;
         }
         let len = m.group.rays.len;
-        world.surface_stream(shape, &m.group.rays, &m.group_hits, &mut m.points);
-        let material = &*world.materials[shape as usize];
-        let lobes = world.lobes_of(shape);
-        world.count_shaded(shape, len, counters);
-        let shown = lobes.intersects(Lobes::SHOWN);
-        if lobes.contains(Lobes::LOCAL) {
-            let (points, leaves, media) = (&m.points, &m.group_hits.id, &m.group.absorption);
-            let shadows = self.shadows.into();
-            world.gather_lights_stream(points, leaves, media, shadows, &mut m.lights, counters);
-            material.local_stream(points, world.ambient, &m.lights.samples, &mut m.radiance);
+        scene.surface_stream(shape, &m.group.rays, &m.group_hits, &mut m.points);
+        let material = &*scene.materials[shape as usize];
+        let lobes = scene.flags_of(shape);
+        scene.count_shaded(shape, len, counters);
+        let shown = lobes.intersects(BsdfFlags::LOCAL_OR_EMISSIVE);
+        if lobes.contains(BsdfFlags::LOCAL) {
+            let (points, origin_primitive, media) = (&m.points, &m.group_hits.id, &m.group.absorption);
+            let shadows = self.shadows;
+            scene.gather_lights_stream(points, origin_primitive, media, shadows, &mut m.lights, counters);
+            material.local_illumination_stream(points, scene.ambient, &m.lights.samples, &mut m.radiance);
         } else {
             m.radiance.fill(len, Rgb::BLACK);
         }
-        if lobes.contains(Lobes::EMISSION) {
+        if lobes.contains(BsdfFlags::EMISSION) {
             m.glow(material);
         }
         if shown {
             weigh(&m.group, &mut m.radiance);
         }
         match self.branches {
-            Some(limits) if lobes.intersects(Lobes::BRANCHES) => {
-                material.branches_stream(&m.points, &mut m.branches);
-                if lobes.contains(Lobes::STRAIGHT) {
+            Some(limits) if lobes.intersects(BsdfFlags::SPECULAR) => {
+                material.specular_rays_stream(&m.points, &mut m.branches);
+                if lobes.contains(BsdfFlags::NULL) {
                     m.stay();
                 }
                 m.follow(lobes, limits);
-                if m.stop_at_limit(world, limits) | shown {
+                if m.stop_at_limit(scene, limits) | shown {
                     add(&m.group, &m.radiance, out);
                 }
-                m.spread(world);
+                m.differential(scene);
                 m.go_on();
             }
             _ => {
@@ -194,11 +194,11 @@ impl Rules {
 
 impl Memory {
     /// Intersects the current rays with the scene.
-    fn trace(&mut self, world: &World, counters: &mut Counters) {
+    fn trace(&mut self, scene: &Scene, counters: &mut Counters) {
         counters.closest += self.current.rays.len as u64;
-        world
+        scene
             .accelerator
-            .closest_stream(&self.current.rays, &mut self.hits);
+            .intersect_stream(&self.current.rays, &mut self.hits);
     }
 
     /// Adds the emission of the material.
@@ -226,7 +226,7 @@ impl Memory {
     }
 
     /// Computes the branches of the kinds that the material has, and drops those that do not count.
-    fn follow(&mut self, lobes: Lobes, limits: Limits) {
+    fn follow(&mut self, lobes: BsdfFlags, limits: Limits) {
         let Self {
             group,
             points,
@@ -235,13 +235,13 @@ impl Memory {
         } = self;
         let kinds = [
             (
-                Lobes::REFLECTION,
+                BsdfFlags::REFLECTION,
                 Side::Same,
                 &branches.reflection,
                 &mut self.reflected,
             ),
             (
-                Lobes::TRANSMISSION | Lobes::STRAIGHT,
+                BsdfFlags::TRANSMISSION | BsdfFlags::NULL,
                 Side::Other,
                 &branches.transmission,
                 &mut self.transmitted,
@@ -258,7 +258,7 @@ impl Memory {
 
     /// Replaces branches beyond the depth limit by the background. Returns whether background may
     /// have been added.
-    fn stop_at_limit(&mut self, world: &World, limits: Limits) -> bool {
+    fn stop_at_limit(&mut self, scene: &Scene, limits: Limits) -> bool {
         let depths = &self.group.depth.0[..self.group.rays.len];
         if depths.iter().all(|depth| *depth < limits.max_depth) {
             return false;
@@ -285,7 +285,7 @@ impl Memory {
                 continue;
             }
             directions.gather(0, &branch.rays.direction, lanes);
-            world.background_stream(lanes.len(), directions, seen);
+            scene.background_stream(lanes.len(), directions, seen);
             for (place, &lane) in lanes.iter().enumerate() {
                 let lane = lane as usize % LANES;
                 let seen = absorption.get(lane).transmittance(f64::INFINITY) * seen.get(place);
@@ -297,11 +297,11 @@ impl Memory {
     }
 
     /// Computes the ray differentials of the branches.
-    fn spread(&mut self, world: &World) {
+    fn differential(&mut self, scene: &Scene) {
         let (rays, hits, points) = (&self.group.rays, &self.group_hits, &self.points);
-        let Some(spreads) = rays.spread.get() else {
-            self.reflected.rays.spread.turn_off();
-            self.transmitted.rays.spread.turn_off();
+        let Some(differentials) = rays.differential.get() else {
+            self.reflected.rays.differential.turn_off();
+            self.transmitted.rays.differential.turn_off();
             return;
         };
         let kinds = [
@@ -309,12 +309,19 @@ impl Memory {
             (PathLetter::T, &mut self.transmitted),
         ];
         for (letter, branch) in kinds {
-            let out = branch.rays.spread.turn_on();
+            let out = branch.rays.differential.turn_on();
             for lane in (0..rays.len).filter(|lane| branch.alive.0[*lane]) {
                 let direction = branch.rays.direction.get(lane);
                 let (ray, hit, point) = (rays.ray(lane), hits.hit(lane), points.get(lane));
-                let (spread, branch) = (spreads.get(lane), (letter, direction));
-                let found = world.spread_of_branch(&spread, &ray, &hit, &point, branch, Inside::NOTHING);
+                let (differential, branch) = (differentials.get(lane), (letter, direction));
+                let found = scene.differential_of_branch(
+                    &differential,
+                    &ray,
+                    &hit,
+                    &point,
+                    branch,
+                    MediumStack::NOTHING,
+                );
                 out.set(lane, &found);
             }
         }
@@ -350,13 +357,13 @@ impl Memory {
             both.push_if(t & r, lane);
             ended.push_if(!(t | r), lane);
         }
-        let leaves = &group_hits.id;
+        let origin_primitive = &group_hits.id;
         let outside = group.absorbing.then_some(&group.absorption);
         let inside = absorbs(&branches.absorption, &transmitted.alive, group.rays.len);
         let inside = inside.then_some(&branches.absorption);
-        next.append(group, leaves, reflected, outside, first.lanes());
-        next.append(group, leaves, transmitted, inside, other.lanes());
-        waiting.push(group, leaves, transmitted, inside, both.lanes());
+        next.append(group, origin_primitive, reflected, outside, first.lanes());
+        next.append(group, origin_primitive, transmitted, inside, other.lanes());
+        waiting.push(group, origin_primitive, transmitted, inside, both.lanes());
         let ended = ended.lanes().iter().map(|lane| usize::from(*lane));
         waiting.resume(next, group, ended);
     }
@@ -395,9 +402,9 @@ fn absorb(paths: &mut Paths, hits: &mut HitStream) {
 }
 
 /// Radiance of rays that hit nothing.
-fn background(world: &World, paths: &Paths, radiance: &mut Colors) {
+fn background(scene: &Scene, paths: &Paths, radiance: &mut Colors) {
     let len = paths.rays.len;
-    world.background_stream(len, &paths.rays.direction, radiance);
+    scene.background_stream(len, &paths.rays.direction, radiance);
     if paths.absorbing {
         for lane in 0..len {
             let through = paths.absorption.get(lane).transmittance(f64::INFINITY);
@@ -438,8 +445,8 @@ enum Side {
 /// The rays of one kind of branch; `rules::follow` is the single-ray version.
 fn follow(
     group: &Paths,
-    points: &PointStream,
-    branch: &BranchStream,
+    points: &SurfaceStream,
+    branch: &SpecularRayStream,
     side: Side,
     least: f64,
     out: &mut Followed,

@@ -12,12 +12,13 @@
 //! - Example: `scenes/integrators/whitted.toml`.
 
 use crate::rules::{Beyond, Limits, Rules};
-use crate::shadows::Shadows;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::config::{IntegerIn, NonNegative};
 use whitstone_core::stream::{Colors, RayStream};
-use whitstone_core::{Context, Integrator, Integrators, Plugin, Ray, Rgb, SceneErrors, Scratch, World};
+use whitstone_core::{
+    Context, Integrator, Integrators, Plugin, Ray, Rgb, Scene, SceneErrors, Scratch, ShadowMode,
+};
 
 /// Recursive ray tracing: local illumination, plus a reflected and a refracted ray where the
 /// material has them.
@@ -37,7 +38,7 @@ pub struct Config {
     /// "opaque": surfaces hide lights; "filtered": transparent surfaces attenuate light; "none":
     /// every light is visible.
     #[serde(default)]
-    shadows: Shadows,
+    shadows: ShadowMode,
 }
 
 fn six() -> IntegerIn<0, 100_000> {
@@ -76,7 +77,7 @@ impl Integrator for Whitted {
         true
     }
 
-    fn bounces(&self, directions: u32) -> u32 {
+    fn max_split_depth(&self, directions: u32) -> u32 {
         let Some(limits) = &self.rules.branches else {
             return 0;
         };
@@ -89,12 +90,12 @@ impl Integrator for Whitted {
         bounces
     }
 
-    fn radiance(&self, world: &World, ray: &Ray, scratch: &mut Scratch) -> Rgb {
-        self.rules.radiance(world, ray, scratch)
+    fn radiance(&self, scene: &Scene, ray: &Ray, scratch: &mut Scratch) -> Rgb {
+        self.rules.radiance(scene, ray, scratch)
     }
 
-    fn radiance_stream(&self, world: &World, rays: &RayStream, scratch: &mut Scratch, out: &mut Colors) {
-        self.rules.radiance_stream(world, rays, scratch, out);
+    fn radiance_stream(&self, scene: &Scene, rays: &RayStream, scratch: &mut Scratch, out: &mut Colors) {
+        self.rules.radiance_stream(scene, rays, scratch, out);
     }
 }
 
@@ -102,7 +103,7 @@ impl Integrator for Whitted {
 mod tests {
     use super::*;
     use whitstone_core::stream::LANES;
-    use whitstone_core::{DVec3, Skip, TreeNode};
+    use whitstone_core::{DVec3, SelfHitFilter, TreeNode};
     use whitstone_testkit::{Lamp, Simple, Wall, build, floor, integrator_laws, world_of_walls};
 
     const SKY: Lamp = Lamp {
@@ -111,15 +112,15 @@ mod tests {
         lamp: None,
     };
 
-    fn render(text: &str, world: &World, direction: DVec3) -> (Rgb, Scratch) {
+    fn render(text: &str, scene: &Scene, direction: DVec3) -> (Rgb, Scratch) {
         let mut scratch = Scratch::default();
         let integrator = build::<Integrators, Whitted>(text, ()).unwrap();
         let ray = Ray::new(DVec3::new(0.0, 0.5, 0.0), direction);
-        (integrator.radiance(world, &ray, &mut scratch), scratch)
+        (integrator.radiance(scene, &ray, &mut scratch), scratch)
     }
 
     /// Two mirrors that face each other at y = 0 and y = 1 and also have local radiance.
-    fn corridor(diffuse: f64, reflect: f64) -> World {
+    fn corridor(diffuse: f64, reflect: f64) -> Scene {
         let material = Simple {
             diffuse,
             reflect: Rgb::splat(reflect),
@@ -184,8 +185,8 @@ mod tests {
         let walls: Vec<_> = (-20..20)
             .map(|height| (floor(f64::from(height) + 0.25), material))
             .collect();
-        let world = world_of_walls(&walls, SKY);
-        let (found, scratch) = render("max_depth = 12", &world, DVec3::NEG_Y);
+        let scene = world_of_walls(&walls, SKY);
+        let (found, scratch) = render("max_depth = 12", &scene, DVec3::NEG_Y);
         assert_eq!(scratch.counters.closest, (1 << 13) - 1);
         assert!(scratch.pending.capacity() <= 16, "{}", scratch.pending.capacity());
         assert!(found.g > 0.5 && found.g < 1.0);
@@ -219,11 +220,11 @@ mod tests {
                 normal: DVec3::NEG_Y,
             };
             let walls = [(floor(0.0), material), (ceiling, material), (below, material)];
-            let world = world_of_walls(&walls, SKY);
+            let scene = world_of_walls(&walls, SKY);
             let mut scratch = Scratch::recording();
             let integrator = build::<Integrators, Whitted>(text, ()).unwrap();
             let ray = Ray::new(DVec3::new(0.0, 0.5, 0.0), DVec3::NEG_Y);
-            let found = integrator.radiance(&world, &ray, &mut scratch);
+            let found = integrator.radiance(&scene, &ray, &mut scratch);
             let nodes = scratch.record.unwrap();
             let sum: Rgb = nodes.iter().map(|node| node.throughput * node.local).sum();
             let off = (found + sum * -1.0).map(f64::abs).max_component();
@@ -268,7 +269,7 @@ mod tests {
             diffuse: 1.0,
             ..Simple::default()
         };
-        let world = world_of_walls(
+        let scene = world_of_walls(
             &[
                 (floor(0.25), material),
                 (bottom, material),
@@ -276,12 +277,12 @@ mod tests {
             ],
             SKY,
         );
-        let (found, _) = render("", &world, DVec3::NEG_Y);
+        let (found, _) = render("", &scene, DVec3::NEG_Y);
         assert_eq!(found, Rgb::new(1.0, (-0.25_f64).exp(), (-2.0_f64).exp()));
         // Without a bottom, the medium is endless, both beyond the depth limit and before it.
-        let world = world_of_walls(&[(floor(0.25), material)], SKY);
+        let scene = world_of_walls(&[(floor(0.25), material)], SKY);
         for text in ["", "max_depth = 0"] {
-            assert_eq!(render(text, &world, DVec3::NEG_Y).0, Rgb::new(0.5, 0.0, 0.0));
+            assert_eq!(render(text, &scene, DVec3::NEG_Y).0, Rgb::new(0.5, 0.0, 0.0));
         }
     }
 
@@ -305,29 +306,29 @@ mod tests {
             ..Simple::default()
         };
         let walls = [(floor(0.25), water), (floor(0.0), pane), (floor(-0.25), glow)];
-        let world = world_of_walls(&walls, SKY);
-        let (found, _) = render("", &world, DVec3::NEG_Y);
+        let scene = world_of_walls(&walls, SKY);
+        let (found, _) = render("", &scene, DVec3::NEG_Y);
         let through = absorption.transmittance(0.25);
         assert_eq!(found, through * 0.5 * through * Rgb::splat(4.0));
         let rays: Vec<Ray> = (0..300)
             .map(|k| Ray::new(DVec3::new(0.0, 0.5, f64::from(k)), DVec3::NEG_Y))
             .collect();
-        same_in_streams("", &world, &rays);
+        same_in_streams("", &scene, &rays);
     }
 
-    fn same_in_streams(text: &str, world: &World, rays: &[Ray]) {
+    fn same_in_streams(text: &str, scene: &Scene, rays: &[Ray]) {
         let integrator = build::<Integrators, Whitted>(text, ()).unwrap();
         let mut scratch = Scratch::default();
         for rays in rays.chunks(LANES) {
             let mut stream = RayStream::default();
             for (lane, ray) in rays.iter().enumerate() {
-                stream.set(lane, *ray, f64::INFINITY, Skip::NOTHING);
+                stream.set(lane, *ray, f64::INFINITY, SelfHitFilter::NOTHING);
             }
             stream.len = rays.len();
             let mut found = Colors::default();
-            integrator.radiance_stream(world, &stream, &mut scratch, &mut found);
+            integrator.radiance_stream(scene, &stream, &mut scratch, &mut found);
             for (lane, ray) in rays.iter().enumerate() {
-                let single = integrator.radiance(world, ray, &mut Scratch::default());
+                let single = integrator.radiance(scene, ray, &mut Scratch::default());
                 assert_eq!(found.get(lane), single, "{lane}");
             }
         }
@@ -347,14 +348,14 @@ mod tests {
         };
         let lit = |text: &str, above: Simple, below: Simple| {
             let walls = [(floor(4.0), above), (floor(2.0), below), (floor(0.0), white)];
-            let world = world_of_walls(&walls, light);
+            let scene = world_of_walls(&walls, light);
             let rays: Vec<Ray> = (0..300)
                 .map(|k| Ray::new(DVec3::new(f64::from(k % 20) * 1e-3, 1.0, 0.0), DVec3::NEG_Y))
                 .collect();
-            same_in_streams(text, &world, &rays);
+            same_in_streams(text, &scene, &rays);
             let integrator = build::<Integrators, Whitted>(text, ()).unwrap();
             let ray = Ray::new(DVec3::new(0.0, 1.0, 0.0), DVec3::NEG_Y);
-            integrator.radiance(&world, &ray, &mut Scratch::default())
+            integrator.radiance(&scene, &ray, &mut Scratch::default())
         };
         let filtered = "shadows = \"filtered\"";
         let hole = |share: f64| Simple {

@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::Color;
-use whitstone_core::{Context, Light, LightGives, Lights, Plugin, Rgb, SceneErrors};
+use whitstone_core::{Context, Light, LightFlags, Lights, Plugin, Rgb, SceneErrors};
 
 /// Uniform ambient light from all directions, never shadowed.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -34,8 +34,8 @@ impl Plugin<Lights> for Ambient {
 }
 
 impl Light for Ambient {
-    fn gives(&self) -> LightGives {
-        LightGives::AMBIENT
+    fn flags(&self) -> LightFlags {
+        LightFlags::AMBIENT
     }
 
     fn ambient(&self) -> Rgb {

@@ -18,10 +18,10 @@ use serde::Deserialize;
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 use toml::Spanned;
-use whitstone_core::config::{Color, FilePath, IntegerIn, Steps};
+use whitstone_core::config::{Color, FilePath, IntegerIn, TransformSteps};
 use whitstone_core::stream::{LANES, SampleStreams, Vectors};
 use whitstone_core::{
-    Aabb, Context, DVec3, Light, LightGives, LightSample, Lights, Plugin, Rgb, SceneError, SceneErrors,
+    Aabb, Context, DVec3, Light, LightFlags, LightSample, Lights, Plugin, Rgb, SceneError, SceneErrors,
     Transform, TriangleMesh,
 };
 
@@ -46,8 +46,8 @@ pub struct Config {
     /// Placement of the light: one step, or steps in the order in which they are applied. For a
     /// sphere it must be a similarity.
     #[serde(default = "none")]
-    #[schemars(with = "Steps")]
-    transform: Spanned<Steps>,
+    #[schemars(with = "TransformSteps")]
+    transform: Spanned<TransformSteps>,
     /// Emitted radiance in W/(m² sr), the same in all directions.
     radiance: Color,
     /// Points along each side of the grid (default 4), or parts of each side of a mesh triangle
@@ -58,8 +58,8 @@ pub struct Config {
     samples: Option<Spanned<IntegerIn<1, 32>>>,
 }
 
-fn none() -> Spanned<Steps> {
-    Spanned::new(0..0, Steps::NONE)
+fn none() -> Spanned<TransformSteps> {
+    Spanned::new(0..0, TransformSteps::NONE)
 }
 
 fn rectangle() -> Spanned<Surface> {
@@ -270,8 +270,8 @@ fn facing(normal: DVec3, direction: DVec3) -> f64 {
 }
 
 impl Light for Area {
-    fn gives(&self) -> LightGives {
-        LightGives::SAMPLES
+    fn flags(&self) -> LightFlags {
+        LightFlags::SAMPLES
     }
 
     fn samples(&self, point: DVec3, out: &mut Vec<LightSample>) {
@@ -301,7 +301,7 @@ impl Light for Area {
     }
 
     /// Whether any point emits towards the bounding sphere of the box.
-    fn reaches(&self, bounds: &Aabb) -> bool {
+    fn affects_bounds(&self, bounds: &Aabb) -> bool {
         let (center, radius) = emission::ball_around(bounds);
         let before = |spot: &Spot| {
             let out = center - spot.position;

@@ -8,7 +8,7 @@ use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::Color;
 use whitstone_core::stream::{Colors, Vectors};
-use whitstone_core::{Context, DVec3, Light, LightGives, Lights, Plugin, Rgb, SceneErrors};
+use whitstone_core::{Context, DVec3, Light, LightFlags, Lights, Plugin, Rgb, SceneErrors};
 
 /// A constant background: the radiance of rays that hit nothing, the same in every direction.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -35,8 +35,8 @@ impl Plugin<Lights> for Background {
 }
 
 impl Light for Background {
-    fn gives(&self) -> LightGives {
-        LightGives::BACKGROUND
+    fn flags(&self) -> LightFlags {
+        LightFlags::BACKGROUND
     }
 
     fn background(&self, _: DVec3) -> Rgb {

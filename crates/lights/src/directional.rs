@@ -11,7 +11,7 @@ use toml::Spanned;
 use whitstone_core::config::{Color, Vector3};
 use whitstone_core::stream::{SampleStreams, Vectors};
 use whitstone_core::{
-    Aabb, Context, DVec3, Light, LightGives, LightSample, Lights, Plugin, SceneError, SceneErrors,
+    Aabb, Context, DVec3, Light, LightFlags, LightSample, Lights, Plugin, SceneError, SceneErrors,
 };
 
 /// Parallel light from infinitely far away, such as the sun's.
@@ -50,8 +50,8 @@ impl Plugin<Lights> for Directional {
 }
 
 impl Light for Directional {
-    fn gives(&self) -> LightGives {
-        LightGives::SAMPLES
+    fn flags(&self) -> LightFlags {
+        LightFlags::SAMPLES
     }
 
     fn samples(&self, _: DVec3, out: &mut Vec<LightSample>) {
@@ -65,7 +65,7 @@ impl Light for Directional {
         }
     }
 
-    fn reaches(&self, _: &Aabb) -> bool {
+    fn affects_bounds(&self, _: &Aabb) -> bool {
         !self.sample.irradiance.is_black()
     }
 }

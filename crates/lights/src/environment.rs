@@ -17,8 +17,8 @@ use toml::Spanned;
 use whitstone_core::config::{FilePath, IntegerIn, TextureRef};
 use whitstone_core::stream::{SampleStreams, Vectors};
 use whitstone_core::{
-    ColorSource, Context, DVec2, DVec3, Light, LightGives, LightSample, Lights, Plugin, Rgb, SceneError,
-    SceneErrors, SurfacePoint, Texture,
+    ColorSource, Context, DVec2, DVec3, Light, LightFlags, LightSample, Lights, Plugin, Rgb, SceneError,
+    SceneErrors, SurfaceInteraction, Texture,
 };
 
 /// An environment map: visible behind everything, and optionally a light.
@@ -185,13 +185,13 @@ impl Sky {
     fn at(&self, uv: DVec2, direction: DVec3) -> Rgb {
         match self {
             Self::Sphere(radiance) => {
-                let mut point = SurfacePoint::new(direction, 0.0, direction);
+                let mut point = SurfaceInteraction::new(direction, 0.0, direction);
                 point.uv = uv;
                 radiance.value(&point)
             }
             Self::Cube(faces) => {
                 let (face, uv) = on_cube(direction);
-                let mut point = SurfacePoint::new(direction, 0.0, direction);
+                let mut point = SurfaceInteraction::new(direction, 0.0, direction);
                 point.uv = uv;
                 faces[face].value(&point)
             }
@@ -226,11 +226,11 @@ fn place(direction: DVec3) -> DVec2 {
 }
 
 impl Light for Environment {
-    fn gives(&self) -> LightGives {
+    fn flags(&self) -> LightFlags {
         if self.samples.is_empty() {
-            LightGives::BACKGROUND
+            LightFlags::BACKGROUND
         } else {
-            LightGives::BACKGROUND | LightGives::SAMPLES
+            LightFlags::BACKGROUND | LightFlags::SAMPLES
         }
     }
 
@@ -256,18 +256,18 @@ impl Light for Environment {
 mod tests {
     use super::*;
     use std::f64::consts::PI;
-    use whitstone_core::{Needs, Texture};
+    use whitstone_core::{SurfaceAttributes, Texture};
     use whitstone_testkit::{TestContext, build_in, light_laws};
 
     /// A texture with (u, v) as red and green.
     struct Ramp;
 
     impl Texture for Ramp {
-        fn needs(&self) -> Needs {
-            Needs::UV
+        fn needs(&self) -> SurfaceAttributes {
+            SurfaceAttributes::UV
         }
 
-        fn value(&self, point: &SurfacePoint) -> Rgb {
+        fn value(&self, point: &SurfaceInteraction) -> Rgb {
             Rgb::new(point.uv.x, point.uv.y, 0.0)
         }
     }
@@ -277,11 +277,11 @@ mod tests {
     struct Marked(f64, [usize; 2]);
 
     impl Texture for Marked {
-        fn needs(&self) -> Needs {
-            Needs::UV
+        fn needs(&self) -> SurfaceAttributes {
+            SurfaceAttributes::UV
         }
 
-        fn value(&self, point: &SurfacePoint) -> Rgb {
+        fn value(&self, point: &SurfaceInteraction) -> Rgb {
             Rgb::new(point.uv.x, point.uv.y, self.0)
         }
 

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use whitstone_core::config::{Color, Vector3};
 use whitstone_core::stream::{SampleStreams, Vectors};
 use whitstone_core::{
-    Aabb, Context, DVec3, Light, LightGives, LightSample, Lights, Plugin, Rgb, SceneErrors,
+    Aabb, Context, DVec3, Light, LightFlags, LightSample, Lights, Plugin, Rgb, SceneErrors,
 };
 
 /// A point light that emits equally in all directions.
@@ -47,8 +47,8 @@ impl Plugin<Lights> for Point {
 }
 
 impl Light for Point {
-    fn gives(&self) -> LightGives {
-        LightGives::SAMPLES
+    fn flags(&self) -> LightFlags {
+        LightFlags::SAMPLES
     }
 
     fn samples(&self, point: DVec3, out: &mut Vec<LightSample>) {
@@ -64,7 +64,7 @@ impl Light for Point {
         emission::sample_stream(self.position, len, points, self.intensity, self.falloff, out);
     }
 
-    fn reaches(&self, _: &Aabb) -> bool {
+    fn affects_bounds(&self, _: &Aabb) -> bool {
         !self.intensity.is_black()
     }
 }

@@ -17,8 +17,8 @@ use toml::Spanned;
 use whitstone_core::config::{Color, Finite, TextureRef, Vector3};
 use whitstone_core::stream::{SampleStreams, Vectors};
 use whitstone_core::{
-    Aabb, ColorSource, Context, DVec2, DVec3, Light, LightGives, LightSample, Lights, Plugin, Rgb,
-    SceneError, SceneErrors, SurfacePoint,
+    Aabb, ColorSource, Context, DVec2, DVec3, Light, LightFlags, LightSample, Lights, Plugin, Rgb,
+    SceneError, SceneErrors, SurfaceInteraction,
 };
 
 /// A point light that projects an image (a slide) into a pyramid.
@@ -145,8 +145,8 @@ fn across(config: &Config, axis: DVec3) -> Result<[DVec3; 2], SceneErrors> {
 }
 
 impl Light for Projector {
-    fn gives(&self) -> LightGives {
-        LightGives::SAMPLES
+    fn flags(&self) -> LightFlags {
+        LightFlags::SAMPLES
     }
 
     fn samples(&self, point: DVec3, out: &mut Vec<LightSample>) {
@@ -169,7 +169,7 @@ impl Light for Projector {
 
     /// Tests the bounding sphere of the box against the five planes that bound the pyramid,
     /// including the plane through the light.
-    fn reaches(&self, bounds: &Aabb) -> bool {
+    fn affects_bounds(&self, bounds: &Aabb) -> bool {
         let (center, radius) = emission::ball_around(bounds);
         let out = center - self.position;
         let (x, y, depth) = (self.right.dot(out), self.up.dot(out), self.axis.dot(out));
@@ -196,7 +196,7 @@ impl Projector {
             return None;
         }
         let uv = 0.5 + 0.5 * at / edge;
-        let mut place = SurfacePoint::new(uv.extend(0.0), 0.0, DVec3::Z);
+        let mut place = SurfaceInteraction::new(uv.extend(0.0), 0.0, DVec3::Z);
         place.uv = uv;
         let stronger = 1.0 / (cosine * cosine * cosine);
         let irradiance = sample.irradiance * self.slide.value(&place);
@@ -207,18 +207,18 @@ impl Projector {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::{Needs, Texture};
+    use whitstone_core::{SurfaceAttributes, Texture};
     use whitstone_testkit::{TestContext, build_in, light_laws, light_near_laws};
 
     /// A texture with (u, v) as red and green, and blue where a solid texture evaluates it.
     struct Ramp;
 
     impl Texture for Ramp {
-        fn needs(&self) -> Needs {
-            Needs::UV
+        fn needs(&self) -> SurfaceAttributes {
+            SurfaceAttributes::UV
         }
 
-        fn value(&self, point: &SurfacePoint) -> Rgb {
+        fn value(&self, point: &SurfaceInteraction) -> Rgb {
             Rgb::new(point.uv.x, point.uv.y, point.position.x + 2.0 * point.position.y)
         }
     }
@@ -322,13 +322,13 @@ mod tests {
             (0.0, 0.0, 0.3, false),
             (0.0, 0.0, 0.05, true),
         ] {
-            assert_eq!(light.reaches(&around(x, y, z)), reached, "{x} {y} {z}");
+            assert_eq!(light.affects_bounds(&around(x, y, z)), reached, "{x} {y} {z}");
         }
-        assert!(light.reaches(&Aabb::EVERYTHING));
+        assert!(light.affects_bounds(&Aabb::EVERYTHING));
         assert!(
             !projector(&text.replace("slide = 1", "slide = 0"))
                 .unwrap()
-                .reaches(&Aabb::EVERYTHING)
+                .affects_bounds(&Aabb::EVERYTHING)
         );
     }
 

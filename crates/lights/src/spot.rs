@@ -14,7 +14,7 @@ use toml::Spanned;
 use whitstone_core::config::{Color, Finite, Vector3};
 use whitstone_core::stream::{SampleStreams, Vectors};
 use whitstone_core::{
-    Aabb, Context, DVec3, Light, LightGives, LightSample, Lights, Plugin, Rgb, SceneError, SceneErrors,
+    Aabb, Context, DVec3, Light, LightFlags, LightSample, Lights, Plugin, Rgb, SceneError, SceneErrors,
 };
 
 /// A spot light: a point light restricted to a cone with a soft edge.
@@ -112,8 +112,8 @@ impl Plugin<Lights> for Spot {
 }
 
 impl Light for Spot {
-    fn gives(&self) -> LightGives {
-        LightGives::SAMPLES
+    fn flags(&self) -> LightFlags {
+        LightFlags::SAMPLES
     }
 
     fn samples(&self, point: DVec3, out: &mut Vec<LightSample>) {
@@ -134,7 +134,7 @@ impl Light for Spot {
     }
 
     /// Tests the cone against the bounding sphere of the box.
-    fn reaches(&self, bounds: &Aabb) -> bool {
+    fn affects_bounds(&self, bounds: &Aabb) -> bool {
         let (center, radius) = emission::ball_around(bounds);
         let out = center - self.position;
         let (along, across) = (self.axis.dot(out), self.axis.cross(out).length());

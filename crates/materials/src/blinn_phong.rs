@@ -12,7 +12,8 @@ use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::{Positive, TextureRef};
 use whitstone_core::{
-    Context, DVec3, Illumination, Lobes, Material, Materials, Needs, Plugin, Rgb, SceneErrors, SurfacePoint,
+    BsdfFlags, Context, DVec3, LightSamples, Material, Materials, Plugin, Rgb, SceneErrors,
+    SurfaceAttributes, SurfaceInteraction,
 };
 
 /// Diffuse reflection with a highlight around the half vector.
@@ -64,27 +65,28 @@ impl Plugin<Materials> for BlinnPhong {
 }
 
 impl Material for BlinnPhong {
-    fn lobes(&self) -> Lobes {
+    fn flags(&self) -> BsdfFlags {
         if self.gloss.is_black() {
-            Lobes::NOTHING
+            BsdfFlags::NOTHING
         } else {
-            Lobes::LOCAL
+            BsdfFlags::LOCAL
         }
     }
 
-    fn needs(&self) -> Needs {
+    fn needs(&self) -> SurfaceAttributes {
         self.gloss.needs()
     }
 
-    fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
-        self.gloss.local(Highlight::BlinnPhong, point, view, light)
+    fn local_illumination(&self, point: &SurfaceInteraction, view: DVec3, light: &LightSamples<'_>) -> Rgb {
+        self.gloss
+            .local_illumination(Highlight::BlinnPhong, point, view, light)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::Incoming;
+    use whitstone_core::LightLiSample;
     use whitstone_testkit::{build, material_laws};
 
     #[test]
@@ -103,17 +105,17 @@ mod tests {
     fn the_closed_form() {
         let material =
             build::<Materials, BlinnPhong>("k_d = 0.25\nk_s = [1, 2, 0]\nexponent = 4", ()).unwrap();
-        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
-        let lights = [Incoming {
+        let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let lights = [LightLiSample {
             direction: DVec3::new(0.96, 0.0, 0.28),
             irradiance: Rgb::splat(2.0),
         }];
-        let light = Illumination {
+        let light = LightSamples {
             ambient: Rgb::BLACK,
             lights: &lights,
         };
         // The half vector of (0.96, 0, 0.28) and z is (0.6, 0, 0.8).
-        let found = material.local(&point, DVec3::Z, &light);
+        let found = material.local_illumination(&point, DVec3::Z, &light);
         let expected = [1.0, 2.0, 0.0].map(|k_s| 2.0 * (0.25 * 0.28 + k_s * 0.8_f64.powi(4)));
         for (a, b) in found.to_array().into_iter().zip(expected) {
             assert!((a - b).abs() < 1e-15, "{a} {b}");
@@ -123,16 +125,16 @@ mod tests {
     #[test]
     fn light_from_straight_across_has_no_highlight() {
         let material = build::<Materials, BlinnPhong>("k_d = 0", ()).unwrap();
-        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
         let v = DVec3::new(1.0, 0.0, 1e-300);
-        let lights = [Incoming {
+        let lights = [LightLiSample {
             direction: DVec3::new(-1.0, 0.0, 1e-300),
             irradiance: Rgb::WHITE,
         }];
-        let light = Illumination {
+        let light = LightSamples {
             ambient: Rgb::BLACK,
             lights: &lights,
         };
-        assert_eq!(material.local(&point, v, &light), Rgb::BLACK);
+        assert_eq!(material.local_illumination(&point, v, &light), Rgb::BLACK);
     }
 }

@@ -1,7 +1,7 @@
 //! Transparent bodies: shared code of the materials that refract.
 
 use crate::optics::{Crossing, Interface, reflect};
-use whitstone_core::{DVec3, Filter, Rgb, SurfacePoint};
+use whitstone_core::{DVec3, Rgb, SurfaceInteraction, Transmittance};
 
 /// The two orientations of a body's interface and its media. Interfaces are named by the viewer's
 /// side.
@@ -40,14 +40,14 @@ impl Body {
     }
 
     /// Shadow ray transmittance with this weight, and the medium that the shadow ray enters.
-    pub(crate) fn filter(&self, point: &SurfacePoint, direction: DVec3, weight: Rgb) -> Filter {
+    pub(crate) fn filter(&self, point: &SurfaceInteraction, direction: DVec3, weight: Rgb) -> Transmittance {
         let inside = point.n_g.dot(direction) < 0.0;
         let medium = if inside {
             self.interior_absorption
         } else {
             self.exterior_absorption
         };
-        Filter {
+        Transmittance {
             weight,
             medium: Some(medium),
         }
@@ -56,7 +56,7 @@ impl Body {
     /// Fresnel transmittance of an undeviated shadow ray. It is evaluated from the side with the
     /// lower index, where there is no total internal reflection, so that both faces of a plate
     /// attenuate equally.
-    pub(crate) fn unbent(&self, point: &SurfacePoint, direction: DVec3) -> f64 {
+    pub(crate) fn unbent(&self, point: &SurfaceInteraction, direction: DVec3) -> f64 {
         let upward = if self.outside.eta() <= 1.0 {
             &self.outside
         } else {
@@ -68,7 +68,7 @@ impl Body {
 
     /// Reflection and refraction of a view ray. Branchless, so that streams can vectorise it.
     #[inline(always)]
-    pub(crate) fn passage(&self, point: &SurfacePoint, view: DVec3) -> Passage {
+    pub(crate) fn passage(&self, point: &SurfaceInteraction, view: DVec3) -> Passage {
         let n = point.n_towards(view);
         let from_outside = point.n_g.dot(view) > 0.0;
         let interface = Interface::choose(from_outside, &self.outside, &self.inside);

@@ -18,7 +18,8 @@ use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::{Finite, MaterialRef, Positive, TextureRef, Vector3};
 use whitstone_core::{
-    ColorSource, Context, DVec3, Material, Materials, Needs, Plugin, SceneError, SceneErrors, SurfacePoint,
+    ColorSource, Context, DVec3, Material, Materials, Plugin, SceneError, SceneErrors, SurfaceAttributes,
+    SurfaceInteraction,
 };
 
 /// Bump mapping by a height or by vectors added to the normals.
@@ -158,7 +159,7 @@ impl Height {
         let mut errors = SceneErrors::default();
         let found = errors.take(context.texture(height));
         if let Some(found) = &found
-            && found.needs().contains(Needs::UV)
+            && found.needs().contains(SurfaceAttributes::UV)
         {
             let mut error = SceneError::anywhere("this texture lies by (u, v), and only shapes know where that is")
                 .with_help("let it lie by the place in the world: mapping = { projection = \"planar\" }, or \"solid\", \"spherical\", ...");
@@ -208,13 +209,13 @@ fn frame(config: &Config) -> Result<Option<Frame>, SceneErrors> {
 }
 
 impl Detail for Height {
-    fn needs(&self) -> Needs {
+    fn needs(&self) -> SurfaceAttributes {
         self.height.needs()
     }
 
-    fn normal(&self, point: &SurfacePoint) -> Option<DVec3> {
+    fn normal(&self, point: &SurfaceInteraction) -> Option<DVec3> {
         let height = |offset: DVec3| {
-            let beside = SurfacePoint {
+            let beside = SurfaceInteraction {
                 position: point.position + offset,
                 ..*point
             };
@@ -229,11 +230,11 @@ impl Detail for Height {
 }
 
 impl Detail for Vectors {
-    fn needs(&self) -> Needs {
+    fn needs(&self) -> SurfaceAttributes {
         self.vectors.needs()
     }
 
-    fn normal(&self, point: &SurfacePoint) -> Option<DVec3> {
+    fn normal(&self, point: &SurfaceInteraction) -> Option<DVec3> {
         let vector = match &self.frame {
             None => coded(&self.vectors, point),
             Some(frame) => frame.vector(&self.vectors, point)?,
@@ -246,18 +247,18 @@ impl Detail for Vectors {
 mod tests {
     use super::*;
     use crate::{matte::Matte, mirror::Mirror};
-    use whitstone_core::{Branches, Lobes, Rgb, Texture};
+    use whitstone_core::{BsdfFlags, Rgb, SpecularRays, Texture};
     use whitstone_testkit::{TestContext, build_in, sided_material_laws};
 
     /// A height that rises along x.
     struct Slope(f64);
 
     impl Texture for Slope {
-        fn needs(&self) -> Needs {
-            Needs::NOTHING
+        fn needs(&self) -> SurfaceAttributes {
+            SurfaceAttributes::NOTHING
         }
 
-        fn value(&self, point: &SurfacePoint) -> Rgb {
+        fn value(&self, point: &SurfaceInteraction) -> Rgb {
             Rgb::splat((5.0 + self.0 * point.position.x).max(0.0))
         }
     }
@@ -266,11 +267,11 @@ mod tests {
     struct Flat;
 
     impl Texture for Flat {
-        fn needs(&self) -> Needs {
-            Needs::UV
+        fn needs(&self) -> SurfaceAttributes {
+            SurfaceAttributes::UV
         }
 
-        fn value(&self, point: &SurfacePoint) -> Rgb {
+        fn value(&self, point: &SurfaceInteraction) -> Rgb {
             Rgb::splat(point.uv.x)
         }
     }
@@ -302,24 +303,24 @@ mod tests {
     #[test]
     fn a_slope_of_three_quarters() {
         let material = bump("height = \"slope\"\nmaterial = \"mirror\"\nstep = 0.5").unwrap();
-        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
-        let mut branches = Branches::default();
-        material.branches(&point, DVec3::Z, &mut branches);
+        let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let mut branches = SpecularRays::default();
+        material.specular_rays(&point, DVec3::Z, &mut branches);
         // The normal is (-0.6, 0, 0.8).
         let found = branches.iter().next().unwrap().direction;
         assert!((found - DVec3::new(-0.96, 0.0, 0.28)).length() < 1e-15, "{found}");
-        assert!(material.lobes().contains(Lobes::OWN_NORMAL));
+        assert!(material.flags().contains(BsdfFlags::NORMAL_MAPPED));
         let none = bump("height = 3\nmaterial = \"mirror\"").unwrap();
-        assert_eq!(none.lobes(), Lobes::REFLECTION);
+        assert_eq!(none.flags(), BsdfFlags::REFLECTION);
     }
 
     /// The bent normal, recovered from the reflection of a view along the normal +z.
     fn bent(text: &str) -> DVec3 {
         let material = bump(&format!("{text}\nmaterial = \"mirror\"")).unwrap();
-        let mut point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let mut point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
         point.uv.x = 0.5;
-        let mut branches = Branches::default();
-        material.branches(&point, DVec3::Z, &mut branches);
+        let mut branches = SpecularRays::default();
+        material.specular_rays(&point, DVec3::Z, &mut branches);
         (branches.iter().next().unwrap().direction + DVec3::Z).normalize()
     }
 

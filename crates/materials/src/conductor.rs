@@ -23,10 +23,11 @@ use serde::Deserialize;
 use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::{Color, TextureRef};
-use whitstone_core::stream::{LANES, PointStream};
+use whitstone_core::stream::{LANES, SurfaceStream};
 use whitstone_core::{
-    Branch, BranchKind, BranchStreams, Branches, ColorSource, Context, DVec3, Lobes, Material, Materials,
-    Needs, Plugin, Rgb, SceneError, SceneErrors, SurfacePoint, simd, simd::select,
+    BsdfFlags, ColorSource, Context, DVec3, Material, Materials, Plugin, Rgb, SceneError, SceneErrors,
+    SpecularRay, SpecularRayKind, SpecularRayStreams, SpecularRays, SurfaceAttributes, SurfaceInteraction,
+    simd, simd::select,
 };
 
 /// Upper limit of eta and k, so that their squares and the products of these stay finite.
@@ -191,7 +192,7 @@ fn index(config: &Config) -> Result<[[f64; 3]; 2], SceneErrors> {
 impl Conductor {
     /// The mirror direction and the Fresnel reflectance.
     #[inline(always)]
-    fn reflected(&self, point: &SurfacePoint, view: DVec3) -> (DVec3, Rgb) {
+    fn reflected(&self, point: &SurfaceInteraction, view: DVec3) -> (DVec3, Rgb) {
         let n = point.n_towards(view);
         // If the view grazes the geometric surface, rounding may put the viewer behind the normal.
         // Rule G drops that branch.
@@ -202,28 +203,28 @@ impl Conductor {
 }
 
 impl Material for Conductor {
-    fn lobes(&self) -> Lobes {
+    fn flags(&self) -> BsdfFlags {
         if self.tint.is_black() {
-            Lobes::NOTHING
+            BsdfFlags::NOTHING
         } else {
-            Lobes::REFLECTION
+            BsdfFlags::REFLECTION
         }
     }
 
-    fn needs(&self) -> Needs {
-        Needs::SHADING_NORMAL | self.tint.needs()
+    fn needs(&self) -> SurfaceAttributes {
+        SurfaceAttributes::SHADING_NORMAL | self.tint.needs()
     }
 
-    fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
+    fn specular_rays(&self, point: &SurfaceInteraction, view: DVec3, out: &mut SpecularRays) {
         let (direction, fresnel) = self.reflected(point, view);
-        out.push(Branch {
+        out.push(SpecularRay {
             direction,
             weight: fresnel * self.tint.value(point),
-            kind: BranchKind::Reflection,
+            kind: SpecularRayKind::Reflection,
         });
     }
 
-    fn branches_stream(&self, points: &PointStream, out: &mut BranchStreams) {
+    fn specular_rays_stream(&self, points: &SurfaceStream, out: &mut SpecularRayStreams) {
         self.tint.value_stream(points, &mut out.reflection.weight);
         out.transmission.weight.fill(points.len, Rgb::BLACK);
         simd::dispatch(
@@ -304,10 +305,10 @@ mod tests {
         // ((eta - 1)² + k²)/((eta + 1)² + k²).
         let material =
             build::<Materials, Conductor>("eta = [0.2, 1, 3]\nk = [4, 2, 0]\ntint = 0.5", ()).unwrap();
-        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
         for view in [DVec3::Z, DVec3::NEG_Z] {
-            let mut branches = Branches::default();
-            material.branches(&point, view, &mut branches);
+            let mut branches = SpecularRays::default();
+            material.specular_rays(&point, view, &mut branches);
             let branch = branches.iter().next().unwrap();
             assert_eq!(branch.direction, view);
             let expected = [16.64 / 17.44, 4.0 / 8.0, 4.0 / 16.0].map(|r| 0.5 * r);
@@ -319,9 +320,9 @@ mod tests {
 
     #[test]
     fn lobes_are_exact() {
-        let lobes = |text| build::<Materials, Conductor>(text, ()).unwrap().lobes();
-        assert_eq!(lobes("metal = \"Cu\"\ntint = 0"), Lobes::NOTHING);
-        assert_eq!(lobes("metal = \"Cu\""), Lobes::REFLECTION);
+        let lobes = |text| build::<Materials, Conductor>(text, ()).unwrap().flags();
+        assert_eq!(lobes("metal = \"Cu\"\ntint = 0"), BsdfFlags::NOTHING);
+        assert_eq!(lobes("metal = \"Cu\""), BsdfFlags::REFLECTION);
     }
 
     #[test]

@@ -4,12 +4,12 @@ use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::Vector3;
 use whitstone_core::{
-    Branches, ColorSource, DVec3, Distribution, Filter, Illumination, Lobes, Material, Needs, Rgb,
-    SceneError, SceneErrors, SurfacePoint,
+    BsdfFlags, ColorSource, DVec3, GlossyLobe, LightSamples, Material, Rgb, SceneError, SceneErrors,
+    SpecularRays, SurfaceAttributes, SurfaceInteraction, Transmittance,
 };
 
 /// Decodes a colour into a vector: 2 * colour - 1.
-pub(crate) fn coded(colors: &ColorSource, point: &SurfacePoint) -> DVec3 {
+pub(crate) fn coded(colors: &ColorSource, point: &SurfaceInteraction) -> DVec3 {
     DVec3::from_array(colors.value(point).to_array().map(|part| 2.0 * part - 1.0))
 }
 
@@ -46,7 +46,7 @@ impl Frame {
     }
 
     /// Decodes a tangent-space vector into world space; `None` where the tangent is degenerate.
-    pub(crate) fn vector(&self, parts: &ColorSource, point: &SurfacePoint) -> Option<DVec3> {
+    pub(crate) fn vector(&self, parts: &ColorSource, point: &SurfaceInteraction) -> Option<DVec3> {
         let n = point.n_s;
         let t = match self {
             Self::Along(direction) => direction - direction.dot(n) * n,
@@ -61,10 +61,10 @@ impl Frame {
 /// A source of perturbed shading normals.
 pub(crate) trait Detail: Send + Sync {
     /// The surface attributes that it reads.
-    fn needs(&self) -> Needs;
+    fn needs(&self) -> SurfaceAttributes;
 
     /// The unit normal that replaces n_s, on the outside of the surface; `None` to keep n_s.
-    fn normal(&self, point: &SurfacePoint) -> Option<DVec3>;
+    fn normal(&self, point: &SurfaceInteraction) -> Option<DVec3>;
 }
 
 /// A material that is shaded with perturbed normals.
@@ -76,7 +76,7 @@ pub(crate) struct Detailed<D> {
 impl<D: Detail> Detailed<D> {
     /// The point with the perturbed normal. Keeps n_s where the viewer would be on different sides
     /// of the perturbed and the geometric normal.
-    fn at(&self, point: &SurfacePoint, view: DVec3) -> SurfacePoint {
+    fn at(&self, point: &SurfaceInteraction, view: DVec3) -> SurfaceInteraction {
         let mut turned = *point;
         if let Some(n) = self.detail.normal(point)
             && n.dot(view) * point.n_g.dot(view) > 0.0
@@ -88,36 +88,36 @@ impl<D: Detail> Detailed<D> {
 }
 
 impl<D: Detail> Material for Detailed<D> {
-    fn lobes(&self) -> Lobes {
-        self.inner.lobes() | Lobes::OWN_NORMAL
+    fn flags(&self) -> BsdfFlags {
+        self.inner.flags() | BsdfFlags::NORMAL_MAPPED
     }
 
-    fn needs(&self) -> Needs {
-        self.inner.needs() | self.detail.needs() | Needs::SHADING_NORMAL
+    fn needs(&self) -> SurfaceAttributes {
+        self.inner.needs() | self.detail.needs() | SurfaceAttributes::SHADING_NORMAL
     }
 
-    fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
-        self.inner.local(&self.at(point, view), view, light)
+    fn local_illumination(&self, point: &SurfaceInteraction, view: DVec3, light: &LightSamples<'_>) -> Rgb {
+        self.inner.local_illumination(&self.at(point, view), view, light)
     }
 
-    fn emission(&self, point: &SurfacePoint, view: DVec3) -> Rgb {
+    fn emission(&self, point: &SurfaceInteraction, view: DVec3) -> Rgb {
         self.inner.emission(&self.at(point, view), view)
     }
 
-    fn shadow(&self, point: &SurfacePoint, direction: DVec3, filtered: bool) -> Filter {
+    fn shadow(&self, point: &SurfaceInteraction, direction: DVec3, filtered: bool) -> Transmittance {
         self.inner
             .shadow(&self.at(point, -direction), direction, filtered)
     }
 
-    fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
-        self.inner.branches(&self.at(point, view), view, out);
+    fn specular_rays(&self, point: &SurfaceInteraction, view: DVec3, out: &mut SpecularRays) {
+        self.inner.specular_rays(&self.at(point, view), view, out);
     }
 
     fn reflections(&self) -> u32 {
         self.inner.reflections()
     }
 
-    fn distribution(&self, point: &SurfacePoint, view: DVec3) -> Option<Distribution<'_>> {
-        self.inner.distribution(&self.at(point, view), view)
+    fn glossy_lobe(&self, point: &SurfaceInteraction, view: DVec3) -> Option<GlossyLobe<'_>> {
+        self.inner.glossy_lobe(&self.at(point, view), view)
     }
 }

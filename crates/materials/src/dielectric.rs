@@ -15,10 +15,11 @@ use serde::Deserialize;
 use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::{Color, IntegerIn, Positive};
-use whitstone_core::stream::{GROUP, PointStream, groups};
+use whitstone_core::stream::{GROUP, SurfaceStream, groups};
 use whitstone_core::{
-    Branch, BranchKind, BranchStreams, Branches, Context, DVec3, Filter, Lobes, Material, Materials, Needs,
-    Overlapping, Plugin, Rgb, SceneError, SceneErrors, Substance, SurfacePoint, simd, simd::select,
+    BsdfFlags, Context, DVec3, Material, Materials, Medium, Plugin, PrioritizedDielectric, Rgb, SceneError,
+    SceneErrors, SpecularRay, SpecularRayKind, SpecularRayStreams, SpecularRays, SurfaceAttributes,
+    SurfaceInteraction, Transmittance, simd, simd::select,
 };
 
 /// A smooth transparent body: Fresnel reflection and refraction.
@@ -67,7 +68,7 @@ fn clear_outside() -> Spanned<Color> {
 pub struct Dielectric {
     body: Body,
     /// Priority and interior medium of a body that may overlap others.
-    overlaps: Option<(u32, Substance)>,
+    overlaps: Option<(u32, Medium)>,
 }
 
 impl Plugin<Materials> for Dielectric {
@@ -97,42 +98,42 @@ impl Plugin<Materials> for Dielectric {
         let priority = config.priority.map(IntegerIn::get);
         Ok(Arc::new(Self {
             body: Body::new((ior, absorption), exterior),
-            overlaps: priority.map(|priority| (priority, Substance { ior, absorption })),
+            overlaps: priority.map(|priority| (priority, Medium { ior, absorption })),
         }))
     }
 }
 
 impl Material for Dielectric {
-    fn lobes(&self) -> Lobes {
+    fn flags(&self) -> BsdfFlags {
         // The medium in front of an interface is unknown here if the body may overlap others.
         if self.body.is_open() && self.overlaps.is_none() {
-            Lobes::TRANSMISSION | Lobes::FILTERS
+            BsdfFlags::TRANSMISSION | BsdfFlags::TRANSPARENT_SHADOWS
         } else {
-            Lobes::REFLECTION | Lobes::TRANSMISSION | Lobes::FILTERS
+            BsdfFlags::REFLECTION | BsdfFlags::TRANSMISSION | BsdfFlags::TRANSPARENT_SHADOWS
         }
     }
 
-    fn overlapping(&self) -> Option<&dyn Overlapping> {
+    fn prioritized(&self) -> Option<&dyn PrioritizedDielectric> {
         self.overlaps.is_some().then_some(self)
     }
 
-    fn needs(&self) -> Needs {
-        Needs::SHADING_NORMAL
+    fn needs(&self) -> SurfaceAttributes {
+        SurfaceAttributes::SHADING_NORMAL
     }
 
-    fn shadow(&self, point: &SurfacePoint, direction: DVec3, filtered: bool) -> Filter {
+    fn shadow(&self, point: &SurfaceInteraction, direction: DVec3, filtered: bool) -> Transmittance {
         if !filtered {
-            return Filter::OPAQUE;
+            return Transmittance::OPAQUE;
         }
         let weight = Rgb::splat(self.body.unbent(point, direction));
         self.body.filter(point, direction, weight)
     }
 
-    fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
+    fn specular_rays(&self, point: &SurfaceInteraction, view: DVec3, out: &mut SpecularRays) {
         Split::new(&self.body, point, view).push(out);
     }
 
-    fn branches_stream(&self, points: &PointStream, out: &mut BranchStreams) {
+    fn specular_rays_stream(&self, points: &SurfaceStream, out: &mut SpecularRayStreams) {
         simd::dispatch(
             #[inline(always)]
             || {
@@ -165,7 +166,7 @@ struct Split {
 
 impl Split {
     #[inline(always)]
-    fn new(body: &Body, point: &SurfacePoint, view: DVec3) -> Self {
+    fn new(body: &Body, point: &SurfaceInteraction, view: DVec3) -> Self {
         let passage = body.passage(point, view);
         let (crossing, eta) = (&passage.crossing, passage.interface.eta());
         let fresnel = passage.interface.fresnel(crossing);
@@ -180,19 +181,19 @@ impl Split {
         }
     }
 
-    fn push(&self, out: &mut Branches) {
+    fn push(&self, out: &mut SpecularRays) {
         if self.reflectance > 0.0 {
-            out.push(Branch {
+            out.push(SpecularRay {
                 direction: self.reflected,
                 weight: Rgb::splat(self.reflectance),
-                kind: BranchKind::Reflection,
+                kind: SpecularRayKind::Reflection,
             });
         }
         if self.transmittance > 0.0 {
-            out.push(Branch {
+            out.push(SpecularRay {
                 direction: self.transmitted,
                 weight: Rgb::splat(self.transmittance),
-                kind: BranchKind::Transmission {
+                kind: SpecularRayKind::Transmission {
                     absorption: self.absorption,
                 },
             });
@@ -202,8 +203,8 @@ impl Split {
 
 /// The body equivalent to an interface between two media. `from` is the medium on the side of the
 /// viewer in direction `view`.
-fn between(point: &SurfacePoint, view: DVec3, from: Substance, to: Substance) -> Body {
-    let [from, to] = [from, to].map(|substance| (substance.ior, substance.absorption));
+fn between(point: &SurfaceInteraction, view: DVec3, from: Medium, to: Medium) -> Body {
+    let [from, to] = [from, to].map(|medium| (medium.ior, medium.absorption));
     if point.n_g.dot(view) > 0.0 {
         Body::new(to, from)
     } else {
@@ -211,27 +212,33 @@ fn between(point: &SurfacePoint, view: DVec3, from: Substance, to: Substance) ->
     }
 }
 
-impl Overlapping for Dielectric {
+impl PrioritizedDielectric for Dielectric {
     fn priority(&self) -> u32 {
         self.overlaps.map_or(0, |(priority, _)| priority)
     }
 
-    fn substance(&self) -> Substance {
-        self.overlaps.map_or(Substance::NONE, |(_, substance)| substance)
+    fn medium(&self) -> Medium {
+        self.overlaps.map_or(Medium::NONE, |(_, medium)| medium)
     }
 
-    fn branches_between(
+    fn specular_rays_between(
         &self,
-        point: &SurfacePoint,
+        point: &SurfaceInteraction,
         view: DVec3,
-        from: Substance,
-        to: Substance,
-        out: &mut Branches,
+        from: Medium,
+        to: Medium,
+        out: &mut SpecularRays,
     ) {
         Split::new(&between(point, view, from, to), point, view).push(out);
     }
 
-    fn filter_between(&self, point: &SurfacePoint, direction: DVec3, from: Substance, to: Substance) -> Rgb {
+    fn transmittance_between(
+        &self,
+        point: &SurfaceInteraction,
+        direction: DVec3,
+        from: Medium,
+        to: Medium,
+    ) -> Rgb {
         Rgb::splat(between(point, -direction, from, to).unbent(point, direction))
     }
 }
@@ -241,12 +248,12 @@ mod tests {
     use super::*;
     use whitstone_testkit::{build, dielectric_laws, material_laws};
 
-    fn branches(text: &str, n_g: DVec3, view: DVec3) -> Vec<Branch> {
-        let mut out = Branches::default();
-        let point = SurfacePoint::new(DVec3::ZERO, 0.0, n_g);
+    fn specular_rays(text: &str, n_g: DVec3, view: DVec3) -> Vec<SpecularRay> {
+        let mut out = SpecularRays::default();
+        let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, n_g);
         build::<Materials, Dielectric>(text, ())
             .unwrap()
-            .branches(&point, view, &mut out);
+            .specular_rays(&point, view, &mut out);
         out.iter().copied().collect()
     }
 
@@ -270,7 +277,7 @@ mod tests {
 
     #[test]
     fn normal_incidence_on_glass() {
-        let outside = branches("absorption = 2\nexterior_absorption = 3", DVec3::Z, DVec3::Z);
+        let outside = specular_rays("absorption = 2\nexterior_absorption = 3", DVec3::Z, DVec3::Z);
         let [r, t] = outside[..] else {
             panic!("{outside:?}")
         };
@@ -279,15 +286,15 @@ mod tests {
         assert_eq!((r.direction, t.direction), (DVec3::Z, DVec3::NEG_Z));
         assert_eq!(
             t.kind,
-            BranchKind::Transmission {
+            SpecularRayKind::Transmission {
                 absorption: Rgb::splat(2.0)
             }
         );
-        let inside = branches("absorption = 2\nexterior_absorption = 3", DVec3::NEG_Z, DVec3::Z);
+        let inside = specular_rays("absorption = 2\nexterior_absorption = 3", DVec3::NEG_Z, DVec3::Z);
         assert!((inside[1].weight.g - 0.96 * 2.25).abs() < 1e-15);
         assert_eq!(
             inside[1].kind,
-            BranchKind::Transmission {
+            SpecularRayKind::Transmission {
                 absorption: Rgb::splat(3.0)
             }
         );
@@ -295,27 +302,30 @@ mod tests {
 
     #[test]
     fn total_internal_reflection_is_one_branch() {
-        let found = branches("", DVec3::NEG_Z, DVec3::new(0.8, 0.0, 0.6));
+        let found = specular_rays("", DVec3::NEG_Z, DVec3::new(0.8, 0.0, 0.6));
         let [r] = found[..] else { panic!("{found:?}") };
-        assert_eq!((r.weight, r.kind), (Rgb::WHITE, BranchKind::Reflection));
+        assert_eq!((r.weight, r.kind), (Rgb::WHITE, SpecularRayKind::Reflection));
     }
 
     #[test]
     fn equal_indices_are_not_there() {
         let view = DVec3::new(0.3, 0.1, 0.7).normalize();
-        let found = branches("interior_ior = 1.2\nexterior_ior = 1.2", DVec3::Z, view);
+        let found = specular_rays("interior_ior = 1.2\nexterior_ior = 1.2", DVec3::Z, view);
         let [t] = found[..] else { panic!("{found:?}") };
         assert_eq!((t.direction, t.weight), (-view, Rgb::WHITE));
         let material = build::<Materials, Dielectric>("interior_ior = 1", ()).unwrap();
-        assert_eq!(material.lobes(), Lobes::TRANSMISSION | Lobes::FILTERS);
+        assert_eq!(
+            material.flags(),
+            BsdfFlags::TRANSMISSION | BsdfFlags::TRANSPARENT_SHADOWS
+        );
     }
 
     #[test]
     fn filtered_shadows_lose_as_much_at_both_faces() {
         let text = "absorption = 2\nexterior_absorption = 3";
         let material = build::<Materials, Dielectric>(text, ()).unwrap();
-        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
-        assert_eq!(material.shadow(&point, DVec3::Z, false), Filter::OPAQUE);
+        let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
+        assert_eq!(material.shadow(&point, DVec3::Z, false), Transmittance::OPAQUE);
         let (down, up) = (DVec3::new(0.8, 0.0, -0.6), DVec3::new(0.8, 0.0, 0.6));
         let (inwards, outwards) = (
             material.shadow(&point, down, true),
@@ -338,30 +348,30 @@ mod tests {
     fn a_priority_changes_nothing_but_what_the_faces_are_between() {
         let build = |text: &str| build::<Materials, Dielectric>(text, ()).unwrap();
         let ranked = build("interior_ior = 1.33\nabsorption = 2\npriority = 3");
-        let body = ranked.overlapping().unwrap();
-        assert_eq!((body.priority(), body.substance().ior), (3, 1.33));
+        let body = ranked.prioritized().unwrap();
+        assert_eq!((body.priority(), body.medium().ior), (3, 1.33));
         assert_eq!(
-            ranked.lobes(),
-            Lobes::REFLECTION | Lobes::TRANSMISSION | Lobes::FILTERS
+            ranked.flags(),
+            BsdfFlags::REFLECTION | BsdfFlags::TRANSMISSION | BsdfFlags::TRANSPARENT_SHADOWS
         );
         let named = build("interior_ior = 1.33\nabsorption = 2\nexterior_ior = 1.6\nexterior_absorption = 5");
-        assert!(named.overlapping().is_none());
-        let glass = Substance {
+        assert!(named.prioritized().is_none());
+        let glass = Medium {
             ior: 1.6,
             absorption: Rgb::splat(5.0),
         };
         let view = DVec3::new(0.3, 0.1, 0.7).normalize();
         for n in [DVec3::Z, DVec3::NEG_Z] {
-            let point = SurfacePoint::new(DVec3::ZERO, 0.0, n);
+            let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, n);
             let (from, to) = match n == DVec3::Z {
-                true => (glass, body.substance()),
-                false => (body.substance(), glass),
+                true => (glass, body.medium()),
+                false => (body.medium(), glass),
             };
-            let (mut found, mut expected) = (Branches::default(), Branches::default());
-            body.branches_between(&point, view, from, to, &mut found);
-            named.branches(&point, view, &mut expected);
+            let (mut found, mut expected) = (SpecularRays::default(), SpecularRays::default());
+            body.specular_rays_between(&point, view, from, to, &mut found);
+            named.specular_rays(&point, view, &mut expected);
             assert!(found.iter().eq(expected.iter()));
-            let filter = body.filter_between(&point, -view, from, to);
+            let filter = body.transmittance_between(&point, -view, from, to);
             assert_eq!(filter, named.shadow(&point, -view, true).weight);
         }
     }

@@ -11,10 +11,10 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::{MaterialRef, TextureRef};
-use whitstone_core::stream::{Colors, PointStream, SampleStreams};
+use whitstone_core::stream::{Colors, SampleStreams, SurfaceStream};
 use whitstone_core::{
-    BranchStreams, Branches, ColorSource, Context, DVec3, Distribution, Filter, Illumination, Lobes,
-    Material, Materials, Needs, Plugin, Rgb, SceneErrors, SurfacePoint,
+    BsdfFlags, ColorSource, Context, DVec3, GlossyLobe, LightSamples, Material, Materials, Plugin, Rgb,
+    SceneErrors, SpecularRayStreams, SpecularRays, SurfaceAttributes, SurfaceInteraction, Transmittance,
 };
 
 /// A surface that emits light by itself, on top of any other material.
@@ -44,12 +44,12 @@ pub struct Emissive {
 struct Black;
 
 impl Material for Black {
-    fn lobes(&self) -> Lobes {
-        Lobes::NOTHING
+    fn flags(&self) -> BsdfFlags {
+        BsdfFlags::NOTHING
     }
 
-    fn needs(&self) -> Needs {
-        Needs::NOTHING
+    fn needs(&self) -> SurfaceAttributes {
+        SurfaceAttributes::NOTHING
     }
 }
 
@@ -72,48 +72,54 @@ impl Plugin<Materials> for Emissive {
 }
 
 impl Material for Emissive {
-    fn lobes(&self) -> Lobes {
+    fn flags(&self) -> BsdfFlags {
         if self.radiance.is_black() {
-            self.under.lobes()
+            self.under.flags()
         } else {
-            self.under.lobes() | Lobes::EMISSION
+            self.under.flags() | BsdfFlags::EMISSION
         }
     }
 
-    fn needs(&self) -> Needs {
+    fn needs(&self) -> SurfaceAttributes {
         self.under.needs() | self.radiance.needs()
     }
 
-    fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
-        self.under.local(point, view, light)
+    fn local_illumination(&self, point: &SurfaceInteraction, view: DVec3, light: &LightSamples<'_>) -> Rgb {
+        self.under.local_illumination(point, view, light)
     }
 
-    fn local_stream(&self, points: &PointStream, ambient: Rgb, lights: &SampleStreams, out: &mut Colors) {
-        self.under.local_stream(points, ambient, lights, out);
+    fn local_illumination_stream(
+        &self,
+        points: &SurfaceStream,
+        ambient: Rgb,
+        lights: &SampleStreams,
+        out: &mut Colors,
+    ) {
+        self.under.local_illumination_stream(points, ambient, lights, out);
     }
 
-    fn emission(&self, point: &SurfacePoint, view: DVec3) -> Rgb {
+    fn emission(&self, point: &SurfaceInteraction, view: DVec3) -> Rgb {
         self.radiance.value(point) + self.under.emission(point, view)
     }
 
-    fn shadow(&self, point: &SurfacePoint, direction: DVec3, filtered: bool) -> Filter {
+    fn shadow(&self, point: &SurfaceInteraction, direction: DVec3, filtered: bool) -> Transmittance {
         self.under.shadow(point, direction, filtered)
     }
 
-    fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
-        self.under.branches(point, view, out);
+    fn specular_rays(&self, point: &SurfaceInteraction, view: DVec3, out: &mut SpecularRays) {
+        self.under.specular_rays(point, view, out);
     }
 
-    fn branches_stream(&self, points: &PointStream, out: &mut BranchStreams) {
-        self.under.branches_stream(points, out);
+    fn specular_rays_stream(&self, points: &SurfaceStream, out: &mut SpecularRayStreams) {
+        self.under.specular_rays_stream(points, out);
     }
 
     fn reflections(&self) -> u32 {
         self.under.reflections()
     }
 
-    fn distribution(&self, point: &SurfacePoint, view: DVec3) -> Option<Distribution<'_>> {
-        self.under.distribution(point, view)
+    fn glossy_lobe(&self, point: &SurfaceInteraction, view: DVec3) -> Option<GlossyLobe<'_>> {
+        self.under.glossy_lobe(point, view)
     }
 }
 
@@ -138,20 +144,20 @@ mod tests {
         let mut context = TestContext::default().with_material::<Mirror>("under", "reflectance = 0.5");
         let text = "radiance = [2, 1, 0]\nmaterial = \"under\"";
         let material = build_in::<Materials, Emissive>(text, (), &mut context).unwrap();
-        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
         for view in [DVec3::Z, DVec3::NEG_Z] {
             assert_eq!(material.emission(&point, view), Rgb::new(2.0, 1.0, 0.0));
         }
-        let mut branches = Branches::default();
-        material.branches(&point, DVec3::Z, &mut branches);
+        let mut branches = SpecularRays::default();
+        material.specular_rays(&point, DVec3::Z, &mut branches);
         assert_eq!(branches.iter().next().unwrap().weight, Rgb::splat(0.5));
     }
 
     #[test]
     fn lobes_are_exact() {
-        let lobes = |text| build::<Materials, Emissive>(text, ()).unwrap().lobes();
-        assert_eq!(lobes("radiance = 0"), Lobes::NOTHING);
-        assert_eq!(lobes(""), Lobes::EMISSION);
+        let lobes = |text| build::<Materials, Emissive>(text, ()).unwrap().flags();
+        assert_eq!(lobes("radiance = 0"), BsdfFlags::NOTHING);
+        assert_eq!(lobes(""), BsdfFlags::EMISSION);
     }
 
     #[test]

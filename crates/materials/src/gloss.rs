@@ -2,7 +2,9 @@
 
 use crate::optics::{cosine_power, reflect};
 use whitstone_core::config::TextureRef;
-use whitstone_core::{ColorSource, Context, DVec3, Illumination, Needs, Rgb, SceneErrors, SurfacePoint};
+use whitstone_core::{
+    ColorSource, Context, DVec3, LightSamples, Rgb, SceneErrors, SurfaceAttributes, SurfaceInteraction,
+};
 
 /// `k_a I_a + sum of (k_d [n·l]+ + k_s highlight^exponent) E`.
 pub(crate) struct Gloss {
@@ -52,16 +54,16 @@ impl Gloss {
         self.k_a.is_black() && self.k_d.is_black() && self.k_s.is_black()
     }
 
-    pub(crate) fn needs(&self) -> Needs {
-        Needs::SHADING_NORMAL | self.k_a.needs() | self.k_d.needs() | self.k_s.needs()
+    pub(crate) fn needs(&self) -> SurfaceAttributes {
+        SurfaceAttributes::SHADING_NORMAL | self.k_a.needs() | self.k_d.needs() | self.k_s.needs()
     }
 
-    pub(crate) fn local(
+    pub(crate) fn local_illumination(
         &self,
         highlight: Highlight,
-        point: &SurfacePoint,
+        point: &SurfaceInteraction,
         view: DVec3,
-        light: &Illumination<'_>,
+        light: &LightSamples<'_>,
     ) -> Rgb {
         let mut sum = if light.ambient.is_black() {
             Rgb::BLACK

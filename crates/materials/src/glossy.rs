@@ -19,8 +19,8 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 use std::sync::Arc;
 use whitstone_core::config::{IntegerIn, Positive, TextureRef};
 use whitstone_core::{
-    Branch, BranchKind, Branches, ColorSource, Context, DVec3, Distribution, Lobes, Material, Materials,
-    Needs, Plugin, SceneErrors, SurfacePoint,
+    BsdfFlags, ColorSource, Context, DVec3, GlossyLobe, Material, Materials, Plugin, SceneErrors,
+    SpecularRay, SpecularRayKind, SpecularRays, SurfaceAttributes, SurfaceInteraction,
 };
 
 /// A mirror on both sides whose reflections are blurred by samples² fixed directions around the
@@ -104,23 +104,23 @@ fn on_disk(p: f64, q: f64) -> (f64, f64) {
 }
 
 impl Material for Glossy {
-    fn lobes(&self) -> Lobes {
+    fn flags(&self) -> BsdfFlags {
         if self.reflectance.is_black() {
-            Lobes::NOTHING
+            BsdfFlags::NOTHING
         } else {
-            Lobes::REFLECTION
+            BsdfFlags::REFLECTION
         }
     }
 
-    fn needs(&self) -> Needs {
-        Needs::SHADING_NORMAL | self.reflectance.needs()
+    fn needs(&self) -> SurfaceAttributes {
+        SurfaceAttributes::SHADING_NORMAL | self.reflectance.needs()
     }
 
-    fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
-        out.push(Branch {
+    fn specular_rays(&self, point: &SurfaceInteraction, view: DVec3, out: &mut SpecularRays) {
+        out.push(SpecularRay {
             direction: reflect(point.n_towards(view), view),
             weight: self.reflectance.value(point),
-            kind: BranchKind::Reflection,
+            kind: SpecularRayKind::Reflection,
         });
     }
 
@@ -128,8 +128,8 @@ impl Material for Glossy {
         self.lobe.len() as u32
     }
 
-    fn distribution(&self, point: &SurfacePoint, view: DVec3) -> Option<Distribution<'_>> {
-        (self.lobe.len() > 1).then(|| Distribution {
+    fn glossy_lobe(&self, point: &SurfaceInteraction, view: DVec3) -> Option<GlossyLobe<'_>> {
+        (self.lobe.len() > 1).then(|| GlossyLobe {
             n: point.n_towards(view),
             lobe: &self.lobe,
         })
@@ -163,11 +163,11 @@ mod tests {
         }
     }
 
-    fn directions(material: &dyn Material, point: &SurfacePoint, view: DVec3) -> Vec<DVec3> {
-        let mut branches = Branches::default();
-        material.branches(point, view, &mut branches);
+    fn directions(material: &dyn Material, point: &SurfaceInteraction, view: DVec3) -> Vec<DVec3> {
+        let mut branches = SpecularRays::default();
+        material.specular_rays(point, view, &mut branches);
         let mirrored = branches.iter().next().unwrap().direction;
-        let spread = material.distribution(point, view);
+        let spread = material.glossy_lobe(point, view);
         spread.map_or_else(|| vec![mirrored], |spread| spread.directions(mirrored).collect())
     }
 
@@ -194,11 +194,11 @@ mod tests {
 
     #[test]
     fn one_sample_is_a_mirror_and_large_exponents_tend_to_it() {
-        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Y);
+        let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Y);
         let view = DVec3::new(0.6, 0.8, 0.0);
         let mirrored = DVec3::new(-0.6, 0.8, 0.0);
         assert_eq!(glossy("samples = 1").reflections(), 1);
-        assert!(glossy("samples = 1").distribution(&point, view).is_none());
+        assert!(glossy("samples = 1").glossy_lobe(&point, view).is_none());
         let mut last = 2.0;
         for exponent in ["1", "1e2", "1e4", "1e6", "1e12", "1e300"] {
             let material = glossy(&format!("exponent = {exponent}"));
@@ -219,7 +219,7 @@ mod tests {
             -DVec3::new(0.48, 0.64, 0.6),
             DVec3::new(1.0, -2.0, 0.5).normalize(),
         ] {
-            let point = SurfacePoint::new(DVec3::ZERO, 0.0, n);
+            let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, n);
             let view = (n + 0.7 * n.any_orthonormal_vector()).normalize();
             for text in ["", "samples = 3", "samples = 8\nexponent = 2"] {
                 let material = glossy(text);
@@ -245,7 +245,7 @@ mod tests {
             .with_material::<Mirror>("mirror", "")
             .with_material::<Glossy>("smooth", "samples = 1")
             .with_material::<Dielectric>("glass", "");
-        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Y);
+        let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Y);
         let view = DVec3::new(0.6, 0.8, 0.0);
         let expected = directions(&*glossy(""), &point, view);
         let text = "a = \"matte\"\nb = \"glossy\"";
@@ -255,8 +255,8 @@ mod tests {
             material_laws(&**material);
             furnace_laws(&**material);
             assert_eq!(directions(&**material, &point, view), expected);
-            let mut branches = Branches::default();
-            material.branches(&point, view, &mut branches);
+            let mut branches = SpecularRays::default();
+            material.specular_rays(&point, view, &mut branches);
             assert_eq!(branches.iter().next().unwrap().weight, Rgb::splat(0.25));
         }
         let flat =

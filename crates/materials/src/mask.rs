@@ -13,8 +13,9 @@ use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::{MaterialRef, TextureRef};
 use whitstone_core::{
-    Branch, BranchKind, Branches, ColorSource, Context, DVec3, Distribution, Filter, Illumination, Lobes,
-    Material, Materials, Needs, Plugin, Rgb, SceneError, SceneErrors, SurfacePoint,
+    BsdfFlags, ColorSource, Context, DVec3, GlossyLobe, LightSamples, Material, Materials, Plugin, Rgb,
+    SceneError, SceneErrors, SpecularRay, SpecularRayKind, SpecularRays, SurfaceAttributes,
+    SurfaceInteraction, Transmittance,
 };
 
 /// A material with holes through which rays and shadow rays pass straight.
@@ -47,7 +48,7 @@ impl Plugin<Materials> for Mask {
         let opacity = errors.take(share(&config.opacity, "an opacity", context));
         let inner = errors.take(context.material(&config.material));
         if let Some(inner) = &inner
-            && inner.lobes().intersects(Lobes::TRANSMISSION)
+            && inner.flags().intersects(BsdfFlags::TRANSMISSION)
         {
             let message = "what refracts cannot have holes: a ray would go on in two directions";
             errors
@@ -66,42 +67,42 @@ fn complement(opacity: Rgb) -> Rgb {
 }
 
 impl Material for Mask {
-    fn lobes(&self) -> Lobes {
+    fn flags(&self) -> BsdfFlags {
         match self.opacity {
-            ColorSource::Constant(Rgb::WHITE) => self.inner.lobes(),
-            ColorSource::Constant(Rgb::BLACK) => Lobes::STRAIGHT | Lobes::HOLES,
-            _ => self.inner.lobes() | Lobes::STRAIGHT | Lobes::HOLES,
+            ColorSource::Constant(Rgb::WHITE) => self.inner.flags(),
+            ColorSource::Constant(Rgb::BLACK) => BsdfFlags::NULL | BsdfFlags::CUT_OUTS,
+            _ => self.inner.flags() | BsdfFlags::NULL | BsdfFlags::CUT_OUTS,
         }
     }
 
-    fn needs(&self) -> Needs {
+    fn needs(&self) -> SurfaceAttributes {
         self.opacity.needs() | self.inner.needs()
     }
 
-    fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
-        self.inner.local(point, view, light) * self.opacity.value(point)
+    fn local_illumination(&self, point: &SurfaceInteraction, view: DVec3, light: &LightSamples<'_>) -> Rgb {
+        self.inner.local_illumination(point, view, light) * self.opacity.value(point)
     }
 
-    fn emission(&self, point: &SurfacePoint, view: DVec3) -> Rgb {
+    fn emission(&self, point: &SurfaceInteraction, view: DVec3) -> Rgb {
         self.inner.emission(point, view) * self.opacity.value(point)
     }
 
-    fn shadow(&self, point: &SurfacePoint, direction: DVec3, filtered: bool) -> Filter {
+    fn shadow(&self, point: &SurfaceInteraction, direction: DVec3, filtered: bool) -> Transmittance {
         let opacity = self.opacity.value(point);
         let inner = self.inner.shadow(point, direction, filtered);
-        Filter::straight(complement(opacity) + inner.weight * opacity)
+        Transmittance::straight(complement(opacity) + inner.weight * opacity)
     }
 
-    fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
+    fn specular_rays(&self, point: &SurfaceInteraction, view: DVec3, out: &mut SpecularRays) {
         let opacity = self.opacity.value(point);
-        let mut inner = Branches::default();
-        self.inner.branches(point, view, &mut inner);
+        let mut inner = SpecularRays::default();
+        self.inner.specular_rays(point, view, &mut inner);
         out.merge(&inner, opacity);
-        let mut hole = Branches::default();
-        hole.push(Branch {
+        let mut hole = SpecularRays::default();
+        hole.push(SpecularRay {
             direction: -view,
             weight: complement(opacity),
-            kind: BranchKind::Straight,
+            kind: SpecularRayKind::Null,
         });
         out.merge(&hole, Rgb::WHITE);
     }
@@ -110,8 +111,8 @@ impl Material for Mask {
         self.inner.reflections()
     }
 
-    fn distribution(&self, point: &SurfacePoint, view: DVec3) -> Option<Distribution<'_>> {
-        self.inner.distribution(point, view)
+    fn glossy_lobe(&self, point: &SurfaceInteraction, view: DVec3) -> Option<GlossyLobe<'_>> {
+        self.inner.glossy_lobe(point, view)
     }
 }
 
@@ -150,36 +151,36 @@ mod tests {
 
     #[test]
     fn shares_of_what_is_there_and_of_what_is_behind() {
-        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
-        let ambient = Illumination {
+        let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let ambient = LightSamples {
             ambient: Rgb::splat(4.0),
             lights: &[],
         };
         let material = mask("material = \"matte\"\nopacity = [0, 0.25, 1]").unwrap();
-        let local = material.local(&point, DVec3::Z, &ambient);
+        let local = material.local_illumination(&point, DVec3::Z, &ambient);
         assert_eq!(local, Rgb::new(0.0, 0.5, 2.0));
-        let mut branches = Branches::default();
-        material.branches(&point, DVec3::Z, &mut branches);
-        let all: Vec<Branch> = branches.iter().copied().collect();
-        let expected = Branch {
+        let mut branches = SpecularRays::default();
+        material.specular_rays(&point, DVec3::Z, &mut branches);
+        let all: Vec<SpecularRay> = branches.iter().copied().collect();
+        let expected = SpecularRay {
             direction: DVec3::NEG_Z,
             weight: Rgb::new(1.0, 0.75, 0.0),
-            kind: BranchKind::Straight,
+            kind: SpecularRayKind::Null,
         };
         assert_eq!(all, [expected]);
         // Holes let light through even if shadows are not filtered.
         assert_eq!(
             material.shadow(&point, DVec3::Z, false),
-            Filter::straight(expected.weight)
+            Transmittance::straight(expected.weight)
         );
     }
 
     #[test]
     fn a_pane_with_holes_goes_on_in_one_branch() {
         let material = mask("material = \"pane\"\nopacity = 0.5").unwrap();
-        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
-        let mut branches = Branches::default();
-        material.branches(&point, DVec3::Z, &mut branches);
+        let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let mut branches = SpecularRays::default();
+        material.specular_rays(&point, DVec3::Z, &mut branches);
         let weights: Vec<f64> = branches.iter().map(|branch| branch.weight.g).collect();
         let expected = [0.5 * 0.08 / 1.04, 0.5 + 0.25 * 0.96 / 1.04];
         for (a, b) in weights.iter().zip(expected) {
@@ -192,10 +193,10 @@ mod tests {
 
     #[test]
     fn lobes_are_exact() {
-        let lobes = |text| mask(text).unwrap().lobes();
-        let hole = Lobes::STRAIGHT | Lobes::HOLES;
-        assert_eq!(lobes("material = \"matte\""), Lobes::LOCAL | hole);
-        assert_eq!(lobes("material = \"matte\"\nopacity = 1"), Lobes::LOCAL);
+        let lobes = |text| mask(text).unwrap().flags();
+        let hole = BsdfFlags::NULL | BsdfFlags::CUT_OUTS;
+        assert_eq!(lobes("material = \"matte\""), BsdfFlags::LOCAL | hole);
+        assert_eq!(lobes("material = \"matte\"\nopacity = 1"), BsdfFlags::LOCAL);
         assert_eq!(lobes("material = \"matte\"\nopacity = 0"), hole);
     }
 

@@ -11,10 +11,10 @@ use serde::Deserialize;
 use std::f64::consts::FRAC_1_PI;
 use std::sync::Arc;
 use whitstone_core::config::TextureRef;
-use whitstone_core::stream::{Colors, GROUP, PointStream, SampleStreams, groups};
+use whitstone_core::stream::{Colors, GROUP, SampleStreams, SurfaceStream, groups};
 use whitstone_core::{
-    ColorSource, Context, DVec3, Illumination, Lobes, Material, Materials, Needs, Plugin, Rgb, SceneErrors,
-    SurfacePoint, simd,
+    BsdfFlags, ColorSource, Context, DVec3, LightSamples, Material, Materials, Plugin, Rgb, SceneErrors,
+    SurfaceAttributes, SurfaceInteraction, simd,
 };
 
 /// Lambertian diffuse reflection: the reflected radiance is the same in all directions.
@@ -46,19 +46,19 @@ impl Plugin<Materials> for Matte {
 }
 
 impl Material for Matte {
-    fn lobes(&self) -> Lobes {
+    fn flags(&self) -> BsdfFlags {
         if self.reflectance.is_black() {
-            Lobes::NOTHING
+            BsdfFlags::NOTHING
         } else {
-            Lobes::LOCAL
+            BsdfFlags::LOCAL
         }
     }
 
-    fn needs(&self) -> Needs {
-        Needs::SHADING_NORMAL | self.reflectance.needs()
+    fn needs(&self) -> SurfaceAttributes {
+        SurfaceAttributes::SHADING_NORMAL | self.reflectance.needs()
     }
 
-    fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
+    fn local_illumination(&self, point: &SurfaceInteraction, view: DVec3, light: &LightSamples<'_>) -> Rgb {
         let n = point.n_towards(view);
         let mut irradiance = Rgb::BLACK;
         for incoming in light.lights {
@@ -67,7 +67,13 @@ impl Material for Matte {
         self.reflectance.value(point) * (light.ambient + irradiance * FRAC_1_PI)
     }
 
-    fn local_stream(&self, points: &PointStream, ambient: Rgb, lights: &SampleStreams, out: &mut Colors) {
+    fn local_illumination_stream(
+        &self,
+        points: &SurfaceStream,
+        ambient: Rgb,
+        lights: &SampleStreams,
+        out: &mut Colors,
+    ) {
         self.reflectance.value_stream(points, out);
         simd::dispatch(
             #[inline(always)]
@@ -95,7 +101,7 @@ impl Material for Matte {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::Incoming;
+    use whitstone_core::LightLiSample;
     use whitstone_testkit::build;
 
     whitstone_testkit::material_laws!(
@@ -109,31 +115,31 @@ mod tests {
     #[test]
     fn the_closed_form() {
         let material = build::<Materials, Matte>("reflectance = 0.5", ()).unwrap();
-        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
         let lights = [
-            Incoming {
+            LightLiSample {
                 direction: DVec3::new(0.6, 0.0, 0.8),
                 irradiance: Rgb::splat(2.0),
             },
-            Incoming {
+            LightLiSample {
                 direction: DVec3::Z,
                 irradiance: Rgb::new(1.0, 0.0, 0.0),
             },
         ];
-        let light = Illumination {
+        let light = LightSamples {
             ambient: Rgb::splat(4.0),
             lights: &lights,
         };
-        let found = material.local(&point, DVec3::Z, &light);
+        let found = material.local_illumination(&point, DVec3::Z, &light);
         assert!((found.r - (2.0 + 0.5 * 2.6 / std::f64::consts::PI)).abs() < 1e-15);
         assert!((found.g - (2.0 + 0.5 * 1.6 / std::f64::consts::PI)).abs() < 1e-15);
     }
 
     #[test]
     fn lobes_are_exact() {
-        let lobes = |text| build::<Materials, Matte>(text, ()).unwrap().lobes();
-        assert_eq!(lobes("reflectance = [0, 0, 0]"), Lobes::NOTHING);
-        assert_eq!(lobes("reflectance = [0, 1e-9, 0]"), Lobes::LOCAL);
+        let lobes = |text| build::<Materials, Matte>(text, ()).unwrap().flags();
+        assert_eq!(lobes("reflectance = [0, 0, 0]"), BsdfFlags::NOTHING);
+        assert_eq!(lobes("reflectance = [0, 1e-9, 0]"), BsdfFlags::LOCAL);
     }
 
     #[test]

@@ -11,10 +11,10 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::TextureRef;
-use whitstone_core::stream::{GROUP, PointStream, groups};
+use whitstone_core::stream::{GROUP, SurfaceStream, groups};
 use whitstone_core::{
-    Branch, BranchKind, BranchStreams, Branches, ColorSource, Context, DVec3, Lobes, Material, Materials,
-    Needs, Plugin, Rgb, SceneErrors, SurfacePoint, simd,
+    BsdfFlags, ColorSource, Context, DVec3, Material, Materials, Plugin, Rgb, SceneErrors, SpecularRay,
+    SpecularRayKind, SpecularRayStreams, SpecularRays, SurfaceAttributes, SurfaceInteraction, simd,
 };
 
 /// A perfect mirror on both sides.
@@ -47,27 +47,27 @@ impl Plugin<Materials> for Mirror {
 }
 
 impl Material for Mirror {
-    fn lobes(&self) -> Lobes {
+    fn flags(&self) -> BsdfFlags {
         if self.reflectance.is_black() {
-            Lobes::NOTHING
+            BsdfFlags::NOTHING
         } else {
-            Lobes::REFLECTION
+            BsdfFlags::REFLECTION
         }
     }
 
-    fn needs(&self) -> Needs {
-        Needs::SHADING_NORMAL | self.reflectance.needs()
+    fn needs(&self) -> SurfaceAttributes {
+        SurfaceAttributes::SHADING_NORMAL | self.reflectance.needs()
     }
 
-    fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
-        out.push(Branch {
+    fn specular_rays(&self, point: &SurfaceInteraction, view: DVec3, out: &mut SpecularRays) {
+        out.push(SpecularRay {
             direction: reflect(point.n_towards(view), view),
             weight: self.reflectance.value(point),
-            kind: BranchKind::Reflection,
+            kind: SpecularRayKind::Reflection,
         });
     }
 
-    fn branches_stream(&self, points: &PointStream, out: &mut BranchStreams) {
+    fn specular_rays_stream(&self, points: &SurfaceStream, out: &mut SpecularRayStreams) {
         self.reflectance.value_stream(points, &mut out.reflection.weight);
         out.transmission.weight.fill(points.len, Rgb::BLACK);
         simd::dispatch(
@@ -103,10 +103,10 @@ mod tests {
     #[test]
     fn both_sides_reflect() {
         let material = build::<Materials, Mirror>("reflectance = [1, 0.5, 0]", ()).unwrap();
-        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
         for side in [1.0, -1.0] {
-            let mut branches = Branches::default();
-            material.branches(&point, DVec3::new(0.6, 0.0, side * 0.8), &mut branches);
+            let mut branches = SpecularRays::default();
+            material.specular_rays(&point, DVec3::new(0.6, 0.0, side * 0.8), &mut branches);
             let branch = branches.iter().next().unwrap();
             assert!((branch.direction - DVec3::new(-0.6, 0.0, side * 0.8)).length() < 1e-15);
             assert_eq!(branch.weight, Rgb::new(1.0, 0.5, 0.0));
@@ -115,9 +115,9 @@ mod tests {
 
     #[test]
     fn lobes_are_exact() {
-        let lobes = |text| build::<Materials, Mirror>(text, ()).unwrap().lobes();
-        assert_eq!(lobes("reflectance = 0"), Lobes::NOTHING);
-        assert_eq!(lobes(""), Lobes::REFLECTION);
+        let lobes = |text| build::<Materials, Mirror>(text, ()).unwrap().flags();
+        assert_eq!(lobes("reflectance = 0"), BsdfFlags::NOTHING);
+        assert_eq!(lobes(""), BsdfFlags::REFLECTION);
     }
 
     #[test]

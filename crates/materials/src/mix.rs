@@ -13,8 +13,8 @@ use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::{MaterialRef, TextureRef};
 use whitstone_core::{
-    Branches, ColorSource, Context, DVec3, Distribution, Filter, Illumination, Lobes, Material, Materials,
-    Needs, Plugin, Rgb, SceneError, SceneErrors, SurfacePoint,
+    BsdfFlags, ColorSource, Context, DVec3, GlossyLobe, LightSamples, Material, Materials, Plugin, Rgb,
+    SceneError, SceneErrors, SpecularRays, SurfaceAttributes, SurfaceInteraction, Transmittance,
 };
 
 /// A linear blend of two materials.
@@ -65,16 +65,16 @@ impl Plugin<Materials> for Mix {
 /// Checks that branches of the same kind have the same direction.
 fn one_direction(a: &dyn Material, b: &dyn Material) -> Result<(), &'static str> {
     let spread = a.reflections() > 1 || b.reflections() > 1;
-    let (a, b) = (a.lobes(), b.lobes());
-    let through = Lobes::TRANSMISSION | Lobes::STRAIGHT;
+    let (a, b) = (a.flags(), b.flags());
+    let through = BsdfFlags::TRANSMISSION | BsdfFlags::NULL;
     let either = a | b;
-    if a.intersects(through) && b.intersects(through) && either.contains(Lobes::TRANSMISSION) {
+    if a.intersects(through) && b.intersects(through) && either.contains(BsdfFlags::TRANSMISSION) {
         return Err(
             "both materials let rays through, and one of them refracts: they would go on in two directions",
         );
     }
-    let reflect = a.intersects(Lobes::REFLECTION) && b.intersects(Lobes::REFLECTION);
-    if reflect && either.contains(Lobes::OWN_NORMAL) {
+    let reflect = a.intersects(BsdfFlags::REFLECTION) && b.intersects(BsdfFlags::REFLECTION);
+    if reflect && either.contains(BsdfFlags::NORMAL_MAPPED) {
         return Err("both materials reflect, by different normals: rays would go on in two directions");
     }
     if reflect && spread {
@@ -87,52 +87,52 @@ fn one_direction(a: &dyn Material, b: &dyn Material) -> Result<(), &'static str>
 
 impl Mix {
     /// Evaluates `of` for both materials and blends the results.
-    fn blend(&self, point: &SurfacePoint, of: impl Fn(&dyn Material) -> Rgb) -> Rgb {
+    fn blend(&self, point: &SurfaceInteraction, of: impl Fn(&dyn Material) -> Rgb) -> Rgb {
         let [a, b] = self.shares(point);
         of(&*self.a) * a + of(&*self.b) * b
     }
 
-    fn shares(&self, point: &SurfacePoint) -> [Rgb; 2] {
+    fn shares(&self, point: &SurfaceInteraction) -> [Rgb; 2] {
         let weight = self.weight.value(point);
         [weight.map(|share| 1.0 - share), weight]
     }
 }
 
 impl Material for Mix {
-    fn lobes(&self) -> Lobes {
+    fn flags(&self) -> BsdfFlags {
         match self.weight {
-            ColorSource::Constant(Rgb::BLACK) => self.a.lobes(),
-            ColorSource::Constant(Rgb::WHITE) => self.b.lobes(),
-            _ => self.a.lobes() | self.b.lobes(),
+            ColorSource::Constant(Rgb::BLACK) => self.a.flags(),
+            ColorSource::Constant(Rgb::WHITE) => self.b.flags(),
+            _ => self.a.flags() | self.b.flags(),
         }
     }
 
-    fn needs(&self) -> Needs {
+    fn needs(&self) -> SurfaceAttributes {
         self.weight.needs() | self.a.needs() | self.b.needs()
     }
 
-    fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
-        self.blend(point, |material| material.local(point, view, light))
+    fn local_illumination(&self, point: &SurfaceInteraction, view: DVec3, light: &LightSamples<'_>) -> Rgb {
+        self.blend(point, |material| material.local_illumination(point, view, light))
     }
 
-    fn emission(&self, point: &SurfacePoint, view: DVec3) -> Rgb {
+    fn emission(&self, point: &SurfaceInteraction, view: DVec3) -> Rgb {
         self.blend(point, |material| material.emission(point, view))
     }
 
-    fn shadow(&self, point: &SurfacePoint, direction: DVec3, filtered: bool) -> Filter {
+    fn shadow(&self, point: &SurfaceInteraction, direction: DVec3, filtered: bool) -> Transmittance {
         let of = |material: &dyn Material| material.shadow(point, direction, filtered);
-        Filter {
+        Transmittance {
             weight: self.blend(point, |material| of(material).weight),
             // At most one of them refracts.
             medium: of(&*self.a).medium.or(of(&*self.b).medium),
         }
     }
 
-    fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
+    fn specular_rays(&self, point: &SurfaceInteraction, view: DVec3, out: &mut SpecularRays) {
         let shares = self.shares(point);
         for (material, share) in [&self.a, &self.b].into_iter().zip(shares) {
-            let mut part = Branches::default();
-            material.branches(point, view, &mut part);
+            let mut part = SpecularRays::default();
+            material.specular_rays(point, view, &mut part);
             out.merge(&part, share);
         }
     }
@@ -141,11 +141,11 @@ impl Material for Mix {
         self.a.reflections().max(self.b.reflections())
     }
 
-    fn distribution(&self, point: &SurfacePoint, view: DVec3) -> Option<Distribution<'_>> {
+    fn glossy_lobe(&self, point: &SurfaceInteraction, view: DVec3) -> Option<GlossyLobe<'_>> {
         // If either has a glossy reflection, at most one of them reflects.
         self.a
-            .distribution(point, view)
-            .or_else(|| self.b.distribution(point, view))
+            .glossy_lobe(point, view)
+            .or_else(|| self.b.glossy_lobe(point, view))
     }
 }
 
@@ -174,9 +174,9 @@ mod tests {
     }
 
     fn weights(material: &dyn Material) -> Vec<f64> {
-        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
-        let mut branches = Branches::default();
-        material.branches(&point, DVec3::Z, &mut branches);
+        let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let mut branches = SpecularRays::default();
+        material.specular_rays(&point, DVec3::Z, &mut branches);
         branches.iter().map(|branch| branch.weight.g).collect()
     }
 

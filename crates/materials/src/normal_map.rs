@@ -14,7 +14,8 @@ use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::{MaterialRef, TextureRef, Vector3};
 use whitstone_core::{
-    ColorSource, Context, DVec3, Material, Materials, Needs, Plugin, SceneErrors, SurfacePoint,
+    ColorSource, Context, DVec3, Material, Materials, Plugin, SceneErrors, SurfaceAttributes,
+    SurfaceInteraction,
 };
 
 /// Normal mapping: shading normals from the colours of a texture, for any material.
@@ -63,11 +64,11 @@ impl Plugin<Materials> for NormalMap {
 }
 
 impl Detail for NormalMap {
-    fn needs(&self) -> Needs {
+    fn needs(&self) -> SurfaceAttributes {
         self.map.needs()
     }
 
-    fn normal(&self, point: &SurfacePoint) -> Option<DVec3> {
+    fn normal(&self, point: &SurfaceInteraction) -> Option<DVec3> {
         self.frame.vector(&self.map, point)?.try_normalize()
     }
 }
@@ -76,7 +77,7 @@ impl Detail for NormalMap {
 mod tests {
     use super::*;
     use crate::{matte::Matte, mirror::Mirror};
-    use whitstone_core::{Branches, Rgb};
+    use whitstone_core::{Rgb, SpecularRays};
     use whitstone_testkit::{TestContext, build_in, sided_material_laws};
 
     fn normal_map(text: &str) -> Result<Arc<dyn Material>, SceneErrors> {
@@ -110,7 +111,7 @@ mod tests {
                     Frame::Around(DVec3::NEG_X)
                 };
                 let map = ColorSource::Constant(Rgb::from(map));
-                let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+                let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
                 NormalMap { map, frame }.normal(&point).unwrap()
             };
             assert_eq!(normal([0.5, 0.5, 1.0]), DVec3::Z, "{frame}");
@@ -122,10 +123,10 @@ mod tests {
     #[test]
     fn a_normal_that_looks_away_is_not_taken() {
         let material = normal_map("map = [0.5, 0.5, 0]\nmaterial = \"mirror\"").unwrap();
-        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
         let view = DVec3::new(0.6, 0.0, 0.8);
-        let mut branches = Branches::default();
-        material.branches(&point, view, &mut branches);
+        let mut branches = SpecularRays::default();
+        material.specular_rays(&point, view, &mut branches);
         let found = branches.iter().next().unwrap().direction;
         assert!((found - DVec3::new(-0.6, 0.0, 0.8)).length() < 1e-15);
     }

@@ -13,7 +13,8 @@ use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::{Positive, TextureRef};
 use whitstone_core::{
-    Context, DVec3, Illumination, Lobes, Material, Materials, Needs, Plugin, Rgb, SceneErrors, SurfacePoint,
+    BsdfFlags, Context, DVec3, LightSamples, Material, Materials, Plugin, Rgb, SceneErrors,
+    SurfaceAttributes, SurfaceInteraction,
 };
 
 /// Diffuse reflection with a highlight around the mirror direction.
@@ -65,27 +66,28 @@ impl Plugin<Materials> for Phong {
 }
 
 impl Material for Phong {
-    fn lobes(&self) -> Lobes {
+    fn flags(&self) -> BsdfFlags {
         if self.gloss.is_black() {
-            Lobes::NOTHING
+            BsdfFlags::NOTHING
         } else {
-            Lobes::LOCAL
+            BsdfFlags::LOCAL
         }
     }
 
-    fn needs(&self) -> Needs {
+    fn needs(&self) -> SurfaceAttributes {
         self.gloss.needs()
     }
 
-    fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
-        self.gloss.local(Highlight::Phong, point, view, light)
+    fn local_illumination(&self, point: &SurfaceInteraction, view: DVec3, light: &LightSamples<'_>) -> Rgb {
+        self.gloss
+            .local_illumination(Highlight::Phong, point, view, light)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::Incoming;
+    use whitstone_core::LightLiSample;
     use whitstone_testkit::{build, material_laws};
 
     #[test]
@@ -103,43 +105,46 @@ mod tests {
     #[test]
     fn the_closed_form() {
         let material = build::<Materials, Phong>("k_d = 0.25\nk_s = [1, 2, 0]\nexponent = 2", ()).unwrap();
-        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
-        let lights = [Incoming {
+        let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let lights = [LightLiSample {
             direction: DVec3::new(0.6, 0.0, 0.8),
             irradiance: Rgb::splat(2.0),
         }];
-        let light = Illumination {
+        let light = LightSamples {
             ambient: Rgb::splat(4.0),
             lights: &lights,
         };
         // The mirror direction of the light is (-0.6, 0, 0.8): its cosine with the viewer is 0.8.
-        let found = material.local(&point, DVec3::Z, &light);
+        let found = material.local_illumination(&point, DVec3::Z, &light);
         let expected = [1.0, 2.0, 0.0].map(|k_s| 1.0 + 2.0 * (0.25 * 0.8 + k_s * 0.64));
         for (a, b) in found.to_array().into_iter().zip(expected) {
             assert!((a - b).abs() < 1e-15, "{a} {b}");
         }
         // Seen from below, the result is the same because materials show both sides. The light
         // above does not count.
-        let below = Illumination {
+        let below = LightSamples {
             ambient: Rgb::splat(4.0),
             lights: &[],
         };
-        assert_eq!(material.local(&point, DVec3::NEG_Z, &below), Rgb::WHITE);
-        let behind = material.local(&point, DVec3::NEG_Z, &light);
+        assert_eq!(
+            material.local_illumination(&point, DVec3::NEG_Z, &below),
+            Rgb::WHITE
+        );
+        let behind = material.local_illumination(&point, DVec3::NEG_Z, &light);
         assert_eq!(behind, Rgb::WHITE);
     }
 
     #[test]
     fn k_a_is_k_d_unless_given() {
         let ambient = |text| {
-            let light = Illumination {
+            let light = LightSamples {
                 ambient: Rgb::WHITE,
                 lights: &[],
             };
-            let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+            let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
             build::<Materials, Phong>(text, ())
                 .unwrap()
-                .local(&point, DVec3::Z, &light)
+                .local_illumination(&point, DVec3::Z, &light)
                 .g
         };
         assert_eq!(ambient("k_d = 0.7"), 0.7);
@@ -148,9 +153,9 @@ mod tests {
 
     #[test]
     fn lobes_are_exact() {
-        let lobes = |text| build::<Materials, Phong>(text, ()).unwrap().lobes();
-        assert_eq!(lobes("k_d = 0\nk_s = 0"), Lobes::NOTHING);
-        assert_eq!(lobes("k_d = 0\nk_s = 0\nk_a = 1"), Lobes::LOCAL);
+        let lobes = |text| build::<Materials, Phong>(text, ()).unwrap().flags();
+        assert_eq!(lobes("k_d = 0\nk_s = 0"), BsdfFlags::NOTHING);
+        assert_eq!(lobes("k_d = 0\nk_s = 0\nk_a = 1"), BsdfFlags::LOCAL);
     }
 
     #[test]

@@ -14,10 +14,11 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::{Positive, TextureRef};
-use whitstone_core::stream::{GROUP, PointStream, groups};
+use whitstone_core::stream::{GROUP, SurfaceStream, groups};
 use whitstone_core::{
-    Branch, BranchKind, BranchStreams, Branches, ColorSource, Context, DVec3, Filter, Lobes, Material,
-    Materials, Needs, Plugin, Rgb, SceneErrors, SurfacePoint, simd, simd::select,
+    BsdfFlags, ColorSource, Context, DVec3, Material, Materials, Plugin, Rgb, SceneErrors, SpecularRay,
+    SpecularRayKind, SpecularRayStreams, SpecularRays, SurfaceAttributes, SurfaceInteraction, Transmittance,
+    simd, simd::select,
 };
 
 /// A thin pane with no volume, including all reflections between its faces.
@@ -80,50 +81,50 @@ impl ThinDielectric {
 }
 
 impl Material for ThinDielectric {
-    fn lobes(&self) -> Lobes {
-        let mut lobes = Lobes::NOTHING;
+    fn flags(&self) -> BsdfFlags {
+        let mut lobes = BsdfFlags::NOTHING;
         if !self.face.is_open() {
-            lobes = lobes | Lobes::REFLECTION;
+            lobes = lobes | BsdfFlags::REFLECTION;
         }
         if !self.tint.is_black() {
-            lobes = lobes | Lobes::STRAIGHT | Lobes::FILTERS;
+            lobes = lobes | BsdfFlags::NULL | BsdfFlags::TRANSPARENT_SHADOWS;
         }
         lobes
     }
 
-    fn needs(&self) -> Needs {
-        Needs::SHADING_NORMAL | self.tint.needs()
+    fn needs(&self) -> SurfaceAttributes {
+        SurfaceAttributes::SHADING_NORMAL | self.tint.needs()
     }
 
-    fn shadow(&self, point: &SurfacePoint, direction: DVec3, filtered: bool) -> Filter {
+    fn shadow(&self, point: &SurfaceInteraction, direction: DVec3, filtered: bool) -> Transmittance {
         if !filtered {
-            return Filter::OPAQUE;
+            return Transmittance::OPAQUE;
         }
         let (_, transmitted) = self.shares(point.n_towards(-direction), -direction);
-        Filter::straight(self.tint.value(point) * transmitted)
+        Transmittance::straight(self.tint.value(point) * transmitted)
     }
 
-    fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
+    fn specular_rays(&self, point: &SurfaceInteraction, view: DVec3, out: &mut SpecularRays) {
         let n = point.n_towards(view);
         let (reflected, transmitted) = self.shares(n, view);
         if reflected > 0.0 {
-            out.push(Branch {
+            out.push(SpecularRay {
                 direction: reflect(n, view),
                 weight: Rgb::splat(reflected),
-                kind: BranchKind::Reflection,
+                kind: SpecularRayKind::Reflection,
             });
         }
         let weight = self.tint.value(point) * transmitted;
         if !weight.is_black() {
-            out.push(Branch {
+            out.push(SpecularRay {
                 direction: -view,
                 weight,
-                kind: BranchKind::Straight,
+                kind: SpecularRayKind::Null,
             });
         }
     }
 
-    fn branches_stream(&self, points: &PointStream, out: &mut BranchStreams) {
+    fn specular_rays_stream(&self, points: &SurfaceStream, out: &mut SpecularRayStreams) {
         self.tint.value_stream(points, &mut out.transmission.weight);
         out.straight.0[..points.len].fill(true);
         simd::dispatch(
@@ -152,12 +153,12 @@ mod tests {
     use super::*;
     use whitstone_testkit::{build, furnace_laws, material_laws};
 
-    fn branches(text: &str, view: DVec3) -> Vec<Branch> {
-        let mut out = Branches::default();
-        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+    fn specular_rays(text: &str, view: DVec3) -> Vec<SpecularRay> {
+        let mut out = SpecularRays::default();
+        let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
         build::<Materials, ThinDielectric>(text, ())
             .unwrap()
-            .branches(&point, view, &mut out);
+            .specular_rays(&point, view, &mut out);
         out.iter().copied().collect()
     }
 
@@ -181,12 +182,12 @@ mod tests {
     fn both_faces_together() {
         // R = 0.04 at each face: 0.08/1.04 is reflected.
         for view in [DVec3::Z, DVec3::NEG_Z] {
-            let found = branches("tint = [1, 0.5, 0]", view);
+            let found = specular_rays("tint = [1, 0.5, 0]", view);
             let [r, t] = found[..] else { panic!("{found:?}") };
             assert!((r.weight.g - 0.08 / 1.04).abs() < 1e-16);
             assert!((t.weight.r - 0.96 / 1.04).abs() < 1e-15);
             assert_eq!((t.weight.g, t.weight.b), (0.5 * t.weight.r, 0.0));
-            assert_eq!((t.direction, t.kind), (-view, BranchKind::Straight));
+            assert_eq!((t.direction, t.kind), (-view, SpecularRayKind::Null));
         }
     }
 
@@ -204,23 +205,23 @@ mod tests {
             back += inside * t;
             inside *= r;
         }
-        let found = branches("interior_ior = 1.7", view);
+        let found = specular_rays("interior_ior = 1.7", view);
         assert!((found[0].weight.g - back).abs() < 1e-15);
         assert!((found[1].weight.g - on).abs() < 1e-15);
     }
 
     #[test]
     fn a_pane_of_air_reflects_totally() {
-        let found = branches("interior_ior = 1\nexterior_ior = 1.5", DVec3::new(0.8, 0.0, 0.6));
+        let found = specular_rays("interior_ior = 1\nexterior_ior = 1.5", DVec3::new(0.8, 0.0, 0.6));
         let [r] = found[..] else { panic!("{found:?}") };
-        assert_eq!((r.weight, r.kind), (Rgb::WHITE, BranchKind::Reflection));
+        assert_eq!((r.weight, r.kind), (Rgb::WHITE, SpecularRayKind::Reflection));
     }
 
     #[test]
     fn only_filtered_shadows_go_through() {
         let material = build::<Materials, ThinDielectric>("tint = 0.5", ()).unwrap();
-        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
-        assert_eq!(material.shadow(&point, DVec3::Z, false), Filter::OPAQUE);
+        let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
+        assert_eq!(material.shadow(&point, DVec3::Z, false), Transmittance::OPAQUE);
         let filter = material.shadow(&point, DVec3::Z, true);
         assert!((filter.weight.g - 0.5 * 0.96 / 1.04).abs() < 1e-15);
         assert_eq!(filter.medium, None);

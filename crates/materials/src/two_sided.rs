@@ -10,8 +10,8 @@ use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::MaterialRef;
 use whitstone_core::{
-    Branches, Context, DVec3, Distribution, Filter, Illumination, Lobes, Material, Materials, Needs, Plugin,
-    Rgb, SceneErrors, SurfacePoint,
+    BsdfFlags, Context, DVec3, GlossyLobe, LightSamples, Material, Materials, Plugin, Rgb, SceneErrors,
+    SpecularRays, SurfaceAttributes, SurfaceInteraction, Transmittance,
 };
 
 /// Different materials on the outside and the inside.
@@ -47,7 +47,7 @@ impl Plugin<Materials> for TwoSided {
 
 impl TwoSided {
     /// The material seen by a viewer in this direction.
-    fn seen(&self, point: &SurfacePoint, view: DVec3) -> &dyn Material {
+    fn seen(&self, point: &SurfaceInteraction, view: DVec3) -> &dyn Material {
         if point.n_g.dot(view) > 0.0 {
             &*self.front
         } else {
@@ -57,36 +57,36 @@ impl TwoSided {
 }
 
 impl Material for TwoSided {
-    fn lobes(&self) -> Lobes {
-        self.front.lobes() | self.back.lobes()
+    fn flags(&self) -> BsdfFlags {
+        self.front.flags() | self.back.flags()
     }
 
-    fn needs(&self) -> Needs {
+    fn needs(&self) -> SurfaceAttributes {
         self.front.needs() | self.back.needs()
     }
 
-    fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
-        self.seen(point, view).local(point, view, light)
+    fn local_illumination(&self, point: &SurfaceInteraction, view: DVec3, light: &LightSamples<'_>) -> Rgb {
+        self.seen(point, view).local_illumination(point, view, light)
     }
 
-    fn emission(&self, point: &SurfacePoint, view: DVec3) -> Rgb {
+    fn emission(&self, point: &SurfaceInteraction, view: DVec3) -> Rgb {
         self.seen(point, view).emission(point, view)
     }
 
-    fn shadow(&self, point: &SurfacePoint, direction: DVec3, filtered: bool) -> Filter {
+    fn shadow(&self, point: &SurfaceInteraction, direction: DVec3, filtered: bool) -> Transmittance {
         self.seen(point, -direction).shadow(point, direction, filtered)
     }
 
-    fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
-        self.seen(point, view).branches(point, view, out);
+    fn specular_rays(&self, point: &SurfaceInteraction, view: DVec3, out: &mut SpecularRays) {
+        self.seen(point, view).specular_rays(point, view, out);
     }
 
     fn reflections(&self) -> u32 {
         self.front.reflections().max(self.back.reflections())
     }
 
-    fn distribution(&self, point: &SurfacePoint, view: DVec3) -> Option<Distribution<'_>> {
-        self.seen(point, view).distribution(point, view)
+    fn glossy_lobe(&self, point: &SurfaceInteraction, view: DVec3) -> Option<GlossyLobe<'_>> {
+        self.seen(point, view).glossy_lobe(point, view)
     }
 }
 
@@ -96,7 +96,7 @@ mod tests {
     use crate::{
         dielectric::Dielectric, emissive::Emissive, mirror::Mirror, thin_dielectric::ThinDielectric,
     };
-    use whitstone_core::BranchKind;
+    use whitstone_core::SpecularRayKind;
     use whitstone_testkit::{TestContext, build_in, sided_material_laws};
 
     fn two_sided(text: &str) -> Result<Arc<dyn Material>, SceneErrors> {
@@ -122,20 +122,23 @@ mod tests {
     #[test]
     fn each_side_has_its_own() {
         let material = two_sided("front = \"lamp\"\nback = \"glass\"").unwrap();
-        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
         let kinds = |view| {
-            let mut branches = Branches::default();
-            material.branches(&point, view, &mut branches);
+            let mut branches = SpecularRays::default();
+            material.specular_rays(&point, view, &mut branches);
             branches.iter().map(|branch| branch.kind).collect::<Vec<_>>()
         };
         assert_eq!(material.emission(&point, DVec3::Z), Rgb::splat(2.0));
         assert_eq!(material.emission(&point, DVec3::NEG_Z), Rgb::BLACK);
         assert_eq!(kinds(DVec3::Z), []);
         let absorption = Rgb::BLACK;
-        let both = [BranchKind::Reflection, BranchKind::Transmission { absorption }];
+        let both = [
+            SpecularRayKind::Reflection,
+            SpecularRayKind::Transmission { absorption },
+        ];
         assert_eq!(kinds(DVec3::NEG_Z), both);
         // A shadow ray is filtered by the side that it arrives at.
-        assert_eq!(material.shadow(&point, DVec3::NEG_Z, true), Filter::OPAQUE);
+        assert_eq!(material.shadow(&point, DVec3::NEG_Z, true), Transmittance::OPAQUE);
         assert!(material.shadow(&point, DVec3::Z, true).weight.g > 0.9);
     }
 

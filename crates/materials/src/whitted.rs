@@ -14,10 +14,11 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::{Color, Positive, TextureRef};
-use whitstone_core::stream::{LANES, PointStream};
+use whitstone_core::stream::{LANES, SurfaceStream};
 use whitstone_core::{
-    Branch, BranchKind, BranchStreams, Branches, ColorSource, Context, DVec3, Filter, Illumination, Lobes,
-    Material, Materials, Needs, Plugin, Rgb, SceneErrors, SurfacePoint, simd,
+    BsdfFlags, ColorSource, Context, DVec3, LightSamples, Material, Materials, Plugin, Rgb, SceneErrors,
+    SpecularRay, SpecularRayKind, SpecularRayStreams, SpecularRays, SurfaceAttributes, SurfaceInteraction,
+    Transmittance, simd,
 };
 
 /// Phong shading plus reflection and refraction with constant weights.
@@ -111,60 +112,61 @@ impl Plugin<Materials> for Whitted {
 }
 
 impl Material for Whitted {
-    fn lobes(&self) -> Lobes {
-        let mut lobes = Lobes::NOTHING;
+    fn flags(&self) -> BsdfFlags {
+        let mut lobes = BsdfFlags::NOTHING;
         if !self.gloss.is_black() {
-            lobes = lobes | Lobes::LOCAL;
+            lobes = lobes | BsdfFlags::LOCAL;
         }
         if !self.k_refr.is_black() {
-            lobes = lobes | Lobes::TRANSMISSION | Lobes::FILTERS;
+            lobes = lobes | BsdfFlags::TRANSMISSION | BsdfFlags::TRANSPARENT_SHADOWS;
         }
         // Total internal reflection moves the transmitted share to the reflected ray.
         let can_be_total = !self.k_refr.is_black() && !self.body.is_open();
         if !self.k_refl.is_black() || can_be_total {
-            lobes = lobes | Lobes::REFLECTION;
+            lobes = lobes | BsdfFlags::REFLECTION;
         }
         lobes
     }
 
-    fn needs(&self) -> Needs {
+    fn needs(&self) -> SurfaceAttributes {
         self.gloss.needs() | self.k_refl.needs() | self.k_refr.needs()
     }
 
-    fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
-        self.gloss.local(Highlight::Phong, point, view, light)
+    fn local_illumination(&self, point: &SurfaceInteraction, view: DVec3, light: &LightSamples<'_>) -> Rgb {
+        self.gloss
+            .local_illumination(Highlight::Phong, point, view, light)
     }
 
-    fn shadow(&self, point: &SurfacePoint, direction: DVec3, filtered: bool) -> Filter {
+    fn shadow(&self, point: &SurfaceInteraction, direction: DVec3, filtered: bool) -> Transmittance {
         if !filtered {
-            return Filter::OPAQUE;
+            return Transmittance::OPAQUE;
         }
         self.body.filter(point, direction, self.k_refr.value(point))
     }
 
-    fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
+    fn specular_rays(&self, point: &SurfaceInteraction, view: DVec3, out: &mut SpecularRays) {
         let passage = self.body.passage(point, view);
         let (k_refl, k_refr) = (self.k_refl.value(point), self.k_refr.value(point));
         let (reflected, transmitted) = weights(k_refl, k_refr, passage.crossing.total);
         if !reflected.is_black() {
-            out.push(Branch {
+            out.push(SpecularRay {
                 direction: passage.reflected,
                 weight: reflected,
-                kind: BranchKind::Reflection,
+                kind: SpecularRayKind::Reflection,
             });
         }
         if !transmitted.is_black() {
-            out.push(Branch {
+            out.push(SpecularRay {
                 direction: passage.crossing.direction,
                 weight: transmitted,
-                kind: BranchKind::Transmission {
+                kind: SpecularRayKind::Transmission {
                     absorption: passage.absorption,
                 },
             });
         }
     }
 
-    fn branches_stream(&self, points: &PointStream, out: &mut BranchStreams) {
+    fn specular_rays_stream(&self, points: &SurfaceStream, out: &mut SpecularRayStreams) {
         self.k_refl.value_stream(points, &mut out.reflection.weight);
         self.k_refr.value_stream(points, &mut out.transmission.weight);
         simd::dispatch(
@@ -201,12 +203,12 @@ mod tests {
     use super::*;
     use whitstone_testkit::{build, furnace_laws, material_laws};
 
-    fn branches(text: &str, n_g: DVec3, view: DVec3) -> Vec<Branch> {
-        let mut out = Branches::default();
-        let point = SurfacePoint::new(DVec3::ZERO, 0.0, n_g);
+    fn specular_rays(text: &str, n_g: DVec3, view: DVec3) -> Vec<SpecularRay> {
+        let mut out = SpecularRays::default();
+        let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, n_g);
         build::<Materials, Whitted>(text, ())
             .unwrap()
-            .branches(&point, view, &mut out);
+            .specular_rays(&point, view, &mut out);
         out.iter().copied().collect()
     }
 
@@ -236,7 +238,7 @@ mod tests {
     fn shares_do_not_depend_on_the_angle_and_are_not_scaled() {
         for sin in [0.0, 0.5, 0.999_f64] {
             let view = DVec3::new(sin, 0.0, (1.0 - sin * sin).sqrt());
-            let found = branches(
+            let found = specular_rays(
                 "k_refl = 0.25\nk_refr = [0.5, 0, 1]\nabsorption = 7",
                 DVec3::Z,
                 view,
@@ -245,7 +247,7 @@ mod tests {
             assert_eq!((r.weight, t.weight), (Rgb::splat(0.25), Rgb::new(0.5, 0.0, 1.0)));
             assert_eq!(
                 t.kind,
-                BranchKind::Transmission {
+                SpecularRayKind::Transmission {
                     absorption: Rgb::splat(7.0)
                 }
             );
@@ -255,7 +257,7 @@ mod tests {
 
     #[test]
     fn what_cannot_be_transmitted_is_reflected() {
-        let found = branches(
+        let found = specular_rays(
             "k_refl = 0.25\nk_refr = [0.5, 0, 1]",
             DVec3::NEG_Z,
             DVec3::new(0.8, 0.0, 0.6),
@@ -263,18 +265,18 @@ mod tests {
         let [r] = found[..] else { panic!("{found:?}") };
         assert_eq!(
             (r.weight, r.kind),
-            (Rgb::new(0.75, 0.25, 1.25), BranchKind::Reflection)
+            (Rgb::new(0.75, 0.25, 1.25), SpecularRayKind::Reflection)
         );
     }
 
     #[test]
     fn lobes_are_exact() {
-        let lobes = |text| build::<Materials, Whitted>(text, ()).unwrap().lobes();
-        assert_eq!(lobes(""), Lobes::NOTHING);
-        assert_eq!(lobes("k_s = 1"), Lobes::LOCAL);
-        assert_eq!(lobes("k_refl = 1"), Lobes::REFLECTION);
-        let through = Lobes::TRANSMISSION | Lobes::FILTERS;
-        assert_eq!(lobes("k_refr = 1"), Lobes::REFLECTION | through);
+        let lobes = |text| build::<Materials, Whitted>(text, ()).unwrap().flags();
+        assert_eq!(lobes(""), BsdfFlags::NOTHING);
+        assert_eq!(lobes("k_s = 1"), BsdfFlags::LOCAL);
+        assert_eq!(lobes("k_refl = 1"), BsdfFlags::REFLECTION);
+        let through = BsdfFlags::TRANSMISSION | BsdfFlags::TRANSPARENT_SHADOWS;
+        assert_eq!(lobes("k_refr = 1"), BsdfFlags::REFLECTION | through);
         assert_eq!(lobes("k_refr = 1\nexterior_ior = 1.5"), through);
     }
 }

@@ -63,7 +63,7 @@ impl Mitsuba {
     /// # Errors
     ///
     /// What else is wrong, as the driver says it.
-    pub fn closest(
+    pub fn intersect(
         &self,
         scene: &str,
         folder: &Path,

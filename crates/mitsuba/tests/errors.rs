@@ -5,7 +5,7 @@
 use std::fmt::Write;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
-use whitstone::core::{Aabb, DVec3, Interval, Ray, Skip, Transform};
+use whitstone::core::{Aabb, DVec3, Interval, Ray, SelfHitFilter, Transform};
 use whitstone::validate::environment::Environment;
 use whitstone_mitsuba::Mitsuba;
 use whitstone_oracle::agreement::{Errors, Subject};
@@ -38,7 +38,7 @@ fn compare(mitsuba: &Mitsuba, scene: &str, name: String, count: u32) -> Option<C
     let registry = whitstone::registry();
     let scenes = repository().join("scenes");
     let subject = Subject::new(scene, &scenes, &registry).ok()?;
-    let world = &subject.pipeline.world;
+    let world = &subject.pipeline.scene;
     let elements = world
         .geometry
         .elements()
@@ -51,7 +51,7 @@ fn compare(mitsuba: &Mitsuba, scene: &str, name: String, count: u32) -> Option<C
     let camera =
         "camera = { type = \"perspective\", look_at = { origin = [0, 0, 9], target = [0, 0, 0] } }\n";
     let found = mitsuba
-        .closest(&format!("{camera}{scene}"), &scenes, &rays)
+        .intersect(&format!("{camera}{scene}"), &scenes, &rays)
         .expect("Mitsuba answers")?;
     let mut compared = Compared {
         name,
@@ -61,12 +61,12 @@ fn compare(mitsuba: &Mitsuba, scene: &str, name: String, count: u32) -> Option<C
     };
     for (ray, theirs) in rays.iter().zip(found) {
         let truth = subject.oracle.nearest(ray, Interval::FORWARD);
-        let ours = world.accelerator.closest(ray, Interval::FORWARD, Skip::NOTHING);
+        let ours = world.accelerator.intersect(ray, Interval::FORWARD, SelfHitFilter::NOTHING);
         compared.ours.add(&truth, ours.map(|hit| hit.t));
         let [o, d] = [ray.origin, ray.direction].map(|v: DVec3| v.as_vec3().to_array());
         compared
             .textbook
-            .add(&truth, subject.textbook_f32.closest(o, d).map(f64::from));
+            .add(&truth, subject.textbook_f32.intersect(o, d).map(f64::from));
         compared.mitsuba.add(&truth, theirs);
     }
     Some(compared)

@@ -280,10 +280,10 @@ fn textbook_errors(keys: &str) -> [Errors; 2] {
             let line = aim.ray(number, &mut random);
             let truth = oracle.nearest(&line, Interval::FORWARD);
             let [o, d] = [line.origin, line.direction].map(|v| v.as_vec3().to_array());
-            errors[0].add(&truth, single.closest(o, d).map(f64::from));
+            errors[0].add(&truth, single.intersect(o, d).map(f64::from));
             errors[1].add(
                 &truth,
-                double.closest(line.origin.to_array(), line.direction.to_array()),
+                double.intersect(line.origin.to_array(), line.direction.to_array()),
             );
         }
         errors
@@ -341,7 +341,7 @@ fn agreement_bites() {
         let mut agreement = Agreement::default();
         for number in 0..300 {
             let line = aim.ray(number, &mut random);
-            let found = ferrari.closest(line.origin.to_array(), line.direction.to_array());
+            let found = ferrari.intersect(line.origin.to_array(), line.direction.to_array());
             agreement.add(&oracle, &line, found, &bounds);
         }
         agreement

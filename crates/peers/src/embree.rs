@@ -86,17 +86,17 @@ impl Plugin<Accelerators> for Embree {
             triangles: Self(scene),
             others,
             statistics,
-            caveat: format!("Embree {version} finds triangles in single precision"),
+            approximation_note: format!("Embree {version} finds triangles in single precision"),
         }))
     }
 }
 
 impl Triangles for Embree {
     #[inline]
-    fn closest(&self, ray: &SingleRay, skip: Option<TriangleId>) -> Option<SingleHit> {
+    fn intersect(&self, ray: &SingleRay, skip: Option<TriangleId>) -> Option<SingleHit> {
         let mut ray = *ray;
         loop {
-            let hit = self.0.closest(&ray)?;
+            let hit = self.0.intersect(&ray)?;
             if skip != Some(hit.id) {
                 return Some(hit);
             }
@@ -110,6 +110,6 @@ impl Triangles for Embree {
     fn occluded(&self, ray: &SingleRay, skip: Option<TriangleId>) -> bool {
         // Embree does not report the occluding triangle. If one must be skipped, find the nearest
         // other one.
-        self.0.occluded(ray) && (skip.is_none() || self.closest(ray, skip).is_some())
+        self.0.occluded(ray) && (skip.is_none() || self.intersect(ray, skip).is_some())
     }
 }

@@ -3,7 +3,7 @@
 //!
 //! They render the same scenes with the same surrounding code, so that their errors and times are
 //! directly comparable with ours. They find all hits on triangles, **in single precision**. So they
-//! do not obey the law of accelerators, and report that ([`whitstone_core::Accelerator::caveat`]).
+//! do not obey the law of accelerators, and report that ([`whitstone_core::Accelerator::approximation_note`]).
 //! All other shapes are tested one by one in double precision. `docs/peers.md` says what differs
 //! and by how much.
 

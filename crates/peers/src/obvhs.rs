@@ -120,7 +120,7 @@ impl Plugin<Accelerators> for Obvhs {
             triangles: peer,
             others,
             statistics,
-            caveat: "obvhs finds triangles in single precision".to_owned(),
+            approximation_note: "obvhs finds triangles in single precision".to_owned(),
         }))
     }
 }
@@ -221,7 +221,7 @@ fn weights(triangle: &Triangle, ray: &SingleRay) -> [f32; 2] {
 
 impl Triangles for Obvhs {
     #[inline]
-    fn closest(&self, ray: &SingleRay, skip: Option<TriangleId>) -> Option<SingleHit> {
+    fn intersect(&self, ray: &SingleRay, skip: Option<TriangleId>) -> Option<SingleHit> {
         if self.ids.is_empty() {
             return None;
         }

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 use whitstone_core::triangle::ShearedRay;
 use whitstone_core::{
-    Accelerator, DVec2, Element, Geometry, InstancePath, Interval, RawHit, Ray, SceneError, SceneErrors,
-    Shape, Skip, Statistics, TriangleMesh,
+    Accelerator, DVec2, Element, Geometry, InstanceId, Interval, LoweredShape, PreliminaryIntersection, Ray,
+    SceneError, SceneErrors, SelfHitFilter, Statistics, TriangleMesh,
 };
 
 /// Numbers of a shape and of a triangle in it.
@@ -31,7 +31,7 @@ pub(crate) struct SingleHit {
 /// Ray-triangle queries of a peer.
 pub(crate) trait Triangles: Send + Sync {
     /// The nearest hit of a triangle other than `skip`.
-    fn closest(&self, ray: &SingleRay, skip: Option<TriangleId>) -> Option<SingleHit>;
+    fn intersect(&self, ray: &SingleRay, skip: Option<TriangleId>) -> Option<SingleHit>;
 
     /// Whether a triangle other than `skip` is hit.
     fn occluded(&self, ray: &SingleRay, skip: Option<TriangleId>) -> bool;
@@ -44,7 +44,7 @@ pub(crate) struct Single<T> {
     /// Elements that are not triangles, tested one by one.
     pub(crate) others: Vec<Element>,
     pub(crate) statistics: Statistics,
-    pub(crate) caveat: String,
+    pub(crate) approximation_note: String,
 }
 
 /// The elements that are not triangles.
@@ -59,7 +59,7 @@ pub(crate) fn meshes(geometry: &Geometry, limit: f64) -> Result<Vec<(u32, &Trian
     let shapes = geometry.shapes().iter().zip(0u32..);
     let meshes: Vec<_> = shapes
         .filter_map(|(shape, number)| match shape {
-            Shape::Triangles(mesh) if !mesh.triangles.is_empty() => Some((number, mesh)),
+            LoweredShape::Triangles(mesh) if !mesh.triangles.is_empty() => Some((number, mesh)),
             _ => None,
         })
         .collect();
@@ -75,7 +75,7 @@ pub(crate) fn meshes(geometry: &Geometry, limit: f64) -> Result<Vec<(u32, &Trian
 }
 
 /// Converts a ray to single precision; `None` if it is out of range.
-fn single(ray: &Ray, interval: Interval, skip: Skip) -> Option<SingleRay> {
+fn single(ray: &Ray, interval: Interval, skip: SelfHitFilter) -> Option<SingleRay> {
     let (origin, direction) = (ray.origin.as_vec3(), ray.direction.as_vec3());
     if !(origin.is_finite() && direction.is_finite()) {
         return None;
@@ -95,14 +95,19 @@ fn single(ray: &Ray, interval: Interval, skip: Skip) -> Option<SingleRay> {
 }
 
 /// The triangle that the ray starts from.
-fn left(skip: Skip) -> Option<TriangleId> {
+fn left(skip: SelfHitFilter) -> Option<TriangleId> {
     let (instance, shape, triangle) = skip.id()?;
-    (instance == InstancePath::WORLD).then_some((shape, triangle))
+    (instance == InstanceId::TOP_LEVEL).then_some((shape, triangle))
 }
 
 impl<T: Triangles> Single<T> {
-    fn nearest_other(&self, ray: &Ray, mut interval: Interval, skip: Skip) -> Option<RawHit> {
-        let mut best: Option<RawHit> = None;
+    fn nearest_other(
+        &self,
+        ray: &Ray,
+        mut interval: Interval,
+        skip: SelfHitFilter,
+    ) -> Option<PreliminaryIntersection> {
+        let mut best: Option<PreliminaryIntersection> = None;
         if self.others.is_empty() {
             return None;
         }
@@ -124,25 +129,30 @@ impl<T: Triangles> Single<T> {
 }
 
 impl<T: Triangles> Accelerator for Single<T> {
-    fn closest(&self, ray: &Ray, mut interval: Interval, skip: Skip) -> Option<RawHit> {
+    fn intersect(
+        &self,
+        ray: &Ray,
+        mut interval: Interval,
+        skip: SelfHitFilter,
+    ) -> Option<PreliminaryIntersection> {
         let other = self.nearest_other(ray, interval, skip);
         interval.max = other.map_or(interval.max, |hit| hit.t);
         let triangle = single(ray, interval, skip)
-            .and_then(|ray| self.triangles.closest(&ray, left(skip)))
+            .and_then(|ray| self.triangles.intersect(&ray, left(skip)))
             .filter(|hit| interval.contains(f64::from(hit.t)));
         match triangle {
             None => other,
-            Some(hit) => Some(RawHit {
+            Some(hit) => Some(PreliminaryIntersection {
                 t: f64::from(hit.t),
-                params: DVec2::from_array(hit.uv.map(f64::from)),
-                instance: InstancePath::WORLD,
+                prim_uv: DVec2::from_array(hit.uv.map(f64::from)),
+                instance: InstanceId::TOP_LEVEL,
                 shape: hit.id.0,
                 primitive: hit.id.1,
             }),
         }
     }
 
-    fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
+    fn occluded(&self, ray: &Ray, interval: Interval, skip: SelfHitFilter) -> bool {
         single(ray, interval, skip).is_some_and(|ray| self.triangles.occluded(&ray, left(skip)))
             || self.nearest_other(ray, interval, skip).is_some()
     }
@@ -151,7 +161,7 @@ impl<T: Triangles> Accelerator for Single<T> {
         self.statistics.clone()
     }
 
-    fn caveat(&self) -> Option<&str> {
-        Some(&self.caveat)
+    fn approximation_note(&self) -> Option<&str> {
+        Some(&self.approximation_note)
     }
 }

@@ -28,7 +28,7 @@ mod peers {
     }
 
     /// Renders a small image of a scene with an accelerator. Returns it with the accelerator's
-    /// caveat, or the error report.
+    /// approximation note, or the error report.
     fn picture(scene: &str, accelerator: &str) -> Result<(Vec<[f32; 3]>, Option<String>), String> {
         let registry = registry();
         let path = Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -42,8 +42,8 @@ mod peers {
         let description = Description::parse(&sources).map_err(report)?;
         let plan = Plan::new(&description, &registry).map_err(report)?;
         let pipeline = Pipeline::build(&plan, &registry).map_err(report)?;
-        let caveat = pipeline.world.accelerator.caveat().map(str::to_owned);
-        Ok((pipeline.render(RenderOptions::default()).rgb, caveat))
+        let approximation_note = pipeline.scene.accelerator.approximation_note().map(str::to_owned);
+        Ok((pipeline.render(RenderOptions::default()).rgb, approximation_note))
     }
 
     fn is_close(a: &[f32; 3], b: &[f32; 3]) -> bool {
@@ -53,7 +53,7 @@ mod peers {
     }
 
     fn agrees(scene: &str, has_mesh: bool, accelerator: &str) -> Result<(), Failed> {
-        let (theirs, caveat) = picture(scene, accelerator)?;
+        let (theirs, approximation_note) = picture(scene, accelerator)?;
         let (ours, none) = picture(scene, "{ type = \"bvh\" }")?;
         let others = theirs.iter().zip(&ours).filter(|(a, b)| !is_close(a, b)).count();
         let differ = theirs.iter().zip(&ours).filter(|(a, b)| a != b).count();
@@ -67,7 +67,7 @@ mod peers {
         if (differ == 0) == has_mesh {
             return Err(format!("{differ} pixels differ").into());
         }
-        match (caveat, none) {
+        match (approximation_note, none) {
             (Some(_), None) => Ok(()),
             told => Err(format!("{told:?}").into()),
         }

@@ -1,7 +1,7 @@
 //! Chooses the accelerator if the scene does not.
 
 use crate::PluginTable;
-use whitstone_core::{Element, FamilyName, Geometry, Registry, Shape};
+use whitstone_core::{Element, FamilyName, Geometry, LoweredShape, Registry};
 
 /// Maximum cost, in tests of whole shapes, for which testing every element is faster than any
 /// acceleration structure. Measured with random spheres, boxes and triangles: the rates cross at
@@ -28,7 +28,7 @@ pub(crate) fn choose_accelerator(
     }
     let cost = |element: Element| match (element, &geometry.shapes()[element.shape() as usize]) {
         (Element::Triangle { .. }, _) => TRIANGLE_COST,
-        (_, Shape::Instance(_)) => COPY_COST,
+        (_, LoweredShape::Instance(_)) => COPY_COST,
         (Element::Opaque { .. }, _) => 1,
     };
     let elements = geometry.elements().take(BRUTE_FORCE_LIMIT + 1);

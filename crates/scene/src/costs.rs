@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::mem::size_of_val;
 use std::sync::Arc;
-use whitstone_core::{Accelerator, DVec3, Geometry, Light, Lobes, Shape, TextureBytes};
+use whitstone_core::{Accelerator, BsdfFlags, DVec3, Geometry, Light, LoweredShape, TextureBytes};
 
 /// The cost of a part in use.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -30,7 +30,7 @@ impl Pipeline {
                 "read by the accelerator and at hits".to_owned(),
             ));
         }
-        let own = (&*self.world.geometry, &*self.world.accelerator);
+        let own = (&*self.scene.geometry, &*self.scene.accelerator);
         costs.push(structure("accelerator", &self.accelerator.0, own));
         for built in &self.groups {
             let own = (&**built.group.geometry(), built.group.accelerator());
@@ -40,24 +40,24 @@ impl Pipeline {
                 own,
             ));
         }
-        let shapes = self.world.materials.len();
-        let having = |lobes: Lobes| {
-            let materials = self.world.materials.iter();
+        let shapes = self.scene.materials.len();
+        let having = |lobes: BsdfFlags| {
+            let materials = self.scene.materials.iter();
             materials
-                .filter(|material| material.lobes().intersects(lobes))
+                .filter(|material| material.flags().intersects(lobes))
                 .count()
         };
-        let lit = having(Lobes::LOCAL);
-        if lit > 0 && !self.world.lights.is_empty() {
+        let lit = having(BsdfFlags::LOCAL);
+        if lit > 0 && !self.scene.lights.is_empty() {
             let rays = self.light_samples();
             let work = format!(
                 "about {rays} at each hit of {lit} of {shapes} shapes, where the surface faces the light"
             );
             costs.push(cost("shadow rays", Some(0), work));
         }
-        let branching = having(Lobes::BRANCHES);
+        let branching = having(BsdfFlags::SPECULAR);
         if branching > 0 && self.integrator.follows_branches() {
-            let both = having(Lobes::REFLECTION).min(having(Lobes::TRANSMISSION | Lobes::STRAIGHT));
+            let both = having(BsdfFlags::REFLECTION).min(having(BsdfFlags::TRANSMISSION | BsdfFlags::NULL));
             let most = if both > 0 { 2 } else { 1 };
             let work = format!(
                 "up to {most} at each hit of {branching} of {shapes} shapes, down to the depth limit"
@@ -76,7 +76,7 @@ impl Pipeline {
             let sum = |of: fn(&TextureBytes) -> u64| told.as_ref().map(|told| told.iter().map(of).sum());
             costs.push(cost("textures", sum(|bytes| bytes.texels), work));
             let levels: Option<u64> = sum(|bytes| bytes.levels);
-            if self.world.reads_footprints() {
+            if self.scene.reads_footprints() {
                 let work = "coarser levels of textures, read by filters".to_owned();
                 costs.push(cost("texture levels", levels, work));
                 let work = "how far apart neighbouring rays are: at each hit of what is filtered, and where rays go on";
@@ -97,9 +97,9 @@ impl Pipeline {
     /// The memory of all triangle meshes; meshes of groups count once.
     fn mesh_bytes(&self) -> u64 {
         let groups = self.groups.iter().map(|built| &**built.group.geometry());
-        let all = std::iter::once(&*self.world.geometry).chain(groups);
-        let bytes = |shape: &Shape| match shape {
-            Shape::Triangles(mesh) => {
+        let all = std::iter::once(&*self.scene.geometry).chain(groups);
+        let bytes = |shape: &LoweredShape| match shape {
+            LoweredShape::Triangles(mesh) => {
                 size_of_val(&*mesh.positions)
                     + size_of_val(&*mesh.normals)
                     + size_of_val(&*mesh.uvs)
@@ -113,13 +113,13 @@ impl Pipeline {
 
     /// The number of light samples of all lights, at the middle of the scene.
     fn light_samples(&self) -> usize {
-        let geometry = &self.world.geometry;
+        let geometry = &self.scene.geometry;
         let bounds = geometry.elements().map(|element| geometry.bounds(element));
         let bounds = bounds.filter(|bounds| bounds.is_finite());
         let whole = bounds.reduce(|a, b| a.union(b));
         let middle = whole.map_or(DVec3::ZERO, |whole| whole.center());
         let mut samples = Vec::new();
-        let lights: &[Arc<dyn Light>] = &self.world.lights;
+        let lights: &[Arc<dyn Light>] = &self.scene.lights;
         lights
             .iter()
             .for_each(|light| light.samples(middle, &mut samples));

@@ -5,7 +5,9 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 use whitstone_core::stream::{Colors, HitStream, LANES, Lanes, Optional, RayStream};
-use whitstone_core::{Counters, DVec2, Needs, RawHit, Ray, Rgb, Scratch, Spread};
+use whitstone_core::{
+    Counters, DVec2, PreliminaryIntersection, Ray, RayDifferential, Rgb, Scratch, SurfaceAttributes,
+};
 use whitstone_image::{Image, ImageError};
 
 /// Side of the square tiles that are distributed to threads, in pixels.
@@ -147,11 +149,11 @@ impl Aov {
         }
     }
 
-    fn needs(self) -> Needs {
+    fn needs(self) -> SurfaceAttributes {
         match self {
-            Self::Normal => Needs::SHADING_NORMAL,
-            Self::Uv => Needs::UV,
-            Self::Depth | Self::ShapeId | Self::PrimitiveId => Needs::NOTHING,
+            Self::Normal => SurfaceAttributes::SHADING_NORMAL,
+            Self::Uv => SurfaceAttributes::UV,
+            Self::Depth | Self::ShapeId | Self::PrimitiveId => SurfaceAttributes::NOTHING,
         }
     }
 }
@@ -276,7 +278,7 @@ impl Pipeline {
             *raster = pixel_corner(*pixel) + 0.5;
         }
         self.camera.ray_stream(&raster.0, rays);
-        self.world.accelerator.closest_stream(rays, hits);
+        self.scene.accelerator.intersect_stream(rays, hits);
         for lane in 0..pixels.len() {
             let (ray, hit) = (rays.ray(lane), hits.get(lane));
             let near = self.camera.near(raster.0[lane]);
@@ -316,13 +318,13 @@ impl Pipeline {
             }
             self.camera.lens_stream(&raster.0, sample % lens, rays);
             if let Some(scale) = self.sample_distance() {
-                rays.spread_from_camera(&*self.camera, &raster.0, sample % lens, scale, beside);
+                rays.differential_from_camera(&*self.camera, &raster.0, sample % lens, scale, beside);
             }
             match &self.object_order {
                 None => self
                     .integrator
-                    .radiance_stream(&self.world, rays, scratch, radiance),
-                Some(objects) => objects.radiance_stream(&self.world, &raster.0, rays, scratch, radiance),
+                    .radiance_stream(&self.scene, rays, scratch, radiance),
+                Some(objects) => objects.radiance_stream(&self.scene, &raster.0, rays, scratch, radiance),
             }
             for lane in 0..pixels.len() {
                 tell(lane, radiance.get(lane));
@@ -345,15 +347,20 @@ impl Pipeline {
     fn sample_distance(&self) -> Option<f64> {
         let refined = || self.sampler.refinement().map(|rule| rule.first);
         let count = || f64::from(refined().unwrap_or_else(|| self.sampler.count()));
-        self.world.reads_footprints().then(|| 1.0 / count().sqrt())
+        self.scene.reads_footprints().then(|| 1.0 / count().sqrt())
     }
 
     /// Ray differential of a camera ray to its neighbouring samples, if any texture needs it.
-    pub fn camera_spread(&self, pixel: [u32; 2], sample: u32) -> Option<Spread> {
+    pub fn camera_differential(&self, pixel: [u32; 2], sample: u32) -> Option<RayDifferential> {
         let lens = self.camera.lens_points();
         let raster = self.raster(pixel, sample / lens);
         let scale = self.sample_distance()?;
-        Some(Spread::of_camera(&*self.camera, raster, sample % lens, scale))
+        Some(RayDifferential::of_camera(
+            &*self.camera,
+            raster,
+            sample % lens,
+            scale,
+        ))
     }
 
     /// The camera ray of a sample of a pixel.
@@ -377,20 +384,26 @@ impl Pipeline {
 
     /// The radiance of a single sample of a pixel.
     pub(crate) fn radiance_of(&self, pixel: [u32; 2], sample: u32, scratch: &mut Scratch) -> Rgb {
-        scratch.spread = self.camera_spread(pixel, sample);
+        scratch.differential = self.camera_differential(pixel, sample);
         self.integrator
-            .radiance(&self.world, &self.camera_ray(pixel, sample), scratch)
+            .radiance(&self.scene, &self.camera_ray(pixel, sample), scratch)
     }
 
     /// The values of a layer for a ray that starts at `near` in front of the camera.
-    fn layer_values(&self, aov: Aov, ray: &Ray, near: f64, hit: Option<&RawHit>) -> Vec<f64> {
+    fn layer_values(
+        &self,
+        aov: Aov,
+        ray: &Ray,
+        near: f64,
+        hit: Option<&PreliminaryIntersection>,
+    ) -> Vec<f64> {
         let Some(hit) = hit else {
             return match aov {
                 Aov::ShapeId | Aov::PrimitiveId => vec![-1.0],
                 _ => vec![0.0; aov.channels().len()],
             };
         };
-        let surface = || self.world.geometry.surface(ray, hit, aov.needs());
+        let surface = || self.scene.geometry.surface(ray, hit, aov.needs());
         match aov {
             Aov::Depth => vec![near + hit.t],
             Aov::Normal => surface().n_s.to_array().to_vec(),

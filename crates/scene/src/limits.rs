@@ -2,26 +2,26 @@
 
 use crate::Plan;
 use std::sync::Arc;
-use whitstone_core::{Bodies, Integrator, Material, SceneError, SceneErrors, SourceSpan};
+use whitstone_core::{Integrator, Material, NestedDielectrics, SceneError, SceneErrors, SourceSpan};
 
 /// Maximum number of rays into which one camera ray may branch by glossy reflection.
 const MOST_REFLECTIONS: f64 = (1 << 24) as f64;
 
 /// Checks the prioritised dielectrics: their number is limited, and they must not be in groups.
 /// `materials` are those of all shapes.
-pub(crate) fn overlapping(plan: &Plan<'_, '_>, materials: &[Arc<dyn Material>], errors: &mut SceneErrors) {
+pub(crate) fn prioritized(plan: &Plan<'_, '_>, materials: &[Arc<dyn Material>], errors: &mut SceneErrors) {
     let alone = plan.description.shapes.len();
     let all = plan.shapes().into_iter().zip(materials).enumerate();
     let bodies =
-        all.filter(|(_, (shape, material))| shape.group.is_none() && material.overlapping().is_some());
+        all.filter(|(_, (shape, material))| shape.group.is_none() && material.prioritized().is_some());
     for (count, (number, (shape, _))) in bodies.enumerate() {
         let place = shape.material.as_ref().map(|(span, _)| span.clone());
         let message = if number >= alone {
             "a shape in a group must not have a priority: all of its copies would be one body".to_owned()
-        } else if count == Bodies::MOST {
+        } else if count == NestedDielectrics::MOST {
             format!(
                 "expected at most {} shapes with a priority, found more",
-                Bodies::MOST
+                NestedDielectrics::MOST
             )
         } else {
             continue;
@@ -50,7 +50,7 @@ pub(crate) fn ending(
             continue;
         };
         let directions = material.reflections();
-        let bounces = integrator.bounces(directions);
+        let bounces = integrator.max_split_depth(directions);
         let rays = |bounces: u32| f64::from(directions).powf(f64::from(bounces));
         if rays(bounces) <= MOST_REFLECTIONS || told.contains(place) {
             continue;

@@ -2,7 +2,7 @@
 
 use crate::{PluginTable, transform};
 use whitstone_core::config::SolidRef;
-use whitstone_core::{Primitive, SceneError, SceneErrors, Shape, Transform};
+use whitstone_core::{LoweredShape, SceneError, SceneErrors, Shape, Transform};
 
 /// Maximum nesting of operands: each ray descends to the innermost ones.
 const MAX_NESTING: usize = 16;
@@ -72,7 +72,7 @@ pub(crate) fn no_id(operand: &SolidRef) -> SceneError {
 }
 
 /// The built shape, if it bounds a volume.
-pub(crate) fn solid(shape: Shape, plugin: &PluginTable<'_>) -> Result<Box<dyn Primitive>, SceneErrors> {
+pub(crate) fn solid(shape: LoweredShape, plugin: &PluginTable<'_>) -> Result<Box<dyn Shape>, SceneErrors> {
     shape.into_solid().map_err(|why| {
         let why = why.map_or(String::new(), |why| format!(": {why}"));
         let message = format!(

@@ -19,9 +19,9 @@ use whitstone_core::config::{
 };
 use whitstone_core::{
     Accelerator, Accelerators, Camera, Cameras, ClosedMesh, ColorSource, Context, FamilyName, Geometry,
-    Group, Integrator, Integrators, Lights, Material, Materials, ObjectOrder, Primitive, Refused, Registry,
-    Sampler, Samplers, SceneError, SceneErrors, Shape, Shapes, SourceSpan, Texture, Textures, Transform,
-    TriangleMesh, View, World,
+    Group, Integrator, Integrators, Lights, LoweredShape, Material, Materials, ObjectOrder, Refused,
+    Registry, Sampler, Samplers, Scene, SceneError, SceneErrors, Shape, Shapes, SourceSpan, Texture,
+    Textures, Transform, TriangleMesh, View,
 };
 
 /// Maximum nesting of materials: each hit evaluates all of them.
@@ -41,7 +41,7 @@ pub struct Pipeline {
     /// object-order method.
     pub object_order: Option<Box<dyn ObjectOrder>>,
     /// The world that it renders.
-    pub world: World,
+    pub scene: Scene,
     /// Hash of the flattened scene.
     pub scene_hash: String,
     /// The accelerator in use, and the reason if the scene leaves the choice.
@@ -133,7 +133,7 @@ impl Pipeline {
         }
         let materials = builder.materials(plan, &mut errors);
         if errors.0.is_empty() {
-            limits::overlapping(plan, &materials, &mut errors);
+            limits::prioritized(plan, &materials, &mut errors);
         }
         if let Some(integrator) = &integrator {
             limits::ending(plan, &materials, &**integrator, &mut errors);
@@ -194,15 +194,15 @@ impl Pipeline {
             (Some(camera), Some(sampler), Some(integrator), Some(built))
                 if complete && errors.0.is_empty() =>
             {
-                let mut world = World::new(built.geometry, built.accelerator, materials, lights);
-                world.light_margin = built.light_margin;
+                let mut scene = Scene::new(built.geometry, built.accelerator, materials, lights);
+                scene.light_margin = built.light_margin;
                 Some(Self {
                     film: description.film.clone(),
                     camera,
                     sampler,
                     integrator,
                     object_order,
-                    world,
+                    scene,
                     scene_hash: description.flattened.hash.clone(),
                     accelerator: built.chosen,
                     groups,
@@ -227,7 +227,7 @@ struct Structure {
     accelerator: Box<dyn Accelerator>,
     /// The type of the accelerator, and the reason.
     chosen: (String, String),
-    /// See [`World::light_margin`].
+    /// See [`Scene::light_margin`].
     light_margin: f64,
 }
 
@@ -615,7 +615,7 @@ impl Context for Builder<'_, '_, '_> {
 
     fn material(&mut self, reference: &MaterialRef) -> Result<Arc<dyn Material>, SceneErrors> {
         let material = self.shared_material(&reference.material, &reference.span)?;
-        if material.overlapping().is_some() {
+        if material.prioritized().is_some() {
             let message =
                 "a material with a priority must be that of a shape, not a part of another material";
             return Err(SceneError::at(reference.span.clone(), message).into());
@@ -648,7 +648,7 @@ impl Context for Builder<'_, '_, '_> {
 
     fn triangles(&mut self, file: &FilePath, transform: &Transform) -> Result<TriangleMesh, SceneErrors> {
         match self.plugin::<Shapes>(&PluginTable::of_file("mesh", file, &[]), *transform)? {
-            Shape::Triangles(mesh) => Ok(mesh),
+            LoweredShape::Triangles(mesh) => Ok(mesh),
             _ => Err(SceneError::at(file.span.clone(), "expected a mesh of triangles").into()),
         }
     }
@@ -661,7 +661,7 @@ impl Context for Builder<'_, '_, '_> {
             .ok_or_else(SceneErrors::default)
     }
 
-    fn solid(&mut self, operand: &SolidRef, around: &Transform) -> Result<Box<dyn Primitive>, SceneErrors> {
+    fn solid(&mut self, operand: &SolidRef, around: &Transform) -> Result<Box<dyn Shape>, SceneErrors> {
         let description = self.description;
         let table = match &operand.shape {
             PluginRef::Inline(index) => (index, description.inline.get(*index)),
@@ -680,7 +680,7 @@ impl Context for Builder<'_, '_, '_> {
         let shape = built.inspect_err(|_| {
             self.faulty_operands.insert(*index);
         })?;
-        if let Shape::Triangles(mesh) = &shape {
+        if let LoweredShape::Triangles(mesh) = &shape {
             self.memory.take(ClosedMesh::bytes(mesh))?;
         }
         operands::solid(shape, &plugin)

@@ -2,7 +2,7 @@
 
 use crate::{LeftOut, PluginTable};
 use std::sync::Arc;
-use whitstone_core::{Aabb, Element, Geometry, Light, LightGives, Lobes, Material, Shape};
+use whitstone_core::{Aabb, BsdfFlags, Element, Geometry, Light, LightFlags, LoweredShape, Material};
 
 /// Drops the lights that cannot reach any reflecting surface. `lights` are paired with their
 /// tables. The image is unchanged, because these lights would contribute nothing.
@@ -19,7 +19,7 @@ pub(crate) fn leave_out_lights(
         .zip(0..)
         // The materials of an instance are those of its group.
         .filter(|((shape, material), _)| {
-            matches!(shape, Shape::Instance(_)) || material.lobes().intersects(Lobes::LOCAL)
+            matches!(shape, LoweredShape::Instance(_)) || material.flags().intersects(BsdfFlags::LOCAL)
         })
         .map(|(_, shape)| geometry.bounds(Element::Opaque { shape }))
         .collect();
@@ -28,8 +28,8 @@ pub(crate) fn leave_out_lights(
     lights.retain(|light| {
         number += 1;
         // A light that is also visible, or that illuminates from all directions, is kept.
-        let kept =
-            light.gives() != LightGives::SAMPLES || receivers.iter().any(|bounds| light.reaches(bounds));
+        let kept = light.flags() != LightFlags::SAMPLES
+            || receivers.iter().any(|bounds| light.affects_bounds(bounds));
         if !kept {
             let why = if receivers.is_empty() {
                 "no material in use reflects light by itself"

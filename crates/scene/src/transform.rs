@@ -4,7 +4,7 @@ use crate::document::type_name;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 use whitstone_core::config::decode;
-use whitstone_core::steps::{SINGULAR, Step};
+use whitstone_core::transform_steps::{SINGULAR, TransformOp};
 use whitstone_core::{DAffine3, SceneError, SceneErrors, Transform};
 
 use crate::document::Value;
@@ -54,7 +54,7 @@ fn parse_step(step: &Value<'_>) -> Result<DAffine3, SceneErrors> {
         );
     };
     let table: Spanned<DeTable<'_>> = Spanned::new(step.span(), table.clone());
-    let step_read: Step = decode(&table)?;
+    let step_read: TransformOp = decode(&table)?;
     step_read.map().map_err(|fault| {
         let error = SceneError::at(step.span(), fault.message);
         match fault.help {

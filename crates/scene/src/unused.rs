@@ -2,7 +2,7 @@
 
 use crate::{Description, LeftOut};
 use std::sync::Arc;
-use whitstone_core::{Integrator, Light, LightGives, Lobes, Material, Needs, Texture};
+use whitstone_core::{BsdfFlags, Integrator, Light, LightFlags, Material, SurfaceAttributes, Texture};
 
 /// All built textures, including pictures without a table.
 #[derive(Default)]
@@ -53,7 +53,7 @@ pub(crate) fn unused_parts(
     let any = |lobes| {
         materials
             .iter()
-            .any(|material| material.lobes().intersects(lobes))
+            .any(|material| material.flags().intersects(lobes))
     };
     let mut parts = Vec::new();
     let mut leave_out = |what: &str, why: &str| {
@@ -64,8 +64,8 @@ pub(crate) fn unused_parts(
     };
     let sampled = lights
         .iter()
-        .any(|light| light.gives().contains(LightGives::SAMPLES));
-    if !any(Lobes::LOCAL) {
+        .any(|light| light.flags().contains(LightFlags::SAMPLES));
+    if !any(BsdfFlags::LOCAL) {
         leave_out("shadow rays", "no material in use reflects light by itself");
     } else if !sampled {
         leave_out("shadow rays", "no light shines from a place or a direction");
@@ -76,20 +76,22 @@ pub(crate) fn unused_parts(
             "the integrator does not follow them",
         );
     } else {
-        if !any(Lobes::REFLECTION) {
+        if !any(BsdfFlags::REFLECTION) {
             leave_out("reflected rays", "no material in use mirrors");
         }
-        if !any(Lobes::TRANSMISSION | Lobes::STRAIGHT) {
+        if !any(BsdfFlags::TRANSMISSION | BsdfFlags::NULL) {
             leave_out("refracted rays", "no material in use transmits");
         }
     }
     let needs = materials
         .iter()
-        .fold(Needs::NOTHING, |needs, material| needs | material.needs());
-    if !needs.contains(Needs::UV) {
+        .fold(SurfaceAttributes::NOTHING, |needs, material| {
+            needs | material.needs()
+        });
+    if !needs.contains(SurfaceAttributes::UV) {
         leave_out("texture coordinates", "no texture in use reads them");
     }
-    if !needs.contains(Needs::FOOTPRINT) {
+    if !needs.contains(SurfaceAttributes::FOOTPRINT) {
         leave_out("footprints of rays", "no texture in use filters by them");
     }
     if description.film.aovs.is_empty() {

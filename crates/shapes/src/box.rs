@@ -14,8 +14,9 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::simd::select;
 use whitstone_core::{
-    Aabb, Context, DVec2, DVec3, LEAVES_NOTHING, Needs, Plugin, PrimitiveHit, RawHit, Ray, SceneErrors,
-    Shape, Shapes, Spans, Straight, SurfacePart, SurfacePoint, Transform, solid,
+    Aabb, Context, DVec2, DVec3, LoweredShape, NO_PRIMITIVE, Plugin, PreliminaryIntersection, Ray,
+    SceneErrors, ShapeHit, ShapeKernel, Shapes, Spans, SurfaceAttributes, SurfaceInteraction, SurfacePart,
+    Transform, solid,
 };
 
 /// The cube from -1 to 1 along each axis of its object space; its normals point outward.
@@ -36,13 +37,13 @@ impl Plugin<Shapes> for Cuboid {
     const TYPE: &'static str = "box";
     type Config = Config;
 
-    fn build(_: Config, transform: Transform, _: &mut dyn Context) -> Result<Shape, SceneErrors> {
+    fn build(_: Config, transform: Transform, _: &mut dyn Context) -> Result<LoweredShape, SceneErrors> {
         let frame = Frame::new(transform);
         let bounds = frame.bounds(DVec3::ONE);
         let center = bounds.center();
         // Upper bound on the rounding error of the center and the extent.
         let rounding = 4.0 * f64::EPSILON * center.abs().max_element();
-        Ok(Shape::Opaque(Box::new(Self {
+        Ok(LoweredShape::Opaque(Box::new(Self {
             center,
             radius: (0.5 + 1e-9) * bounds.extent().length() + rounding,
             frame,
@@ -87,13 +88,13 @@ fn crossings(ray: &Ray) -> [Crossing; 2] {
 
 /// Converts a crossing to a hit whose parameters are the coordinates on the face.
 #[inline(always)]
-fn hit_at(ray: &Ray, crossing: Crossing) -> PrimitiveHit {
+fn hit_at(ray: &Ray, crossing: Crossing) -> ShapeHit {
     let Crossing { t, face } = crossing;
     let across = turned(ray.at(t), face >> 1);
-    PrimitiveHit {
+    ShapeHit {
         t,
         primitive: face,
-        params: DVec2::new(across.y.clamp(-1.0, 1.0), across.z.clamp(-1.0, 1.0)),
+        prim_uv: DVec2::new(across.y.clamp(-1.0, 1.0), across.z.clamp(-1.0, 1.0)),
     }
 }
 
@@ -110,48 +111,54 @@ fn turned(p: DVec3, axis: u32) -> DVec3 {
     DVec3::new(pick(p.x, p.y, p.z), pick(p.y, p.z, p.x), pick(p.z, p.x, p.y))
 }
 
-impl Straight for Cuboid {
+impl ShapeKernel for Cuboid {
     fn bounds(&self) -> Aabb {
         self.frame.bounds(DVec3::ONE)
     }
 
     #[inline(always)]
-    fn comes_near(&self, ray: &Ray) -> bool {
+    fn may_hit(&self, ray: &Ray) -> bool {
         comes_near_ball(ray, self.center, self.radius)
     }
 
     #[inline(always)]
-    fn hit(&self, ray: &Ray, min: f64, leaves: u32) -> PrimitiveHit {
+    fn hit(&self, ray: &Ray, min: f64, origin_primitive: u32) -> ShapeHit {
         let ray = self.frame.ray_to_object(ray);
         let [entry, exit] = crossings(&ray);
-        let leaving = leaves != LEAVES_NOTHING;
+        let leaving = origin_primitive != NO_PRIMITIVE;
         // The box is convex: a ray spawned on a face hits nothing if it goes outward, and only the
         // exit if it goes inward. Unlike skipping the spawn face only, this is robust to rounding:
         // a spawn point on an edge may lie one ulp beyond the adjacent face.
-        let outward = turned(ray.direction, leaves >> 1).x * side(leaves) >= 0.0;
-        let meets = (entry.t <= exit.t) & !(leaving & (outward | (exit.face == leaves)));
+        let outward = turned(ray.direction, origin_primitive >> 1).x * side(origin_primitive) >= 0.0;
+        let meets = (entry.t <= exit.t) & !(leaving & (outward | (exit.face == origin_primitive)));
         // The ray touches an edge or a corner: the lowest face number wins.
         let touched = entry.t == exit.t;
         let first_face = select(touched & (exit.face < entry.face), exit.face, entry.face);
         let enters = !leaving & (entry.t > min);
         let t = select(enters, entry.t, exit.t);
         let face = select(enters, first_face, exit.face);
-        PrimitiveHit {
+        ShapeHit {
             t: select(meets & (t > min), t, f64::NAN),
             ..hit_at(&ray, Crossing { t, face })
         }
     }
 
     #[inline(always)]
-    fn surface(&self, _: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
-        let (face, DVec2 { x: b, y: c }) = (hit.primitive, hit.params);
+    fn surface(
+        &self,
+        _: &Ray,
+        hit: &PreliminaryIntersection,
+        needs: SurfaceAttributes,
+    ) -> SurfaceInteraction {
+        let (face, DVec2 { x: b, y: c }) = (hit.primitive, hit.prim_uv);
         let axis = face >> 1;
         // Inverse of the cyclic permutation of the axes.
         let p = turned(DVec3::new(side(face), b, c), (3 - axis) % 3);
         let (position, error) = self.frame.point(p, axis as usize);
-        let mut point = SurfacePoint::new(position, error, side(face) * self.frame.normal(axis as usize));
-        if needs.contains(Needs::UV) {
-            point.uv = 0.5 * (hit.params + 1.0);
+        let mut point =
+            SurfaceInteraction::new(position, error, side(face) * self.frame.normal(axis as usize));
+        if needs.contains(SurfaceAttributes::UV) {
+            point.uv = 0.5 * (hit.prim_uv + 1.0);
         }
         point
     }
@@ -170,11 +177,17 @@ impl Straight for Cuboid {
         faces.map(face).collect()
     }
 
-    fn beside(&self, _: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
+    fn surface_at_offset(
+        &self,
+        _: &SurfaceInteraction,
+        hit: &PreliminaryIntersection,
+        q: DVec3,
+        needs: SurfaceAttributes,
+    ) -> Option<SurfaceInteraction> {
         let p = turned(self.frame.point_to_object(q), hit.primitive >> 1);
-        let params = DVec2::new(p.y, p.z);
-        let there = RawHit { params, ..*hit };
-        Some(Straight::surface(self, &Ray::new(q, p), &there, needs))
+        let prim_uv = DVec2::new(p.y, p.z);
+        let there = PreliminaryIntersection { prim_uv, ..*hit };
+        Some(ShapeKernel::surface(self, &Ray::new(q, p), &there, needs))
     }
 
     fn solid(&self) -> bool {
@@ -195,19 +208,19 @@ impl Straight for Cuboid {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::{Interval, Primitive};
+    use whitstone_core::{Interval, Shape};
     use whitstone_testkit::{build, shape_laws_everywhere};
 
-    fn cube() -> Box<dyn Primitive> {
+    fn cube() -> Box<dyn Shape> {
         match build::<Shapes, Cuboid>("", Transform::IDENTITY).unwrap() {
-            Shape::Opaque(cube) => cube,
+            LoweredShape::Opaque(cube) => cube,
             _ => unreachable!("a box is opaque"),
         }
     }
 
-    fn closest(origin: [f64; 3], direction: [f64; 3], leaves: Option<u32>) -> Option<(f64, u32)> {
+    fn intersect(origin: [f64; 3], direction: [f64; 3], origin_primitive: Option<u32>) -> Option<(f64, u32)> {
         let ray = Ray::new(origin.into(), direction.into());
-        let hit = cube().closest(&ray, Interval::FORWARD, leaves)?;
+        let hit = cube().intersect(&ray, Interval::FORWARD, origin_primitive)?;
         Some((hit.t, hit.primitive))
     }
 
@@ -222,9 +235,12 @@ mod tests {
             for (face, sign) in [(2 * axis, -1.0), (2 * axis + 1, 1.0)] {
                 let mut outward = DVec3::ZERO;
                 outward[axis] = sign;
-                let from_outside = closest((3.0 * outward).into(), (-outward).into(), None);
+                let from_outside = intersect((3.0 * outward).into(), (-outward).into(), None);
                 assert_eq!(from_outside, Some((2.0, face as u32)));
-                assert_eq!(closest([0.0; 3], outward.into(), None), Some((1.0, face as u32)));
+                assert_eq!(
+                    intersect([0.0; 3], outward.into(), None),
+                    Some((1.0, face as u32))
+                );
             }
         }
         assert_eq!(
@@ -240,26 +256,29 @@ mod tests {
     fn rays_in_a_face_hit_with_either_zero() {
         for zero in [0.0, -0.0] {
             for x in [-1.0, 1.0] {
-                assert_eq!(closest([x, 0.0, 3.0], [zero, zero, -1.0], None), Some((2.0, 5)));
-                assert_eq!(closest([2.0 * x, 0.0, 3.0], [zero, zero, -1.0], None), None);
+                assert_eq!(intersect([x, 0.0, 3.0], [zero, zero, -1.0], None), Some((2.0, 5)));
+                assert_eq!(intersect([2.0 * x, 0.0, 3.0], [zero, zero, -1.0], None), None);
             }
         }
     }
 
     #[test]
     fn at_an_edge_the_lowest_face_wins() {
-        assert_eq!(closest([3.0, 3.0, 0.0], [-1.0, -1.0, 0.0], None), Some((2.0, 1)));
+        assert_eq!(
+            intersect([3.0, 3.0, 0.0], [-1.0, -1.0, 0.0], None),
+            Some((2.0, 1))
+        );
         // Touching an edge counts as a hit.
-        assert_eq!(closest([2.0, 0.0, 0.0], [-1.0, 1.0, 0.0], None), Some((1.0, 1)));
+        assert_eq!(intersect([2.0, 0.0, 0.0], [-1.0, 1.0, 0.0], None), Some((1.0, 1)));
     }
 
     #[test]
     fn what_leaves_an_edge_meets_no_neighbour() {
         let beyond = 1.0f64.next_up();
         assert_eq!(
-            closest([beyond, 0.0, 1.0], [-0.5, 0.0, -1.0], Some(5)),
+            intersect([beyond, 0.0, 1.0], [-0.5, 0.0, -1.0], Some(5)),
             Some((2.0, 4))
         );
-        assert_eq!(closest([beyond, 0.0, 1.0], [-0.5, 0.0, 1.0], Some(5)), None);
+        assert_eq!(intersect([beyond, 0.0, 1.0], [-0.5, 0.0, 1.0], Some(5)), None);
     }
 }

@@ -11,7 +11,7 @@ use crate::revolution::{Heights, Revolution};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::config::Vector2;
-use whitstone_core::{Context, DVec3, Plugin, SceneErrors, Shape, Shapes, Transform};
+use whitstone_core::{Context, DVec3, LoweredShape, Plugin, SceneErrors, Shapes, Transform};
 
 /// A cone or frustum about the z axis of its object space; its normals point away from the axis.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -64,7 +64,7 @@ impl Plugin<Shapes> for Cone {
     const TYPE: &'static str = "cone";
     type Config = Config;
 
-    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<Shape, SceneErrors> {
+    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<LoweredShape, SceneErrors> {
         let Radii(radii @ [at_low, at_high]) = config.radii;
         let Heights([low, high]) = config.z;
         let slope = (at_high - at_low) / (high - low);
@@ -93,12 +93,12 @@ impl Plugin<Shapes> for Cone {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::{InstancePath, Interval, Needs, Primitive, Ray};
+    use whitstone_core::{InstanceId, Interval, Ray, Shape, SurfaceAttributes};
     use whitstone_testkit::{build, shape_laws_everywhere};
 
-    fn cone(text: &str) -> Box<dyn Primitive> {
+    fn cone(text: &str) -> Box<dyn Shape> {
         match build::<Shapes, Cone>(text, Transform::IDENTITY).unwrap() {
-            Shape::Opaque(primitive) => primitive,
+            LoweredShape::Opaque(primitive) => primitive,
             _ => unreachable!("a cone is opaque"),
         }
     }
@@ -115,20 +115,24 @@ mod tests {
     #[test]
     fn the_apex_is_hit_and_has_a_normal() {
         let ray = Ray::new(DVec3::new(0.0, 0.0, 3.0), DVec3::NEG_Z);
-        let hit = cone("").closest(&ray, Interval::FORWARD, None).unwrap();
+        let hit = cone("").intersect(&ray, Interval::FORWARD, None).unwrap();
         assert_eq!((hit.t, hit.primitive), (2.0, 0));
-        let point = cone("").surface(&ray, &hit.of_shape(InstancePath::WORLD, 0), Needs::UV);
+        let point = cone("").surface(
+            &ray,
+            &hit.of_shape(InstanceId::TOP_LEVEL, 0),
+            SurfaceAttributes::UV,
+        );
         assert_eq!((point.position, point.n_g), (DVec3::Z, DVec3::Z));
         let beside = Ray::new(DVec3::new(3.0, 0.0, 1.0 + 1e-15), DVec3::NEG_X);
-        assert_eq!(cone("").closest(&beside, Interval::FORWARD, None), None);
+        assert_eq!(cone("").intersect(&beside, Interval::FORWARD, None), None);
         let below = Ray::new(DVec3::new(3.0, 0.0, 1.0 - 1e-12), DVec3::NEG_X);
-        assert!(cone("").closest(&below, Interval::FORWARD, None).is_some());
+        assert!(cone("").intersect(&below, Interval::FORWARD, None).is_some());
     }
 
     #[test]
     fn the_other_half_of_the_double_cone_is_not_there() {
         let ray = Ray::new(DVec3::new(0.0, 0.5, 5.0), DVec3::new(0.0, 0.0, -1.0));
-        let hit = cone("").closest(&ray, Interval::FORWARD, None).unwrap();
+        let hit = cone("").intersect(&ray, Interval::FORWARD, None).unwrap();
         assert_eq!((hit.t, hit.primitive), (4.5, 0));
     }
 }

@@ -12,8 +12,8 @@ use crate::frame::{Frame, UNIT};
 use crate::near::{comes_near_ball, goes_on};
 use whitstone_core::simd::select;
 use whitstone_core::{
-    Aabb, DMat3, DVec2, DVec3, LEAVES_NOTHING, Needs, PrimitiveHit, RawHit, Ray, SceneError, Spans, Straight,
-    SurfacePart, SurfacePoint, Transform, solid,
+    Aabb, DMat3, DVec2, DVec3, NO_PRIMITIVE, PreliminaryIntersection, Ray, SceneError, ShapeHit, ShapeKernel,
+    Spans, SurfaceAttributes, SurfaceInteraction, SurfacePart, Transform, solid,
 };
 
 /// Upper limit on the coordinates of finite bounds, in metres: keeps squares finite.
@@ -46,7 +46,7 @@ pub(crate) struct Conic {
 pub(crate) trait Mapping: Clone + Send + Sync {
     fn uv(&self, p: DVec3, primitive: u32) -> DVec2;
 
-    /// See [`whitstone_core::Primitive::parts`].
+    /// See [`whitstone_core::Shape::parts`].
     fn parts(&self, frame: &Frame) -> Vec<SurfacePart> {
         let _ = frame;
         Vec::new()
@@ -268,26 +268,26 @@ impl<M: Mapping> Clipped<M> {
     }
 }
 
-impl<M: Mapping> Straight for Clipped<M> {
+impl<M: Mapping> ShapeKernel for Clipped<M> {
     fn bounds(&self) -> Aabb {
         self.bounds
     }
 
     #[inline(always)]
-    fn comes_near(&self, ray: &Ray) -> bool {
+    fn may_hit(&self, ray: &Ray) -> bool {
         comes_near_ball(ray, self.center, self.radius)
     }
 
     #[inline(always)]
-    fn hit(&self, ray: &Ray, min: f64, leaves: u32) -> PrimitiveHit {
+    fn hit(&self, ray: &Ray, min: f64, origin_primitive: u32) -> ShapeHit {
         let conic = &self.conic;
         let ray = self.frame.ray_to_object(ray);
         let [first, again] = conic.parts(&ray);
         let (one, two) = (first.there, again.there);
         // A ray spawned inward meets an exit first, a ray spawned outward an entry. This tells the
         // spawn point from the far side without an estimate of how far rounding has moved it.
-        let leaving = leaves != LEAVES_NOTHING;
-        let inward = leaving & conic.goes_inside(&ray, leaves);
+        let leaving = origin_primitive != NO_PRIMITIVE;
+        let inward = leaving & conic.goes_inside(&ray, origin_primitive);
         let outward = leaving & !inward;
         let (entered, left) = (one & (first.enter.t > 0.0), one & (first.exit.t > 0.0));
         let entered_again = entered | two & (again.enter.t > 0.0);
@@ -298,7 +298,7 @@ impl<M: Mapping> Straight for Clipped<M> {
             (first.exit, one & (!outward | entered)),
             (first.enter, one & !inward),
         ];
-        let mut found = PrimitiveHit::plain(f64::NAN);
+        let mut found = ShapeHit::plain(f64::NAN);
         for (end, there) in ends {
             let here = counts(end, there);
             found.t = select(here, end.t, found.t);
@@ -308,7 +308,12 @@ impl<M: Mapping> Straight for Clipped<M> {
     }
 
     #[inline(always)]
-    fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
+    fn surface(
+        &self,
+        ray: &Ray,
+        hit: &PreliminaryIntersection,
+        needs: SurfaceAttributes,
+    ) -> SurfaceInteraction {
         let conic = &self.conic;
         let p = self.frame.point_to_object(ray.at(hit.t));
         let p = p.max(conic.min).min(conic.max);
@@ -326,8 +331,8 @@ impl<M: Mapping> Straight for Clipped<M> {
         let (p, gradient) = (DVec3::new(x, y, z), DVec3::new(g_x, g_y, g_z));
         let slack = select(cap, 0.0, slack);
         let (position, error, n_g) = self.frame.point_with_gradient(p, gradient, slack);
-        let mut point = SurfacePoint::new(position, error, n_g);
-        if needs.contains(Needs::UV) {
+        let mut point = SurfaceInteraction::new(position, error, n_g);
+        if needs.contains(SurfaceAttributes::UV) {
             point.uv = self.mapping.uv(p, hit.primitive);
         }
         point
@@ -337,9 +342,15 @@ impl<M: Mapping> Straight for Clipped<M> {
         self.mapping.parts(&self.frame)
     }
 
-    fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
-        let there = RawHit { t: 0.0, ..*hit };
-        let there = Straight::surface(self, &Ray::new(q, point.n_g), &there, needs);
+    fn surface_at_offset(
+        &self,
+        point: &SurfaceInteraction,
+        hit: &PreliminaryIntersection,
+        q: DVec3,
+        needs: SurfaceAttributes,
+    ) -> Option<SurfaceInteraction> {
+        let there = PreliminaryIntersection { t: 0.0, ..*hit };
+        let there = ShapeKernel::surface(self, &Ray::new(q, point.n_g), &there, needs);
         Some(goes_on(there, point))
     }
 
@@ -350,9 +361,9 @@ impl<M: Mapping> Straight for Clipped<M> {
     fn spans(&self, ray: &Ray, spans: &mut Spans) {
         let ray = self.frame.ray_to_object(ray);
         for part in self.conic.parts(&ray) {
-            let [enter, exit] = [part.enter, part.exit].map(|end| PrimitiveHit {
+            let [enter, exit] = [part.enter, part.exit].map(|end| ShapeHit {
                 primitive: end.primitive,
-                ..PrimitiveHit::plain(end.t)
+                ..ShapeHit::plain(end.t)
             });
             solid::push(spans, enter, exit);
         }
@@ -374,7 +385,7 @@ pub(crate) fn angle(x: f64, y: f64) -> f64 {
 #[cfg(all(test, feature = "ellipsoid"))]
 mod tests {
     use crate::ellipsoid::Ellipsoid;
-    use whitstone_core::{DVec3, Interval, Ray, Shape, Shapes, Transform};
+    use whitstone_core::{DVec3, Interval, LoweredShape, Ray, Shapes, Transform};
     use whitstone_testkit::{Random, build};
 
     /// The quadratic formula in its textbook form.
@@ -387,7 +398,8 @@ mod tests {
     /// from the squared distances of the ray origin, that difference is lost.
     #[test]
     fn far_eyes_see_where_the_surface_is_and_the_naive_form_does_not() {
-        let Shape::Opaque(sphere) = build::<Shapes, Ellipsoid>("", Transform::IDENTITY).unwrap() else {
+        let LoweredShape::Opaque(sphere) = build::<Shapes, Ellipsoid>("", Transform::IDENTITY).unwrap()
+        else {
             unreachable!("an ellipsoid is opaque")
         };
         let mut random = Random::new(9);
@@ -398,7 +410,7 @@ mod tests {
             let ray = Ray::new(DVec3::new(distance, beside, 0.0), DVec3::NEG_X);
             let expected = distance - (1.0 - beside * beside).sqrt();
             let hit = sphere
-                .closest(&ray, Interval::FORWARD, None)
+                .intersect(&ray, Interval::FORWARD, None)
                 .expect("it is there");
             worst = worst.max((hit.t - expected).abs());
             // NaN (no hit) counts as a whole radius.

@@ -13,8 +13,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer};
 use whitstone_core::config::SolidRef;
 use whitstone_core::{
-    Aabb, Context, DVec3, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit, Ray, SceneError,
-    SceneErrors, Shape, Shapes, Span, Spans, SurfacePart, SurfacePoint, Transform, solid,
+    Aabb, Context, DVec3, Interval, LoweredShape, Plugin, PreliminaryIntersection, Ray, SceneError,
+    SceneErrors, Shape, ShapeHit, Shapes, Span, Spans, SurfaceAttributes, SurfaceInteraction, SurfacePart,
+    Transform, solid,
 };
 
 /// Maximum number of operands of one operation.
@@ -67,7 +68,7 @@ pub struct Csg {
 }
 
 struct Operand {
-    solid: Box<dyn Primitive>,
+    solid: Box<dyn Shape>,
     ball: Option<Ball>,
 }
 
@@ -103,7 +104,11 @@ impl Plugin<Shapes> for Csg {
     const TYPE: &'static str = "csg";
     type Config = Config;
 
-    fn build(config: Config, transform: Transform, context: &mut dyn Context) -> Result<Shape, SceneErrors> {
+    fn build(
+        config: Config,
+        transform: Transform,
+        context: &mut dyn Context,
+    ) -> Result<LoweredShape, SceneErrors> {
         let mut errors = SceneErrors::default();
         let mut solids = Vec::new();
         for operand in &config.operands.0 {
@@ -120,12 +125,12 @@ impl Plugin<Shapes> for Csg {
             );
             context.warn(warning.with_help("their intersection is empty, and nothing of it is seen"));
         }
-        Ok(Shape::Opaque(Box::new(csg)))
+        Ok(LoweredShape::Opaque(Box::new(csg)))
     }
 }
 
 impl Csg {
-    fn new(operation: Operation, solids: Vec<Box<dyn Primitive>>) -> Result<Self, SceneError> {
+    fn new(operation: Operation, solids: Vec<Box<dyn Shape>>) -> Result<Self, SceneError> {
         let count = solids.len() as u32;
         let most = solids.iter().map(|solid| solid.primitives()).max().unwrap_or(0);
         // The largest number means "no primitive".
@@ -185,7 +190,7 @@ impl Csg {
 /// A crossing of the surface of the first or second operand, and whether the line enters that
 /// operand.
 struct Crossing {
-    end: PrimitiveHit,
+    end: ShapeHit,
     second: bool,
     enters: bool,
 }
@@ -212,12 +217,12 @@ fn crossings<'a>(first: &'a [Span], second: &'a [Span]) -> impl Iterator<Item = 
 fn join(first: &[Span], second: &[Span], inside: impl Fn(bool, bool) -> bool) -> Spans {
     let mut joined = Spans::new();
     let (mut in_first, mut in_second) = (false, false);
-    let mut entered: Option<PrimitiveHit> = None;
+    let mut entered: Option<ShapeHit> = None;
     let mut crossings = crossings(first, second).peekable();
     while let Some(crossing) = crossings.next() {
         let mut place = Some(crossing);
         // All crossings at the same parameter are processed at once.
-        let mut end: Option<PrimitiveHit> = None;
+        let mut end: Option<ShapeHit> = None;
         while let Some(Crossing {
             end: here,
             second,
@@ -244,7 +249,7 @@ fn join(first: &[Span], second: &[Span], inside: impl Fn(bool, bool) -> bool) ->
     joined
 }
 
-impl Primitive for Csg {
+impl Shape for Csg {
     fn bounds(&self) -> Aabb {
         if self.bounds.is_empty() {
             // An empty box, at a place where accelerators can store it.
@@ -255,19 +260,24 @@ impl Primitive for Csg {
         self.bounds
     }
 
-    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
+    fn intersect(&self, ray: &Ray, interval: Interval, origin_primitive: Option<u32>) -> Option<ShapeHit> {
         let mut spans = Spans::new();
         self.spans(ray, &mut spans);
         if spans.is_empty() {
             return None;
         }
-        let inside = leaves.map(|primitive| self.goes_inside(ray, primitive));
+        let inside = origin_primitive.map(|primitive| self.goes_inside(ray, primitive));
         solid::first_end(&spans, interval, inside)
     }
 
-    fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
+    fn surface(
+        &self,
+        ray: &Ray,
+        hit: &PreliminaryIntersection,
+        needs: SurfaceAttributes,
+    ) -> SurfaceInteraction {
         let (operand, primitive) = self.operand(hit.primitive);
-        let hit = RawHit { primitive, ..*hit };
+        let hit = PreliminaryIntersection { primitive, ..*hit };
         let mut point = self.operands[operand as usize].solid.surface(ray, &hit, needs);
         if self.is_taken_away(operand) {
             point.n_g = -point.n_g;
@@ -294,11 +304,17 @@ impl Primitive for Csg {
         parts
     }
 
-    fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
+    fn surface_at_offset(
+        &self,
+        point: &SurfaceInteraction,
+        hit: &PreliminaryIntersection,
+        q: DVec3,
+        needs: SurfaceAttributes,
+    ) -> Option<SurfaceInteraction> {
         let (operand, primitive) = self.operand(hit.primitive);
-        let hit = RawHit { primitive, ..*hit };
+        let hit = PreliminaryIntersection { primitive, ..*hit };
         let solid = &self.operands[operand as usize].solid;
-        let mut there = solid.beside(point, &hit, q, needs)?;
+        let mut there = solid.surface_at_offset(point, &hit, q, needs)?;
         if self.is_taken_away(operand) {
             there.n_s = -there.n_s;
         }
@@ -390,18 +406,23 @@ mod tests {
         format!("operation = \"{operation}\"\noperands = {names:?}")
     }
 
-    fn build(operation: &str, names: &[&str], transform: Transform, context: &mut TestContext) -> Shape {
+    fn build(
+        operation: &str,
+        names: &[&str],
+        transform: Transform,
+        context: &mut TestContext,
+    ) -> LoweredShape {
         build_in::<Shapes, Csg>(&text(operation, names), transform, context).unwrap()
     }
 
-    fn solid_of(operation: &str, names: &[&str]) -> Box<dyn Primitive> {
+    fn solid_of(operation: &str, names: &[&str]) -> Box<dyn Shape> {
         match build(operation, names, Transform::IDENTITY, &mut operands()) {
-            Shape::Opaque(primitive) => primitive,
+            LoweredShape::Opaque(primitive) => primitive,
             _ => unreachable!("csg is opaque"),
         }
     }
 
-    fn spans(solid: &dyn Primitive, ray: &Ray) -> Spans {
+    fn spans(solid: &dyn Shape, ray: &Ray) -> Spans {
         let mut spans = Spans::new();
         solid.spans(ray, &mut spans);
         spans
@@ -445,7 +466,7 @@ mod tests {
     fn what_is_inside_is_what_the_operation_says() {
         let mut random = Random::new(1);
         let context = operands();
-        let inside = |solid: &dyn Primitive, ray: &Ray| {
+        let inside = |solid: &dyn Shape, ray: &Ray| {
             let around = |span: &Span| span.enter.t < 0.0 && span.exit.t > 0.0;
             spans(solid, ray).iter().any(around)
         };
@@ -459,7 +480,8 @@ mod tests {
             .flat_map(|operation| all.map(|names| (*operation, names)))
         {
             let parts = names.map(|name| solid_of("union", &[name, name]));
-            let Shape::Opaque(whole) = build(operation, &names, Transform::IDENTITY, &mut context.clone())
+            let LoweredShape::Opaque(whole) =
+                build(operation, &names, Transform::IDENTITY, &mut context.clone())
             else {
                 unreachable!("csg is opaque")
             };
@@ -481,11 +503,11 @@ mod tests {
         let solid = solid_of("difference", &["cube", "bore"]);
         let hit = |origin: [f64; 3], direction: [f64; 3]| {
             let ray = Ray::new(origin.into(), direction.into());
-            let hit = solid.closest(&ray, Interval::FORWARD, None)?;
+            let hit = solid.intersect(&ray, Interval::FORWARD, None)?;
             let point = solid.surface(
                 &ray,
-                &hit.of_shape(whitstone_core::InstancePath::WORLD, 0),
-                Needs::NOTHING,
+                &hit.of_shape(whitstone_core::InstanceId::TOP_LEVEL, 0),
+                SurfaceAttributes::NOTHING,
             );
             Some((hit.t, hit.primitive, point.n_g.to_array()))
         };
@@ -531,7 +553,7 @@ mod tests {
         // Shows that the test can fail: a sphere that is larger by a few ulps leaves slivers.
         let mut context =
             operands().with_operand::<Sphere>("larger", "radius = 1.0000000000000009", Transform::IDENTITY);
-        let Shape::Opaque(skin) = build(
+        let LoweredShape::Opaque(skin) = build(
             "difference",
             &["larger", "ball"],
             Transform::IDENTITY,
@@ -554,7 +576,7 @@ mod tests {
         for exponent in 1..=15 {
             for delta in [10f64.powi(-exponent), -(10f64.powi(-exponent))] {
                 let mut context = operands().with_operand::<Sphere>("moved", "", moved(delta, 0.0, 0.0));
-                let Shape::Opaque(shell) = build(
+                let LoweredShape::Opaque(shell) = build(
                     "difference",
                     &["ball", "moved"],
                     Transform::IDENTITY,
@@ -583,7 +605,7 @@ mod tests {
     #[test]
     fn an_empty_intersection_is_a_warning() {
         let mut context = operands();
-        let Shape::Opaque(nothing) = build(
+        let LoweredShape::Opaque(nothing) = build(
             "intersection",
             &["ball", "far"],
             Transform::IDENTITY,
@@ -594,7 +616,7 @@ mod tests {
         assert_eq!(context.warnings.len(), 1);
         assert!(nothing.bounds().is_finite() && !nothing.bounds().is_empty());
         let ray = Ray::new(DVec3::new(0.0, 0.0, 3.0), DVec3::NEG_Z);
-        assert_eq!(nothing.closest(&ray, Interval::FORWARD, None), None);
+        assert_eq!(nothing.intersect(&ray, Interval::FORWARD, None), None);
     }
 
     #[test]

@@ -12,7 +12,7 @@ use crate::revolution::{Heights, Revolution};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::config::{Positive, Vector2};
-use whitstone_core::{Context, DVec3, Plugin, SceneErrors, Shape, Shapes, Transform};
+use whitstone_core::{Context, DVec3, LoweredShape, Plugin, SceneErrors, Shapes, Transform};
 
 /// A cylinder about the z axis of its object space; its normals point away from the axis.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -49,7 +49,7 @@ impl Plugin<Shapes> for Cylinder {
     const TYPE: &'static str = "cylinder";
     type Config = Config;
 
-    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<Shape, SceneErrors> {
+    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<LoweredShape, SceneErrors> {
         let radius = config.radius.get();
         let cylinder = Revolution {
             square: 0.0,
@@ -68,19 +68,24 @@ impl Plugin<Shapes> for Cylinder {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::{Interval, Primitive, Ray};
+    use whitstone_core::{Interval, Ray, Shape};
     use whitstone_testkit::{build, placements, shape_laws, shape_laws_everywhere};
 
-    fn cylinder(text: &str) -> Box<dyn Primitive> {
+    fn cylinder(text: &str) -> Box<dyn Shape> {
         match build::<Shapes, Cylinder>(text, Transform::IDENTITY).unwrap() {
-            Shape::Opaque(primitive) => primitive,
+            LoweredShape::Opaque(primitive) => primitive,
             _ => unreachable!("a cylinder is opaque"),
         }
     }
 
-    fn closest(text: &str, origin: [f64; 3], direction: [f64; 3], leaves: Option<u32>) -> Option<(f64, u32)> {
+    fn intersect(
+        text: &str,
+        origin: [f64; 3],
+        direction: [f64; 3],
+        origin_primitive: Option<u32>,
+    ) -> Option<(f64, u32)> {
         let ray = Ray::new(origin.into(), direction.into());
-        let hit = cylinder(text).closest(&ray, Interval::FORWARD, leaves)?;
+        let hit = cylinder(text).intersect(&ray, Interval::FORWARD, origin_primitive)?;
         Some((hit.t, hit.primitive))
     }
 
@@ -111,28 +116,28 @@ mod tests {
     #[test]
     fn sides_and_caps_are_numbered() {
         assert_eq!(
-            closest("", [3.0, 0.0, 0.0], [-1.0, 0.0, 0.0], None),
+            intersect("", [3.0, 0.0, 0.0], [-1.0, 0.0, 0.0], None),
             Some((2.0, 0))
         );
         for zero in [0.0, -0.0] {
             assert_eq!(
-                closest("", [0.5, 0.0, 3.0], [zero, zero, -1.0], None),
+                intersect("", [0.5, 0.0, 3.0], [zero, zero, -1.0], None),
                 Some((2.0, 2))
             );
             assert_eq!(
-                closest("", [0.5, 0.0, -3.0], [zero, zero, 1.0], None),
+                intersect("", [0.5, 0.0, -3.0], [zero, zero, 1.0], None),
                 Some((2.0, 1))
             );
             assert_eq!(
-                closest("caps = false", [0.5, 0.0, 3.0], [zero, zero, -1.0], None),
+                intersect("caps = false", [0.5, 0.0, 3.0], [zero, zero, -1.0], None),
                 None
             );
-            assert_eq!(closest("", [1.5, 0.0, 3.0], [zero, zero, -1.0], None), None);
-            assert_eq!(closest("", [3.0, 0.0, 2.0], [-1.0, zero, zero], None), None);
+            assert_eq!(intersect("", [1.5, 0.0, 3.0], [zero, zero, -1.0], None), None);
+            assert_eq!(intersect("", [3.0, 0.0, 2.0], [-1.0, zero, zero], None), None);
         }
         // Through the open end to the inner side.
         assert_eq!(
-            closest("caps = false", [0.0, 0.0, 2.0], [0.5, 0.0, -1.0], None),
+            intersect("caps = false", [0.0, 0.0, 2.0], [0.5, 0.0, -1.0], None),
             Some((2.0, 0))
         );
     }
@@ -140,26 +145,26 @@ mod tests {
     #[test]
     fn a_ray_that_leaves_meets_the_far_side_only() {
         assert_eq!(
-            closest("", [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], Some(0)),
+            intersect("", [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], Some(0)),
             Some((2.0, 0))
         );
-        assert_eq!(closest("", [1.0, 0.0, 0.0], [1.0, 0.0, 0.0], Some(0)), None);
+        assert_eq!(intersect("", [1.0, 0.0, 0.0], [1.0, 0.0, 0.0], Some(0)), None);
         // At the rim, one ulp beyond the cap.
         let beyond = 1f64.next_up();
         assert_eq!(
-            closest("", [1.0, 0.0, beyond], [-1.0, 0.0, -1.0], Some(0)),
+            intersect("", [1.0, 0.0, beyond], [-1.0, 0.0, -1.0], Some(0)),
             Some((2.0, 0))
         );
         // The other cap is reached before the side, because the origin is one ulp off.
         assert_eq!(
-            closest("", [beyond, 0.0, 1.0], [-1.0, 0.0, -1.0], Some(2)),
+            intersect("", [beyond, 0.0, 1.0], [-1.0, 0.0, -1.0], Some(2)),
             Some((2.0, 1))
         );
     }
 
     #[test]
     fn a_needle_is_hit_from_afar_and_bounds_are_tight() {
-        let found = closest(
+        let found = intersect(
             "radius = 1e-8\nz = [0, 1]",
             [1e3, 0.6e-8, 0.5],
             [-1.0, 0.0, 0.0],

@@ -9,8 +9,8 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::f64::consts::TAU;
 use whitstone_core::{
-    Aabb, Context, DVec2, DVec3, Needs, Plugin, PrimitiveHit, RawHit, Ray, SceneError, SceneErrors, Shape,
-    Shapes, Straight, SurfacePart, SurfacePoint, Transform,
+    Aabb, Context, DVec2, DVec3, LoweredShape, Plugin, PreliminaryIntersection, Ray, SceneError, SceneErrors,
+    ShapeHit, ShapeKernel, Shapes, SurfaceAttributes, SurfaceInteraction, SurfacePart, Transform,
 };
 
 /// The disk x² + y² <= 1 in the plane z = 0 of its object space; its normal is +z.
@@ -28,7 +28,7 @@ impl Plugin<Shapes> for Disk {
     const TYPE: &'static str = "disk";
     type Config = Config;
 
-    fn build(_: Config, transform: Transform, _: &mut dyn Context) -> Result<Shape, SceneErrors> {
+    fn build(_: Config, transform: Transform, _: &mut dyn Context) -> Result<LoweredShape, SceneErrors> {
         let m = transform.world_from_object().matrix3;
         let (x, y) = (m.x_axis.length(), m.y_axis.length());
         let round = (x - y).abs() <= 1e-9 * x && m.x_axis.dot(m.y_axis).abs() <= 1e-9 * x * y;
@@ -40,11 +40,11 @@ impl Plugin<Shapes> for Disk {
             );
         }
         let frame = Frame::new(transform);
-        Ok(Shape::Opaque(Box::new(Self { frame })))
+        Ok(LoweredShape::Opaque(Box::new(Self { frame })))
     }
 }
 
-impl Straight for Disk {
+impl ShapeKernel for Disk {
     fn bounds(&self) -> Aabb {
         let [x, y, _] = self.frame.columns(DVec3::ONE);
         // Along each world axis the disk extends by sqrt(x² + y²). This is exact if x or y is zero;
@@ -57,25 +57,30 @@ impl Straight for Disk {
     }
 
     #[inline(always)]
-    fn comes_near(&self, ray: &Ray) -> bool {
+    fn may_hit(&self, ray: &Ray) -> bool {
         self.frame.approaches(ray)
     }
 
     #[inline(always)]
-    fn hit(&self, ray: &Ray, min: f64, leaves: u32) -> PrimitiveHit {
-        let (t, params) = self.frame.meet_plane(ray);
-        let inside = params.length_squared() <= 1.0;
-        flat_hit(t, params, inside, min, leaves)
+    fn hit(&self, ray: &Ray, min: f64, origin_primitive: u32) -> ShapeHit {
+        let (t, prim_uv) = self.frame.meet_plane(ray);
+        let inside = prim_uv.length_squared() <= 1.0;
+        flat_hit(t, prim_uv, inside, min, origin_primitive)
     }
 
     #[inline(always)]
-    fn surface(&self, _: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
-        let (position, error) = self.frame.point(hit.params.extend(0.0), 2);
-        let mut point = SurfacePoint::new(position, error, self.frame.normal(2));
-        if needs.contains(Needs::UV) {
-            let phi = hit.params.y.atan2(hit.params.x);
+    fn surface(
+        &self,
+        _: &Ray,
+        hit: &PreliminaryIntersection,
+        needs: SurfaceAttributes,
+    ) -> SurfaceInteraction {
+        let (position, error) = self.frame.point(hit.prim_uv.extend(0.0), 2);
+        let mut point = SurfaceInteraction::new(position, error, self.frame.normal(2));
+        if needs.contains(SurfaceAttributes::UV) {
+            let phi = hit.prim_uv.y.atan2(hit.prim_uv.x);
             let phi = if phi < 0.0 { phi + TAU } else { phi };
-            point.uv = DVec2::new(hit.params.length(), phi / TAU);
+            point.uv = DVec2::new(hit.prim_uv.length(), phi / TAU);
         }
         point
     }
@@ -84,10 +89,16 @@ impl Straight for Disk {
         vec![self.frame.round_face(1.0, 0.0, 1.0)]
     }
 
-    fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
-        let params = self.frame.point_to_object(q).truncate();
-        let there = RawHit { params, ..*hit };
-        let there = Straight::surface(self, &Ray::new(q, self.frame.normal(2)), &there, needs);
+    fn surface_at_offset(
+        &self,
+        point: &SurfaceInteraction,
+        hit: &PreliminaryIntersection,
+        q: DVec3,
+        needs: SurfaceAttributes,
+    ) -> Option<SurfaceInteraction> {
+        let prim_uv = self.frame.point_to_object(q).truncate();
+        let there = PreliminaryIntersection { prim_uv, ..*hit };
+        let there = ShapeKernel::surface(self, &Ray::new(q, self.frame.normal(2)), &there, needs);
         Some(goes_on(there, point))
     }
 }

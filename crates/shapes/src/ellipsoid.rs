@@ -12,7 +12,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::config::Vector3;
 use whitstone_core::{
-    Context, DAffine3, DMat3, DVec2, DVec3, Plugin, SceneError, SceneErrors, Shape, Shapes, Transform,
+    Context, DAffine3, DMat3, DVec2, DVec3, LoweredShape, Plugin, SceneError, SceneErrors, Shapes, Transform,
 };
 
 /// An axis-aligned ellipsoid about the origin of its object space; its normals point outward.
@@ -62,7 +62,7 @@ impl Plugin<Shapes> for Ellipsoid {
     const TYPE: &'static str = "ellipsoid";
     type Config = Config;
 
-    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<Shape, SceneErrors> {
+    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<LoweredShape, SceneErrors> {
         let scaled = *transform.world_from_object() * DAffine3::from_scale(config.radii.0);
         let transform = Transform::new(scaled)
             .ok_or_else(|| SceneError::anywhere("the radii are too large or too small to compute with"))?;
@@ -81,14 +81,14 @@ impl Plugin<Shapes> for Ellipsoid {
         let ellipsoid = Clipped::new(transform, sphere, Angles, |frame| {
             frame.around(frame.reach_of_ellipsoid(DVec3::ONE))
         })?;
-        Ok(Shape::Opaque(Box::new(ellipsoid)))
+        Ok(LoweredShape::Opaque(Box::new(ellipsoid)))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::{Interval, Primitive, Ray};
+    use whitstone_core::{Interval, Ray, Shape};
     use whitstone_testkit::build;
 
     whitstone_testkit::shape_laws!(
@@ -99,9 +99,9 @@ mod tests {
         "radii = [0.05..4.0, 0.05..4.0, 0.05..4.0]",
     );
 
-    fn ellipsoid(text: &str) -> Box<dyn Primitive> {
+    fn ellipsoid(text: &str) -> Box<dyn Shape> {
         match build::<Shapes, Ellipsoid>(text, Transform::IDENTITY).unwrap() {
-            Shape::Opaque(primitive) => primitive,
+            LoweredShape::Opaque(primitive) => primitive,
             _ => unreachable!("an ellipsoid is opaque"),
         }
     }
@@ -112,12 +112,12 @@ mod tests {
     fn a_flat_ellipsoid_is_hit_where_it_is() {
         let ray = Ray::new(DVec3::new(100.0, 0.6, 0.0), DVec3::NEG_X);
         let found = ellipsoid("radii = [1e-6, 1, 1]")
-            .closest(&ray, Interval::FORWARD, None)
+            .intersect(&ray, Interval::FORWARD, None)
             .unwrap();
         assert!((found.t - (100.0 - 0.8e-6)).abs() < 3e-14, "{found:?}");
         let beside = Ray::new(DVec3::new(100.0, 1.0 + 1e-14, 0.0), DVec3::NEG_X);
         assert_eq!(
-            ellipsoid("radii = [1e-6, 1, 1]").closest(&beside, Interval::FORWARD, None),
+            ellipsoid("radii = [1e-6, 1, 1]").intersect(&beside, Interval::FORWARD, None),
             None
         );
     }

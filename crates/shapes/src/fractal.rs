@@ -19,8 +19,9 @@ use std::ops::ControlFlow;
 use toml::Spanned;
 use whitstone_core::config::{Finite, IntegerIn};
 use whitstone_core::{
-    Aabb, Context, DVec2, DVec3, DVec4, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit, Ray,
-    SceneError, SceneErrors, Shape, Shapes, Spans, SurfacePoint, Transform,
+    Aabb, Context, DVec2, DVec3, DVec4, Interval, LoweredShape, Plugin, PreliminaryIntersection, Ray,
+    SceneError, SceneErrors, Shape, ShapeHit, Shapes, Spans, SurfaceAttributes, SurfaceInteraction,
+    Transform,
 };
 
 /// Escape radius: longer iterates never return.
@@ -85,7 +86,7 @@ impl Plugin<Shapes> for Fractal {
     const TYPE: &'static str = "fractal";
     type Config = Config;
 
-    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<Shape, SceneErrors> {
+    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<LoweredShape, SceneErrors> {
         let mut errors = SceneErrors::default();
         let mut refuse = |span, message: &str| errors.0.push(SceneError::at(span, message));
         let map = match config.kind {
@@ -122,7 +123,7 @@ impl Plugin<Shapes> for Fractal {
             }
         };
         errors.into_result(())?;
-        Ok(Shape::Opaque(Box::new(Self::new(
+        Ok(LoweredShape::Opaque(Box::new(Self::new(
             map,
             config.depth.get(),
             transform,
@@ -362,20 +363,20 @@ impl Along for Line<'_> {
     }
 }
 
-impl Primitive for Fractal {
+impl Shape for Fractal {
     fn bounds(&self) -> Aabb {
         self.level.bounds()
     }
 
-    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
+    fn intersect(&self, ray: &Ray, interval: Interval, origin_primitive: Option<u32>) -> Option<ShapeHit> {
         let ray = self.level.ray(ray);
         let segment = self.level.clip(&ray)?;
-        let leaves = leaves.map(|_| self.value(ray.origin, [ray.direction]).1[0]);
+        let origin_primitive = origin_primitive.map(|_| self.value(ray.origin, [ray.direction]).1[0]);
         self.level
-            .closest(&ray, &segment, &self.along(&segment), leaves, interval)
+            .intersect(&ray, &segment, &self.along(&segment), origin_primitive, interval)
     }
 
-    fn surface(&self, ray: &Ray, hit: &RawHit, _: Needs) -> SurfacePoint {
+    fn surface(&self, ray: &Ray, hit: &PreliminaryIntersection, _: SurfaceAttributes) -> SurfaceInteraction {
         let p = self.level.ray(ray).at(hit.t);
         self.level.surface(ray, p, |p| self.sample(p))
     }
@@ -477,7 +478,7 @@ mod tests {
         // The set is |z^8| < 2.
         let shape = Fractal::new(map, 3, Transform::IDENTITY);
         let ray = Ray::new(DVec3::new(0.0, 0.0, 4.0), DVec3::NEG_Z);
-        let hit = shape.closest(&ray, Interval::FORWARD, None).unwrap();
+        let hit = shape.intersect(&ray, Interval::FORWARD, None).unwrap();
         assert!((hit.t - (4.0 - 2f64.powf(0.125))).abs() < 1e-14, "{hit:?}");
     }
 
@@ -498,7 +499,7 @@ mod tests {
             let (mut hits, rays) = (0, 150);
             for _ in 0..rays {
                 let ray = aimed(&mut random);
-                let found = shape.closest(&ray, Interval::FORWARD, None);
+                let found = shape.intersect(&ray, Interval::FORWARD, None);
                 let end = found.map_or(6.0, |hit| hit.t);
                 let samples = 1000;
                 let inside = (0..samples)
@@ -559,7 +560,7 @@ mod tests {
                 let shape = Fractal::new(deepest.map, depth, Transform::IDENTITY);
                 let t = |ray: &Ray| {
                     shape
-                        .closest(ray, Interval::FORWARD, None)
+                        .intersect(ray, Interval::FORWARD, None)
                         .map_or(10.0, |hit| hit.t)
                 };
                 rays.iter().map(t).collect()

@@ -2,7 +2,7 @@
 //! error bounds.
 
 use whitstone_core::simd::select;
-use whitstone_core::{Aabb, DMat3, DVec2, DVec3, LEAVES_NOTHING, PrimitiveHit, Ray, SurfacePart, Transform};
+use whitstone_core::{Aabb, DMat3, DVec2, DVec3, NO_PRIMITIVE, Ray, ShapeHit, SurfacePart, Transform};
 
 /// Unit roundoff: half the distance from 1 to the next number, the relative error of one rounding.
 pub(crate) const UNIT: f64 = 0.5 * f64::EPSILON;
@@ -222,12 +222,12 @@ impl Frame {
 /// The hit of a ray with the part of a plane selected by `inside`; a ray spawned on the plane does
 /// not hit it.
 #[inline(always)]
-pub(crate) fn flat_hit(t: f64, params: DVec2, inside: bool, min: f64, leaves: u32) -> PrimitiveHit {
-    let counts = inside & (t > min) & (leaves == LEAVES_NOTHING);
-    PrimitiveHit {
+pub(crate) fn flat_hit(t: f64, prim_uv: DVec2, inside: bool, min: f64, origin_primitive: u32) -> ShapeHit {
+    let counts = inside & (t > min) & (origin_primitive == NO_PRIMITIVE);
+    ShapeHit {
         t: select(counts, t, f64::NAN),
         primitive: 0,
-        params,
+        prim_uv,
     }
 }
 

@@ -13,7 +13,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::config::{IntegerIn, NonNegative};
 use whitstone_core::hash::mix;
-use whitstone_core::{Context, DVec3, Plugin, SceneError, SceneErrors, Shape, Shapes, Transform};
+use whitstone_core::{Context, DVec3, LoweredShape, Plugin, SceneError, SceneErrors, Shapes, Transform};
 
 /// Maximum number of quads: twice as many triangles still fit the indices of the accelerators.
 const MAX_QUADS: u64 = 1 << 26;
@@ -70,7 +70,11 @@ impl Plugin<Shapes> for Heightfield {
     const TYPE: &'static str = "heightfield";
     type Config = Config;
 
-    fn build(config: Config, transform: Transform, context: &mut dyn Context) -> Result<Shape, SceneErrors> {
+    fn build(
+        config: Config,
+        transform: Transform,
+        context: &mut dyn Context,
+    ) -> Result<LoweredShape, SceneErrors> {
         let (columns, rows) = (config.columns.get(), config.rows.get());
         let quads = u64::from(columns) * u64::from(rows);
         if quads > MAX_QUADS {
@@ -80,7 +84,7 @@ impl Plugin<Shapes> for Heightfield {
         context.reserve(quads * (size_of::<DVec3>() + 2 * size_of::<[u32; 3]>()) as u64)?;
         let object = landscape(&config);
         let beyond = || SceneError::anywhere("the transform moves a vertex beyond all numbers");
-        Ok(Shape::Triangles(
+        Ok(LoweredShape::Triangles(
             lower(object, &transform).ok_or_else(beyond)?.mesh,
         ))
     }
@@ -167,7 +171,7 @@ mod tests {
 
     fn mesh(text: &str) -> whitstone_core::TriangleMesh {
         match build::<Shapes, Heightfield>(text, Transform::IDENTITY) {
-            Ok(Shape::Triangles(mesh)) => mesh,
+            Ok(LoweredShape::Triangles(mesh)) => mesh,
             _ => panic!("a heightfield is triangles"),
         }
     }

@@ -10,7 +10,7 @@ use crate::revolution::{Heights, Revolution};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::config::{Positive, Vector2};
-use whitstone_core::{Context, DVec3, Plugin, SceneErrors, Shape, Shapes, Transform};
+use whitstone_core::{Context, DVec3, LoweredShape, Plugin, SceneErrors, Shapes, Transform};
 
 /// The hyperboloid of one sheet x² + y² = radius² + slope² z² of its object space; its normals
 /// point away from the axis.
@@ -55,7 +55,7 @@ impl Plugin<Shapes> for Hyperboloid {
     const TYPE: &'static str = "hyperboloid";
     type Config = Config;
 
-    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<Shape, SceneErrors> {
+    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<LoweredShape, SceneErrors> {
         let (radius, slope) = (config.radius.get(), config.slope.get());
         let hyperboloid = Revolution {
             square: slope * slope,
@@ -87,7 +87,8 @@ mod tests {
 
     #[test]
     fn a_line_beside_the_waist_is_inside_twice() {
-        let Shape::Opaque(shape) = build::<Shapes, Hyperboloid>("", Transform::IDENTITY).unwrap() else {
+        let LoweredShape::Opaque(shape) = build::<Shapes, Hyperboloid>("", Transform::IDENTITY).unwrap()
+        else {
             unreachable!("a hyperboloid is opaque")
         };
         let ray = Ray::new(DVec3::new(0.8, 0.0, 3.0), DVec3::NEG_Z);
@@ -109,7 +110,7 @@ mod tests {
         }
         // From the lower flare, past the waist on the outside, into the upper flare.
         let leaving = Ray::new(DVec3::new(0.8, 0.0, -side), DVec3::Z);
-        let hit = shape.closest(&leaving, Interval::FORWARD, Some(0)).unwrap();
+        let hit = shape.intersect(&leaving, Interval::FORWARD, Some(0)).unwrap();
         assert!(
             (hit.t - 2.0 * side).abs() < 1e-14 && hit.primitive == 0,
             "{hit:?}"

@@ -21,8 +21,8 @@ use toml::Spanned;
 use tree::{Field, Node};
 use whitstone_core::config::{Positive, Vector3};
 use whitstone_core::{
-    Aabb, Context, DVec2, DVec3, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit, Ray, SceneError,
-    SceneErrors, Shape, Shapes, Spans, SurfacePoint, Transform,
+    Aabb, Context, DVec2, DVec3, Interval, LoweredShape, Plugin, PreliminaryIntersection, Ray, SceneError,
+    SceneErrors, Shape, ShapeHit, Shapes, Spans, SurfaceAttributes, SurfaceInteraction, Transform,
 };
 
 /// Number of sample points at which an asserted Lipschitz bound is checked.
@@ -78,7 +78,7 @@ impl Plugin<Shapes> for Implicit {
     const TYPE: &'static str = "implicit";
     type Config = Config;
 
-    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<Shape, SceneErrors> {
+    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<LoweredShape, SceneErrors> {
         let place = config.field.span();
         let field = Field::new(config.field.into_inner())
             .map_err(|message| SceneError::at(place.clone(), message))?;
@@ -108,7 +108,7 @@ impl Plugin<Shapes> for Implicit {
                 SceneError::at(promised.span(), message).with_help("leave it out: a bound is derived then")
             })?;
         }
-        Ok(Shape::Opaque(Box::new(shape)))
+        Ok(LoweredShape::Opaque(Box::new(shape)))
     }
 }
 
@@ -280,26 +280,33 @@ impl Along for Line<'_> {
     }
 }
 
-impl Primitive for Implicit {
+impl Shape for Implicit {
     fn bounds(&self) -> Aabb {
         self.level.bounds()
     }
 
-    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
+    fn intersect(&self, ray: &Ray, interval: Interval, origin_primitive: Option<u32>) -> Option<ShapeHit> {
         let ray = self.level.ray(ray);
         let segment = self.level.clip(&ray)?;
-        let leaves = leaves.map(|_| self.sample(ray.origin).gradient.dot(ray.direction));
+        let origin_primitive = origin_primitive.map(|_| self.sample(ray.origin).gradient.dot(ray.direction));
         let line = self.along(&segment);
-        self.level.closest(&ray, &segment, &line, leaves, interval)
+        self.level
+            .intersect(&ray, &segment, &line, origin_primitive, interval)
     }
 
-    fn surface(&self, ray: &Ray, hit: &RawHit, _: Needs) -> SurfacePoint {
+    fn surface(&self, ray: &Ray, hit: &PreliminaryIntersection, _: SurfaceAttributes) -> SurfaceInteraction {
         let p = self.level.ray(ray).at(hit.t);
         self.level.surface(ray, p, |p| self.sample(p))
     }
 
-    fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
-        let there = RawHit { t: 0.0, ..*hit };
+    fn surface_at_offset(
+        &self,
+        point: &SurfaceInteraction,
+        hit: &PreliminaryIntersection,
+        q: DVec3,
+        needs: SurfaceAttributes,
+    ) -> Option<SurfaceInteraction> {
+        let there = PreliminaryIntersection { t: 0.0, ..*hit };
         Some(self.surface(&Ray::new(q, point.n_g), &there, needs))
     }
 
@@ -325,7 +332,7 @@ impl Primitive for Implicit {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::InstancePath;
+    use whitstone_core::InstanceId;
     use whitstone_testkit::{Random, build, shape_laws_everywhere};
 
     fn implicit(text: &str) -> Implicit {
@@ -375,9 +382,13 @@ mod tests {
         let hit = |text: &str, origin: [f64; 3], direction: [f64; 3]| {
             let shape = implicit(text);
             let ray = Ray::new(origin.into(), direction.into());
-            let hit = shape.closest(&ray, Interval::FORWARD, None)?;
+            let hit = shape.intersect(&ray, Interval::FORWARD, None)?;
             let n = shape
-                .surface(&ray, &hit.of_shape(InstancePath::WORLD, 0), Needs::NOTHING)
+                .surface(
+                    &ray,
+                    &hit.of_shape(InstanceId::TOP_LEVEL, 0),
+                    SurfaceAttributes::NOTHING,
+                )
                 .n_g;
             Some((hit.t, n))
         };
@@ -489,13 +500,13 @@ mod tests {
                 let origin = 2.0 * random.direction();
                 let ray = Ray::new(origin, 0.5 * random.cube() - origin);
                 let truth = by_ranges(&shape, &ray);
-                let found = shape.closest(&ray, Interval::FORWARD, None).map(|hit| hit.t);
+                let found = shape.intersect(&ray, Interval::FORWARD, None).map(|hit| hit.t);
                 match (truth, found) {
                     (Some(a), Some(b)) => assert!((a - b).abs() < 1e-11, "{shear}: {a} {b} {ray:?}"),
                     _ => assert_eq!(truth, found, "{shear}: {ray:?}"),
                 }
                 hits += usize::from(truth.is_some());
-                let by_wrong = wrong.closest(&ray, Interval::FORWARD, None).map(|hit| hit.t);
+                let by_wrong = wrong.intersect(&ray, Interval::FORWARD, None).map(|hit| hit.t);
                 let same =
                     by_wrong.zip(truth).is_some_and(|(a, b)| (a - b).abs() < 1e-9) || by_wrong == truth;
                 misses_of_false += usize::from(!same);

@@ -11,7 +11,7 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::config::GroupRef;
-use whitstone_core::{Context, Instance, Plugin, SceneErrors, Shape, Shapes, Transform};
+use whitstone_core::{Context, Instance, LoweredShape, Plugin, SceneErrors, Shapes, Transform};
 
 /// An instance of a group of shapes; the shapes keep their own materials.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -28,9 +28,13 @@ impl Plugin<Shapes> for Placed {
     const TYPE: &'static str = "instance";
     type Config = Config;
 
-    fn build(config: Config, transform: Transform, context: &mut dyn Context) -> Result<Shape, SceneErrors> {
+    fn build(
+        config: Config,
+        transform: Transform,
+        context: &mut dyn Context,
+    ) -> Result<LoweredShape, SceneErrors> {
         let group = context.group(&config.group)?;
-        Ok(Shape::Instance(Box::new(Instance::new(group, transform))))
+        Ok(LoweredShape::Instance(Box::new(Instance::new(group, transform))))
     }
 }
 
@@ -43,23 +47,23 @@ mod tests {
     };
     use std::sync::Arc;
     use whitstone_core::{
-        Accelerator, DAffine3, DMat3, DVec3, Geometry, Group, Interval, Needs, RawHit, Ray, Skip,
-        SurfacePoint,
+        Accelerator, DAffine3, DMat3, DVec3, Geometry, Group, Interval, PreliminaryIntersection, Ray,
+        SelfHitFilter, SurfaceAttributes, SurfaceInteraction,
     };
     use whitstone_testkit::{Naive, Random, TestContext, build, build_in, placements, shape_laws};
 
-    fn group(shapes: Vec<Shape>) -> Arc<Group> {
+    fn group(shapes: Vec<LoweredShape>) -> Arc<Group> {
         let geometry = Arc::new(Geometry::new(shapes));
         Arc::new(Group::new(geometry.clone(), Box::new(Naive::new(geometry)), 1))
     }
 
-    fn place(group: &Arc<Group>, transform: Transform) -> Shape {
+    fn place(group: &Arc<Group>, transform: Transform) -> LoweredShape {
         let mut context = TestContext::default();
         context.groups.insert("it".to_owned(), group.clone());
         build_in::<Shapes, Placed>("group = \"it\"", transform, &mut context).unwrap()
     }
 
-    fn one<P: Plugin<Shapes>>(text: &str) -> Vec<Shape> {
+    fn one<P: Plugin<Shapes>>(text: &str) -> Vec<LoweredShape> {
         let turn = DMat3::from_axis_angle(DVec3::new(0.3, -1.0, 0.4).normalize(), 2.0);
         let transform = DAffine3::from_mat3_translation(0.9 * turn, DVec3::new(0.2, -0.3, 0.1));
         vec![build::<Shapes, P>(text, Transform::new(transform).unwrap()).unwrap()]
@@ -95,12 +99,15 @@ mod tests {
         }
     }
 
-    fn nearest(shape: Shape, rays: &[(Ray, Skip)]) -> Vec<Option<(RawHit, SurfacePoint)>> {
+    fn nearest(
+        shape: LoweredShape,
+        rays: &[(Ray, SelfHitFilter)],
+    ) -> Vec<Option<(PreliminaryIntersection, SurfaceInteraction)>> {
         let geometry = Arc::new(Geometry::new(vec![shape]));
         let all = Naive::new(geometry.clone());
-        let one = |(ray, skip): &(Ray, Skip)| {
-            let hit = all.closest(ray, Interval::FORWARD, *skip)?;
-            Some((hit, geometry.surface(ray, &hit, Needs::NOTHING)))
+        let one = |(ray, skip): &(Ray, SelfHitFilter)| {
+            let hit = all.intersect(ray, Interval::FORWARD, *skip)?;
+            Some((hit, geometry.surface(ray, &hit, SurfaceAttributes::NOTHING)))
         };
         rays.iter().map(one).collect()
     }
@@ -115,13 +122,13 @@ mod tests {
         let askew = Transform::new(DAffine3::from_mat3(askew)).unwrap();
         for (name, transform) in placements().into_iter().chain([("askew", askew)]) {
             let itself = build::<Shapes, Cuboid>("", transform).unwrap();
-            let rays: Vec<(Ray, Skip)> = (0..4000)
+            let rays: Vec<(Ray, SelfHitFilter)> = (0..4000)
                 .map(|i| {
                     let mut target = 0.99 * random.cube();
                     target[i % 3] = 1f64.copysign(random.signed());
                     let origin = [1.5, 4.0, 200.0][i % 3] * random.direction() + target;
                     let [target, origin] = [target, origin].map(|p| transform.point_to_world(p));
-                    (Ray::new(origin, target - origin), Skip::NOTHING)
+                    (Ray::new(origin, target - origin), SelfHitFilter::NOTHING)
                 })
                 .collect();
             let pairs = nearest(itself, &rays)
@@ -153,24 +160,24 @@ mod tests {
         ]);
         for (name, transform) in placements() {
             let shape = || place(&square, transform);
-            let rays: Vec<(Ray, Skip)> = (0..4000)
+            let rays: Vec<(Ray, SelfHitFilter)> = (0..4000)
                 .map(|i| {
                     let along = 0.9 * random.signed();
                     let beside = random.signed() * 10f64.powi(-(7 + i % 8));
                     let target = transform.point_to_world(DVec3::new(along + beside, along - beside, 0.0));
                     let origin = transform.point_to_world(DVec3::new(random.signed(), random.signed(), 1.0));
-                    (Ray::new(origin, target - origin), Skip::NOTHING)
+                    (Ray::new(origin, target - origin), SelfHitFilter::NOTHING)
                 })
                 .collect();
             let hits = nearest(shape(), &rays);
-            let leaving: Vec<(Ray, Skip)> = hits
+            let leaving: Vec<(Ray, SelfHitFilter)> = hits
                 .into_iter()
                 .flatten()
                 .flat_map(|(hit, point)| {
                     let side = point.n_g.cross(random.direction()).normalize();
                     [1e-2, 1e-4, 1e-6].map(|slope| {
                         let d = side + slope * point.n_g;
-                        (Ray::new(point.leave(d), d), Skip::leaving(&hit))
+                        (Ray::new(point.leave(d), d), SelfHitFilter::leaving(&hit))
                     })
                 })
                 .collect();

@@ -24,8 +24,8 @@ use std::ops::ControlFlow;
 use toml::Spanned;
 use whitstone_core::config::{FilePath, Finite, IntegerIn};
 use whitstone_core::{
-    Aabb, Context, DVec2, DVec3, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit, Ray, SceneError,
-    SceneErrors, Shape, Shapes, Spans, SurfacePoint, Transform,
+    Aabb, Context, DVec2, DVec3, Interval, LoweredShape, Plugin, PreliminaryIntersection, Ray, SceneError,
+    SceneErrors, Shape, ShapeHit, Shapes, Spans, SurfaceAttributes, SurfaceInteraction, Transform,
 };
 
 /// Maximum number of values: one gigabyte.
@@ -111,7 +111,11 @@ impl Plugin<Shapes> for Isosurface {
     const TYPE: &'static str = "isosurface";
     type Config = Config;
 
-    fn build(config: Config, transform: Transform, context: &mut dyn Context) -> Result<Shape, SceneErrors> {
+    fn build(
+        config: Config,
+        transform: Transform,
+        context: &mut dyn Context,
+    ) -> Result<LoweredShape, SceneErrors> {
         let size = config.size.map(|n| n.get() as usize);
         let count = size.iter().map(|n| *n as u64).product::<u64>();
         if count > MAX_VALUES {
@@ -142,7 +146,7 @@ impl Plugin<Shapes> for Isosurface {
         for value in &mut values {
             *value = -(*value - level);
         }
-        Ok(Shape::Opaque(Box::new(Self::new(
+        Ok(LoweredShape::Opaque(Box::new(Self::new(
             Grid::new(size, values),
             transform,
         ))))
@@ -378,21 +382,21 @@ impl Isosurface {
     }
 
     /// The parameters of a hit in a cell.
-    fn params(&self, cell: [usize; 3]) -> DVec2 {
+    fn prim_uv(&self, cell: [usize; 3]) -> DVec2 {
         DVec2::new(self.grid.cell_number(cell) as f64, 0.0)
     }
 }
 
-impl Primitive for Isosurface {
+impl Shape for Isosurface {
     fn bounds(&self) -> Aabb {
         self.level.bounds()
     }
 
-    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
+    fn intersect(&self, ray: &Ray, interval: Interval, origin_primitive: Option<u32>) -> Option<ShapeHit> {
         let ray = self.level.ray(ray);
         let segment = self.level.clip(&ray)?;
-        let leaves = leaves.map(|_| self.slope(&ray));
-        let mut filter = self.level.filter(&ray, &segment, leaves, interval.min);
+        let origin_primitive = origin_primitive.map(|_| self.slope(&ray));
+        let mut filter = self.level.filter(&ray, &segment, origin_primitive, interval.min);
         let mut found = None;
         self.grid.walk(&segment, |crossing, cell| match filter(crossing) {
             Some(t) => {
@@ -402,11 +406,11 @@ impl Primitive for Isosurface {
             None => ControlFlow::Continue(()),
         });
         let (t, cell) = found?;
-        whole(t, interval, self.params(cell))
+        whole(t, interval, self.prim_uv(cell))
     }
 
-    fn surface(&self, ray: &Ray, hit: &RawHit, _: Needs) -> SurfacePoint {
-        let cell = self.grid.cell(hit.params.x as usize);
+    fn surface(&self, ray: &Ray, hit: &PreliminaryIntersection, _: SurfaceAttributes) -> SurfaceInteraction {
+        let cell = self.grid.cell(hit.prim_uv.x as usize);
         let p = self.level.ray(ray).at(hit.t);
         self.level.surface(ray, p, |p| self.grid.sample(cell, p))
     }
@@ -418,7 +422,7 @@ impl Primitive for Isosurface {
     fn spans(&self, ray: &Ray, spans: &mut Spans) {
         self.level.spans(&self.level.ray(ray), spans, |segment, tell| {
             self.grid.walk(segment, |crossing, cell| {
-                tell(crossing, self.params(cell));
+                tell(crossing, self.prim_uv(cell));
                 ControlFlow::Continue(())
             });
         });
@@ -437,9 +441,9 @@ mod tests {
     const CUBE: &str = "size = [2, 2, 2]\nvalues = [0, 1, 0, 1, 0, 1, 0, 1]\n";
     const CORNER: &str = "size = [2, 2, 2]\nvalues = [1, 1, 1, 1, 1, 1, 1, 0]\nlevel = 0.9";
 
-    fn iso(text: &str) -> Box<dyn Primitive> {
+    fn iso(text: &str) -> Box<dyn Shape> {
         match build::<Shapes, Isosurface>(text, Transform::IDENTITY).unwrap() {
-            Shape::Opaque(shape) => shape,
+            LoweredShape::Opaque(shape) => shape,
             _ => unreachable!("an isosurface is opaque"),
         }
     }
@@ -456,7 +460,7 @@ mod tests {
             min,
             ..Interval::FORWARD
         };
-        while let Some(hit) = shape.closest(ray, beyond(min), None) {
+        while let Some(hit) = shape.intersect(ray, beyond(min), None) {
             found.push(hit.t);
             min = hit.t;
             assert!(found.len() < 1000);
@@ -478,12 +482,12 @@ mod tests {
     fn half_of_a_cell_is_cut_by_a_plane() {
         let shape = iso(CUBE);
         let ray = Ray::new(DVec3::new(-3.0, 0.25, 0.5), DVec3::X);
-        let hit = shape.closest(&ray, Interval::FORWARD, None).unwrap();
+        let hit = shape.intersect(&ray, Interval::FORWARD, None).unwrap();
         assert_eq!(hit.t, 3.0);
         let point = shape.surface(
             &ray,
-            &hit.of_shape(whitstone_core::InstancePath::WORLD, 0),
-            Needs::NOTHING,
+            &hit.of_shape(whitstone_core::InstanceId::TOP_LEVEL, 0),
+            SurfaceAttributes::NOTHING,
         );
         assert_eq!(
             (point.position, point.n_g),
@@ -491,7 +495,7 @@ mod tests {
         );
         // The box itself is not a surface.
         let back = Ray::new(DVec3::new(0.5, 0.0, 0.0), DVec3::X);
-        assert_eq!(shape.closest(&back, Interval::FORWARD, None), None);
+        assert_eq!(shape.intersect(&back, Interval::FORWARD, None), None);
     }
 
     /// Exact crossings of an axis-parallel ray at dyadic coordinates: the density is exact in
@@ -699,10 +703,10 @@ mod tests {
         let shape =
             build_in::<Shapes, Isosurface>(&format!("{CUBE}level = 1"), Transform::IDENTITY, &mut context);
         assert_eq!(context.warnings.len(), 1);
-        let Ok(Shape::Opaque(shape)) = shape else {
+        let Ok(LoweredShape::Opaque(shape)) = shape else {
             panic!("it is built")
         };
         let ray = Ray::new(DVec3::new(-3.0, 0.25, 0.5), DVec3::X);
-        assert_eq!(shape.closest(&ray, Interval::FORWARD, None), None);
+        assert_eq!(shape.intersect(&ray, Interval::FORWARD, None), None);
     }
 }

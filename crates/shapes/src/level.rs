@@ -3,7 +3,7 @@
 use crate::crossings::{Along, Crossing, crossings};
 use std::ops::ControlFlow;
 use whitstone_core::{
-    Aabb, DMat3, DVec2, DVec3, Interval, PrimitiveHit, Ray, Spans, SurfacePoint, Transform, solid,
+    Aabb, DMat3, DVec2, DVec3, Interval, Ray, ShapeHit, Spans, SurfaceInteraction, Transform, solid,
 };
 
 /// Unit roundoff: half the distance from 1 to the next number, the relative error of one rounding.
@@ -138,15 +138,16 @@ impl Level {
         &'a self,
         ray: &'a Ray,
         segment: &'a Segment,
-        leaves: Option<f64>,
+        origin_primitive: Option<f64>,
         min: f64,
     ) -> impl FnMut(Crossing) -> Option<f64> + 'a {
         let near = START * (self.max - self.min).length() / ray.direction.length();
         let mut first = true;
         move |crossing| {
             let t = segment.parameter(crossing.s);
-            // `leaves` is the slope at the origin: negative if the ray goes inside.
-            let start = first && t < near && leaves.is_some_and(|slope| (slope < 0.0) == crossing.enters);
+            // `origin_primitive` is the slope at the origin: negative if the ray goes inside.
+            let start =
+                first && t < near && origin_primitive.is_some_and(|slope| (slope < 0.0) == crossing.enters);
             first = false;
             (t > min && !start).then_some(t)
         }
@@ -154,15 +155,15 @@ impl Level {
 
     /// The nearest hit of an object-space ray: the first change of sign of `f`, the function along
     /// a segment of the ray, that [`Self::filter`] accepts.
-    pub(crate) fn closest(
+    pub(crate) fn intersect(
         &self,
         ray: &Ray,
         segment: &Segment,
         f: &impl Along,
-        leaves: Option<f64>,
+        origin_primitive: Option<f64>,
         interval: Interval,
-    ) -> Option<PrimitiveHit> {
-        let mut filter = self.filter(ray, segment, leaves, interval.min);
+    ) -> Option<ShapeHit> {
+        let mut filter = self.filter(ray, segment, origin_primitive, interval.min);
         let mut found = None;
         crossings(f, |crossing| {
             found = filter(crossing);
@@ -179,7 +180,7 @@ impl Level {
     ///
     /// `visit` reports every crossing of a segment, in order. The half line behind the origin is
     /// traced from the origin as well, so that the crossings in front are exactly the hits of
-    /// `closest`.
+    /// `intersect`.
     pub(crate) fn spans(
         &self,
         ray: &Ray,
@@ -191,10 +192,10 @@ impl Level {
             // From the farthest behind to the farthest ahead.
             ends.reverse();
             if let Some(segment) = self.clip(&Ray::new(ray.origin, direction)) {
-                visit(&segment, &mut |crossing, params| {
-                    let end = PrimitiveHit {
-                        params,
-                        ..PrimitiveHit::plain(side * segment.parameter(crossing.s))
+                visit(&segment, &mut |crossing, prim_uv| {
+                    let end = ShapeHit {
+                        prim_uv,
+                        ..ShapeHit::plain(side * segment.parameter(crossing.s))
                     };
                     ends.push((end, crossing.enters == (side > 0.0)));
                 });
@@ -216,7 +217,12 @@ impl Level {
 
     /// Projects a hit near an object-space point onto the surface, so that its error is a few
     /// roundings of its coordinates, however distant the ray origin.
-    pub(crate) fn surface(&self, ray: &Ray, p: DVec3, sample: impl Fn(DVec3) -> Sample) -> SurfacePoint {
+    pub(crate) fn surface(
+        &self,
+        ray: &Ray,
+        p: DVec3,
+        sample: impl Fn(DVec3) -> Sample,
+    ) -> SurfaceInteraction {
         let reach = STRAY * (self.max - self.min).length();
         let (mut p, mut found) = (p, sample(p));
         for _ in 0..5 {
@@ -250,15 +256,15 @@ impl Level {
             error += (2.0 * off).min(START * (linear.abs() * (self.max - self.min)).length());
         }
         let position = linear * p + origin;
-        SurfacePoint::new(position, error, n)
+        SurfaceInteraction::new(position, error, n)
     }
 }
 
 /// A hit of a shape with a single primitive.
-pub(crate) fn whole(t: f64, interval: Interval, params: DVec2) -> Option<PrimitiveHit> {
-    interval.contains(t).then_some(PrimitiveHit {
+pub(crate) fn whole(t: f64, interval: Interval, prim_uv: DVec2) -> Option<ShapeHit> {
+    interval.contains(t).then_some(ShapeHit {
         t,
         primitive: 0,
-        params,
+        prim_uv,
     })
 }

@@ -21,7 +21,7 @@ use std::borrow::Cow;
 use std::path::Path;
 use subdivision::{Subdivision, Surface};
 use whitstone_core::config::FilePath;
-use whitstone_core::{Context, Plugin, SceneError, SceneErrors, Shape, Shapes, Transform};
+use whitstone_core::{Context, LoweredShape, Plugin, SceneError, SceneErrors, Shapes, Transform};
 
 /// A triangle mesh from an OBJ or PLY file; front faces are counter-clockwise.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -85,7 +85,11 @@ impl Plugin<Shapes> for Mesh {
     const TYPE: &'static str = "mesh";
     type Config = Config;
 
-    fn build(config: Config, transform: Transform, context: &mut dyn Context) -> Result<Shape, SceneErrors> {
+    fn build(
+        config: Config,
+        transform: Transform,
+        context: &mut dyn Context,
+    ) -> Result<LoweredShape, SceneErrors> {
         let Config {
             file,
             shading,
@@ -133,7 +137,7 @@ impl Plugin<Shapes> for Mesh {
             );
             context.warn(error(message));
         }
-        Ok(Shape::Triangles(mesh))
+        Ok(LoweredShape::Triangles(mesh))
     }
 }
 
@@ -186,7 +190,7 @@ mod tests {
         folder
     }
 
-    fn load(name: &str, bytes: &[u8], more: &str) -> (Result<Shape, SceneErrors>, TestContext) {
+    fn load(name: &str, bytes: &[u8], more: &str) -> (Result<LoweredShape, SceneErrors>, TestContext) {
         let folder = scratch(name, bytes);
         let mut context = TestContext::in_folder(&folder);
         let text = format!("file = \"{name}\"\n{more}");
@@ -211,7 +215,7 @@ mod tests {
     #[test]
     fn flat_shading_forgets_the_normals_and_flat_triangles_are_told() {
         let (shape, context) = load("b.obj", SMALL.as_bytes(), "shading = \"flat\"");
-        let Ok(Shape::Triangles(mesh)) = shape else {
+        let Ok(LoweredShape::Triangles(mesh)) = shape else {
             panic!("a mesh is triangles")
         };
         assert!(mesh.normals.is_empty());
@@ -228,14 +232,14 @@ mod tests {
     fn subdivided_meshes_are_shapes_as_others_and_know_their_size_before() {
         let more = "subdivision = { scheme = \"loop\", levels = 2 }";
         let (shape, context) = load("h.obj", SMALL.as_bytes(), more);
-        let Ok(Shape::Triangles(mesh)) = shape else {
+        let Ok(LoweredShape::Triangles(mesh)) = shape else {
             panic!("a mesh is triangles")
         };
         // The degenerate triangle is removed before subdivision.
         assert_eq!(mesh.triangles.len(), 4 * 16);
         assert_eq!(mesh.normals.len(), mesh.positions.len());
         assert!(context.warnings.is_empty());
-        shape_laws(Shape::Triangles(mesh), 4_000);
+        shape_laws(LoweredShape::Triangles(mesh), 4_000);
         // 8 levels of 4094 triangles are too many.
         let fan: String = (0..2049).map(|k| format!("v {k} {} 0\n", k * k)).collect();
         let faces: String = (2..2049).map(|k| format!("f 1 {k} {}\n", k + 1)).collect();

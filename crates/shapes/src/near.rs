@@ -1,6 +1,6 @@
 //! Bounding sphere test and seamless angular texture coordinates.
 
-use whitstone_core::{DVec3, Ray, SceneError, SurfacePoint};
+use whitstone_core::{DVec3, Ray, SceneError, SurfaceInteraction};
 
 /// Rejects a radius whose square is not a normal double: with lost digits, misses would become hits
 /// and normals would not have unit length.
@@ -14,7 +14,7 @@ pub(crate) fn check_radius(radius: f64) -> Result<(), SceneError> {
 }
 
 /// Unwraps the texture coordinates of a point near `here` across the seam of a full turn.
-pub(crate) fn goes_on(mut there: SurfacePoint, here: &SurfacePoint) -> SurfacePoint {
+pub(crate) fn goes_on(mut there: SurfaceInteraction, here: &SurfaceInteraction) -> SurfaceInteraction {
     there.uv -= (there.uv - here.uv).round();
     there
 }

@@ -10,7 +10,7 @@ use crate::revolution::{Heights, Revolution};
 use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer};
 use whitstone_core::config::{Positive, Vector2};
-use whitstone_core::{Context, DVec3, Plugin, SceneErrors, Shape, Shapes, Transform};
+use whitstone_core::{Context, DVec3, LoweredShape, Plugin, SceneErrors, Shapes, Transform};
 
 /// The paraboloid x² + y² = radius² z of its object space; its normals point away from the axis.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -56,7 +56,7 @@ impl Plugin<Shapes> for Paraboloid {
     const TYPE: &'static str = "paraboloid";
     type Config = Config;
 
-    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<Shape, SceneErrors> {
+    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<LoweredShape, SceneErrors> {
         let radius = config.radius.get();
         let Heights([low, high]) = config.z;
         let paraboloid = Revolution {
@@ -101,15 +101,16 @@ mod tests {
 
     #[test]
     fn a_ray_along_the_axis_meets_it_once() {
-        let Shape::Opaque(shape) = build::<Shapes, Paraboloid>("", Transform::IDENTITY).unwrap() else {
+        let LoweredShape::Opaque(shape) = build::<Shapes, Paraboloid>("", Transform::IDENTITY).unwrap()
+        else {
             unreachable!("a paraboloid is opaque")
         };
         for x in [0.0, 0.5, -0.5] {
             let up = Ray::new(DVec3::new(x, 0.0, -3.0), DVec3::Z);
-            let hit = shape.closest(&up, Interval::FORWARD, None).unwrap();
+            let hit = shape.intersect(&up, Interval::FORWARD, None).unwrap();
             assert_eq!((hit.t, hit.primitive), (3.0 + x * x, 0));
             let down = Ray::new(DVec3::new(x, 0.0, 3.0), DVec3::NEG_Z);
-            let hit = shape.closest(&down, Interval::FORWARD, None).unwrap();
+            let hit = shape.intersect(&down, Interval::FORWARD, None).unwrap();
             assert_eq!((hit.t, hit.primitive), (2.0, 2));
         }
     }

@@ -22,8 +22,8 @@ use tree::{Slabs, Tree};
 use whitstone_core::config::{IntegerIn, Vector3};
 use whitstone_core::triangle::ShearedRay;
 use whitstone_core::{
-    Aabb, Context, DVec2, DVec3, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit, Ray, SceneError,
-    SceneErrors, Shape, Shapes, SourceSpan, SurfacePoint, Transform,
+    Aabb, Context, DVec2, DVec3, Interval, LoweredShape, Plugin, PreliminaryIntersection, Ray, SceneError,
+    SceneErrors, Shape, ShapeHit, Shapes, SourceSpan, SurfaceAttributes, SurfaceInteraction, Transform,
 };
 
 /// Bicubic Bezier patches, given by 16 `points` or by `vertices` and `patches`.
@@ -149,11 +149,15 @@ impl Plugin<Shapes> for Patch {
     const TYPE: &'static str = "patch";
     type Config = Config;
 
-    fn build(config: Config, transform: Transform, context: &mut dyn Context) -> Result<Shape, SceneErrors> {
+    fn build(
+        config: Config,
+        transform: Transform,
+        context: &mut dyn Context,
+    ) -> Result<LoweredShape, SceneErrors> {
         let read = config.read()?;
         let linear = transform.world_from_object().matrix3;
         let mut errors = SceneErrors::default();
-        let (mut patches, mut leaves) = (Vec::new(), Vec::new());
+        let (mut patches, mut origin_primitive) = (Vec::new(), Vec::new());
         for (points, place) in read {
             let net = Net(points).map(|p| linear * p);
             let extent = Aabb::around(net.0).extent();
@@ -165,7 +169,7 @@ impl Plugin<Shapes> for Patch {
             } else {
                 let parts = tree::parts(&net, patches.len() as u32);
                 context.reserve((parts.len() * (size_of::<tree::Leaf>() + 160)) as u64)?;
-                leaves.extend(parts);
+                origin_primitive.extend(parts);
                 patches.push(net);
             }
         }
@@ -173,8 +177,8 @@ impl Plugin<Shapes> for Patch {
         let hull = Aabb::around(patches.iter().flat_map(|net| net.0));
         let size = hull.extent().length();
         let reach = hull.min.abs().max(hull.max.abs()).max_element();
-        let tree = Tree::new(leaves, 4.0 * NEAR * size + 32.0 * f64::EPSILON * reach);
-        Ok(Shape::Opaque(Box::new(Self {
+        let tree = Tree::new(origin_primitive, 4.0 * NEAR * size + 32.0 * f64::EPSILON * reach);
+        Ok(LoweredShape::Opaque(Box::new(Self {
             patches,
             origin: transform.world_from_object().translation,
             center: tree.bounds().center(),
@@ -231,7 +235,7 @@ impl Line {
     }
 
     fn seen(&self, net: &Net<DVec3>) -> Net<DVec2> {
-        net.map(|p| self.sheared.beside(p).truncate())
+        net.map(|p| self.sheared.shear(p).truncate())
     }
 
     /// The ray parameter of a point, relative to `start`.
@@ -240,7 +244,7 @@ impl Line {
     }
 }
 
-impl Primitive for Patch {
+impl Shape for Patch {
     fn bounds(&self) -> Aabb {
         let Aabb { min, max } = self.tree.bounds();
         Aabb {
@@ -250,7 +254,7 @@ impl Primitive for Patch {
         .padded(self.error())
     }
 
-    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
+    fn intersect(&self, ray: &Ray, interval: Interval, origin_primitive: Option<u32>) -> Option<ShapeHit> {
         let line = Line::new(self, ray);
         let length = ray.direction.length();
         let slabs = Slabs {
@@ -262,7 +266,7 @@ impl Primitive for Patch {
         let slack = slack + 4.0 * f64::EPSILON * line.start.abs();
         let start_is = (LEAVES * self.size + 1024.0 * self.error()) / length;
         let near = NEAR * self.size;
-        let mut best: Option<PrimitiveHit> = None;
+        let mut best: Option<ShapeHit> = None;
         let far = interval.max - line.start + slack;
         self.tree
             .walk(&slabs, interval.min - line.start - slack, far, |leaf| {
@@ -277,11 +281,11 @@ impl Primitive for Patch {
                         return;
                     };
                     let t = line.start + line.along(patch.at(root.x, root.y).p);
-                    let is_start = leaves == Some(leaf.patch) && t <= start_is;
-                    let hit = PrimitiveHit {
+                    let is_start = origin_primitive == Some(leaf.patch) && t <= start_is;
+                    let hit = ShapeHit {
                         t,
                         primitive: leaf.patch,
-                        params: root,
+                        prim_uv: root,
                     };
                     if !is_start
                         && interval.contains(t)
@@ -295,20 +299,31 @@ impl Primitive for Patch {
         best
     }
 
-    fn surface(&self, _: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
+    fn surface(
+        &self,
+        _: &Ray,
+        hit: &PreliminaryIntersection,
+        needs: SurfaceAttributes,
+    ) -> SurfaceInteraction {
         let patch = &self.patches[hit.primitive as usize];
-        let position = self.origin + patch.at(hit.params.x, hit.params.y).p;
-        let normal = self.orientation * normal(patch, hit.params);
-        let mut point = SurfacePoint::new(position, self.error(), normal);
-        if needs.contains(Needs::UV) {
-            point.uv = hit.params;
+        let position = self.origin + patch.at(hit.prim_uv.x, hit.prim_uv.y).p;
+        let normal = self.orientation * normal(patch, hit.prim_uv);
+        let mut point = SurfaceInteraction::new(position, self.error(), normal);
+        if needs.contains(SurfaceAttributes::UV) {
+            point.uv = hit.prim_uv;
         }
         point
     }
 
-    fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
+    fn surface_at_offset(
+        &self,
+        point: &SurfaceInteraction,
+        hit: &PreliminaryIntersection,
+        q: DVec3,
+        needs: SurfaceAttributes,
+    ) -> Option<SurfaceInteraction> {
         let patch = &self.patches[hit.primitive as usize];
-        let Jet { u, v, .. } = patch.at(hit.params.x, hit.params.y);
+        let Jet { u, v, .. } = patch.at(hit.prim_uv.x, hit.prim_uv.y);
         let step = q - point.position;
         // The least-squares step, by the normal equations.
         let (uu, uv, vv) = (u.dot(u), u.dot(v), v.dot(v));
@@ -316,9 +331,9 @@ impl Primitive for Patch {
             vv * u.dot(step) - uv * v.dot(step),
             uu * v.dot(step) - uv * u.dot(step),
         );
-        let params = hit.params + change / (uu * vv - uv * uv);
-        let there = RawHit { params, ..*hit };
-        params
+        let prim_uv = hit.prim_uv + change / (uu * vv - uv * uv);
+        let there = PreliminaryIntersection { prim_uv, ..*hit };
+        prim_uv
             .is_finite()
             .then(|| self.surface(&Ray::new(q, step), &there, needs))
     }
@@ -326,8 +341,8 @@ impl Primitive for Patch {
 
 /// Orders hits by distance, then by patch and parameters: where parts of a patch join, a root may
 /// be found twice.
-fn is_before(hit: &PrimitiveHit, other: &PrimitiveHit) -> bool {
-    let key = |hit: &PrimitiveHit| (hit.t, hit.primitive, hit.params.x, hit.params.y);
+fn is_before(hit: &ShapeHit, other: &ShapeHit) -> bool {
+    let key = |hit: &ShapeHit| (hit.t, hit.primitive, hit.prim_uv.x, hit.prim_uv.y);
     key(hit) < key(other)
 }
 

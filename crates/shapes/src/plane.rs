@@ -11,8 +11,9 @@ use crate::frame::{Frame, flat_hit};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::{
-    Aabb, Context, DVec3, Needs, Plugin, PrimitiveHit, RawHit, Ray, SceneError, SceneErrors, Shape, Shapes,
-    Spans, Straight, SurfacePart, SurfacePoint, Transform, solid,
+    Aabb, Context, DVec3, LoweredShape, Plugin, PreliminaryIntersection, Ray, SceneError, SceneErrors,
+    ShapeHit, ShapeKernel, Shapes, Spans, SurfaceAttributes, SurfaceInteraction, SurfacePart, Transform,
+    solid,
 };
 
 /// The infinite plane z = 0 of its object space; its normal is +z.
@@ -30,46 +31,57 @@ impl Plugin<Shapes> for Plane {
     const TYPE: &'static str = "plane";
     type Config = Config;
 
-    fn build(_: Config, transform: Transform, _: &mut dyn Context) -> Result<Shape, SceneErrors> {
+    fn build(_: Config, transform: Transform, _: &mut dyn Context) -> Result<LoweredShape, SceneErrors> {
         transform.similarity_scale().ok_or_else(|| {
             SceneError::anywhere("the transform of a plane must scale equally in all directions")
         })?;
         let frame = Frame::new(transform);
-        Ok(Shape::Opaque(Box::new(Self { frame })))
+        Ok(LoweredShape::Opaque(Box::new(Self { frame })))
     }
 }
 
-impl Straight for Plane {
+impl ShapeKernel for Plane {
     fn bounds(&self) -> Aabb {
         Aabb::EVERYTHING
     }
 
     #[inline(always)]
-    fn comes_near(&self, ray: &Ray) -> bool {
+    fn may_hit(&self, ray: &Ray) -> bool {
         self.frame.approaches(ray)
     }
 
     #[inline(always)]
-    fn hit(&self, ray: &Ray, min: f64, leaves: u32) -> PrimitiveHit {
-        let (t, params) = self.frame.meet_plane(ray);
-        let inside = (params.x.abs() < f64::INFINITY) & (params.y.abs() < f64::INFINITY);
-        flat_hit(t, params, inside, min, leaves)
+    fn hit(&self, ray: &Ray, min: f64, origin_primitive: u32) -> ShapeHit {
+        let (t, prim_uv) = self.frame.meet_plane(ray);
+        let inside = (prim_uv.x.abs() < f64::INFINITY) & (prim_uv.y.abs() < f64::INFINITY);
+        flat_hit(t, prim_uv, inside, min, origin_primitive)
     }
 
     #[inline(always)]
-    fn surface(&self, _: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
-        let (position, error) = self.frame.point(hit.params.extend(0.0), 2);
-        let mut point = SurfacePoint::new(position, error, self.frame.normal(2));
-        if needs.contains(Needs::UV) {
-            point.uv = hit.params;
+    fn surface(
+        &self,
+        _: &Ray,
+        hit: &PreliminaryIntersection,
+        needs: SurfaceAttributes,
+    ) -> SurfaceInteraction {
+        let (position, error) = self.frame.point(hit.prim_uv.extend(0.0), 2);
+        let mut point = SurfaceInteraction::new(position, error, self.frame.normal(2));
+        if needs.contains(SurfaceAttributes::UV) {
+            point.uv = hit.prim_uv;
         }
         point
     }
 
-    fn beside(&self, _: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
-        let params = self.frame.point_to_object(q).truncate();
-        let there = RawHit { params, ..*hit };
-        Some(Straight::surface(
+    fn surface_at_offset(
+        &self,
+        _: &SurfaceInteraction,
+        hit: &PreliminaryIntersection,
+        q: DVec3,
+        needs: SurfaceAttributes,
+    ) -> Option<SurfaceInteraction> {
+        let prim_uv = self.frame.point_to_object(q).truncate();
+        let there = PreliminaryIntersection { prim_uv, ..*hit };
+        Some(ShapeKernel::surface(
             self,
             &Ray::new(q, self.frame.normal(2)),
             &there,
@@ -90,18 +102,18 @@ impl Straight for Plane {
     }
 
     fn spans(&self, ray: &Ray, spans: &mut Spans) {
-        let (t, params) = self.frame.meet_plane(ray);
-        let [from, to] = [f64::NEG_INFINITY, f64::INFINITY].map(PrimitiveHit::plain);
-        let crossing = PrimitiveHit {
+        let (t, prim_uv) = self.frame.meet_plane(ray);
+        let [from, to] = [f64::NEG_INFINITY, f64::INFINITY].map(ShapeHit::plain);
+        let crossing = ShapeHit {
             t,
             primitive: 0,
-            params,
+            prim_uv,
         };
         let object = self.frame.ray_to_object(ray);
         let (height, slope) = (object.origin.z, object.direction.z);
         // A parallel or nearly parallel line has no finite crossing: it lies inside or outside as a
         // whole.
-        if !(t.is_finite() && params.is_finite()) {
+        if !(t.is_finite() && prim_uv.is_finite()) {
             if height < 0.0 {
                 solid::push(spans, from, to);
             }
@@ -127,14 +139,14 @@ mod tests {
     #[test]
     fn texture_coordinates_count_object_units() {
         let plane = build::<Shapes, Plane>("", Transform::IDENTITY).unwrap();
-        let Shape::Opaque(plane) = plane else {
+        let LoweredShape::Opaque(plane) = plane else {
             unreachable!()
         };
         let ray = Ray::new(DVec3::new(3.0, -4.0, 2.0), DVec3::NEG_Z);
-        let hit = plane.closest(&ray, Interval::FORWARD, None).unwrap();
-        assert_eq!((hit.t, hit.params.to_array()), (2.0, [3.0, -4.0]));
-        assert_eq!(plane.closest(&ray, Interval::FORWARD, Some(0)), None);
+        let hit = plane.intersect(&ray, Interval::FORWARD, None).unwrap();
+        assert_eq!((hit.t, hit.prim_uv.to_array()), (2.0, [3.0, -4.0]));
+        assert_eq!(plane.intersect(&ray, Interval::FORWARD, Some(0)), None);
         let parallel = Ray::new(DVec3::ZERO, DVec3::X);
-        assert_eq!(plane.closest(&parallel, Interval::FORWARD, None), None);
+        assert_eq!(plane.intersect(&parallel, Interval::FORWARD, None), None);
     }
 }

@@ -17,8 +17,8 @@ use toml::Spanned;
 use whitstone_core::config::Vector3;
 use whitstone_core::triangle::ShearedRay;
 use whitstone_core::{
-    Aabb, Context, DVec2, DVec3, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit, Ray, SceneError,
-    SceneErrors, Shape, Shapes, SurfacePart, SurfacePoint, Transform,
+    Aabb, Context, DVec2, DVec3, Interval, LoweredShape, Plugin, PreliminaryIntersection, Ray, SceneError,
+    SceneErrors, Shape, ShapeHit, Shapes, SurfaceAttributes, SurfaceInteraction, SurfacePart, Transform,
 };
 
 /// A planar simple polygon, convex or concave; its front face is counter-clockwise.
@@ -53,7 +53,7 @@ impl Plugin<Shapes> for Polygon {
     const TYPE: &'static str = "polygon";
     type Config = Config;
 
-    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<Shape, SceneErrors> {
+    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<LoweredShape, SceneErrors> {
         let place = config.vertices.span();
         let corners = config.vertices.into_inner();
         let error = |message: String| SceneErrors::from(SceneError::at(place.clone(), message));
@@ -85,7 +85,7 @@ impl Plugin<Shapes> for Polygon {
                 "the transform moves a vertex beyond all numbers".to_owned(),
             ));
         }
-        Ok(Shape::Opaque(Box::new(Self {
+        Ok(LoweredShape::Opaque(Box::new(Self {
             vertices,
             anchor: transform.point_to_world(plane.center),
             normal: transform.normal_to_world(plane.normal),
@@ -292,13 +292,13 @@ impl Polygon {
     }
 }
 
-impl Primitive for Polygon {
+impl Shape for Polygon {
     fn bounds(&self) -> Aabb {
         self.bounds
     }
 
-    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
-        if leaves.is_some() {
+    fn intersect(&self, ray: &Ray, interval: Interval, origin_primitive: Option<u32>) -> Option<ShapeHit> {
+        if origin_primitive.is_some() {
             return None;
         }
         let (t, p, slant) = self.meet(ray);
@@ -315,29 +315,34 @@ impl Primitive for Polygon {
         }
         let sheared = ShearedRay::new(ray);
         let mut inside = false;
-        let mut a = sheared.beside(self.vertices[self.vertices.len() - 1]);
+        let mut a = sheared.shear(self.vertices[self.vertices.len() - 1]);
         for vertex in &self.vertices {
-            let b = sheared.beside(*vertex);
+            let b = sheared.shear(*vertex);
             if (a.y > 0.0) != (b.y > 0.0) {
                 inside ^= if a.y > 0.0 { crosses(b, a) } else { crosses(a, b) };
             }
             a = b;
         }
-        inside.then_some(PrimitiveHit {
+        inside.then_some(ShapeHit {
             t,
             primitive: 0,
-            params: DVec2::ZERO,
+            prim_uv: DVec2::ZERO,
         })
     }
 
-    fn surface(&self, ray: &Ray, _: &RawHit, needs: Needs) -> SurfacePoint {
+    fn surface(
+        &self,
+        ray: &Ray,
+        _: &PreliminaryIntersection,
+        needs: SurfaceAttributes,
+    ) -> SurfaceInteraction {
         let (_, p, _) = self.meet(ray);
         // If the ray origin is distant, rounding may put a point at an edge outside the bounds.
         let p = p.clamp(self.bounds.min, self.bounds.max);
         let off = self.normal.dot(self.anchor - p);
         let position = p + off * self.normal;
-        let mut point = SurfacePoint::new(position, self.rounding(), self.normal);
-        if needs.contains(Needs::UV) {
+        let mut point = SurfaceInteraction::new(position, self.rounding(), self.normal);
+        if needs.contains(SurfaceAttributes::UV) {
             let origin = self.transform.world_from_object().translation;
             let local = self.transform.object_from_world().matrix3 * (position - origin);
             point.uv = without(local, self.axis);
@@ -365,7 +370,13 @@ impl Primitive for Polygon {
         }]
     }
 
-    fn beside(&self, _: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
+    fn surface_at_offset(
+        &self,
+        _: &SurfaceInteraction,
+        hit: &PreliminaryIntersection,
+        q: DVec3,
+        needs: SurfaceAttributes,
+    ) -> Option<SurfaceInteraction> {
         Some(self.surface(&Ray::new(q, self.normal), hit, needs))
     }
 }
@@ -380,20 +391,20 @@ mod tests {
     const LETTER: &str =
         "vertices = [[-1, -1, -0.75], [1, -1, 0.25], [1, 0, 0.5], [0, 0, 0], [-0.5, 1, 0], [-1, 1, -0.25]]";
 
-    fn polygon(vertices: &[DVec3]) -> Box<dyn Primitive> {
+    fn polygon(vertices: &[DVec3]) -> Box<dyn Shape> {
         let mut text = String::from("vertices = [");
         for p in vertices {
             write!(text, "[{:?}, {:?}, {:?}],", p.x, p.y, p.z).unwrap();
         }
         match build::<Shapes, Polygon>(&(text + "]"), Transform::IDENTITY) {
-            Ok(Shape::Opaque(polygon)) => polygon,
+            Ok(LoweredShape::Opaque(polygon)) => polygon,
             Ok(_) => unreachable!("a polygon is opaque"),
             Err(error) => panic!("{error}"),
         }
     }
 
-    fn is_hit(polygon: &dyn Primitive, ray: &Ray) -> bool {
-        polygon.closest(ray, Interval::FORWARD, None).is_some()
+    fn is_hit(polygon: &dyn Shape, ray: &Ray) -> bool {
+        polygon.intersect(ray, Interval::FORWARD, None).is_some()
     }
 
     fn error(text: &str) -> SceneError {
@@ -439,7 +450,7 @@ mod tests {
     fn naive_hit(ring: &[DVec3], ray: &Ray) -> bool {
         let sheared = ShearedRay::new(ray);
         edges(ring).fold(false, |inside, (a, b)| {
-            let (a, b) = (sheared.beside(a), sheared.beside(b));
+            let (a, b) = (sheared.shear(a), sheared.shear(b));
             inside ^ ((a.y > 0.0) != (b.y > 0.0) && 0.0 < (b.x - a.x) * -a.y / (b.y - a.y) + a.x)
         })
     }
@@ -517,11 +528,11 @@ mod tests {
     fn texture_coordinates_leave_the_largest_axis_out() {
         let flat = polygon(&[DVec3::ZERO, DVec3::new(0.0, 2.0, 0.0), DVec3::new(0.0, 2.0, 3.0)]);
         let ray = Ray::new(DVec3::new(4.0, 1.5, 1.0), DVec3::NEG_X);
-        let hit = flat.closest(&ray, Interval::FORWARD, None).unwrap();
+        let hit = flat.intersect(&ray, Interval::FORWARD, None).unwrap();
         let point = flat.surface(
             &ray,
-            &hit.of_shape(whitstone_core::InstancePath::WORLD, 0),
-            Needs::UV,
+            &hit.of_shape(whitstone_core::InstanceId::TOP_LEVEL, 0),
+            SurfaceAttributes::UV,
         );
         assert_eq!((point.uv, point.n_g), (DVec2::new(1.5, 1.0), DVec3::X));
     }

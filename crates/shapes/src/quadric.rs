@@ -14,7 +14,7 @@ use serde::{Deserialize, Deserializer};
 use std::borrow::Cow;
 use whitstone_core::config::{Finite, Vector3};
 use whitstone_core::{
-    Aabb, Context, DMat3, DVec2, DVec3, Plugin, SceneError, SceneErrors, Shape, Shapes, Transform,
+    Aabb, Context, DMat3, DVec2, DVec3, LoweredShape, Plugin, SceneError, SceneErrors, Shapes, Transform,
 };
 
 /// A quadric clipped by a box, both in object space; its outside is where its function is greater
@@ -295,7 +295,7 @@ impl Plugin<Shapes> for Quadric {
     const TYPE: &'static str = "quadric";
     type Config = Config;
 
-    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<Shape, SceneErrors> {
+    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<LoweredShape, SceneErrors> {
         let function = match (config.matrix, config.coefficients) {
             (Some(Matrix(function)), None) | (None, Some(Coefficients(function))) => function,
             _ => {
@@ -322,7 +322,7 @@ impl Plugin<Shapes> for Quadric {
             let around = |(min, max)| frame.around_box(min, max);
             parts.into_iter().map(around).fold(Aabb::EMPTY, Aabb::union)
         })?;
-        Ok(Shape::Opaque(Box::new(quadric)))
+        Ok(LoweredShape::Opaque(Box::new(quadric)))
     }
 }
 
@@ -357,12 +357,12 @@ fn canonical(function: &Function, min: DVec3, max: DVec3, caps: bool) -> Conic {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::{Interval, Primitive, Ray};
+    use whitstone_core::{Interval, Ray, Shape};
     use whitstone_testkit::{Random, build, shape_laws_everywhere};
 
-    fn quadric(text: &str) -> Result<Box<dyn Primitive>, SceneErrors> {
+    fn quadric(text: &str) -> Result<Box<dyn Shape>, SceneErrors> {
         match build::<Shapes, Quadric>(text, Transform::IDENTITY)? {
-            Shape::Opaque(primitive) => Ok(primitive),
+            LoweredShape::Opaque(primitive) => Ok(primitive),
             _ => unreachable!("a quadric is opaque"),
         }
     }
@@ -483,7 +483,9 @@ mod tests {
             let n = turn * (on_sphere * DVec3::new(1.0, 1e3f64.sqrt(), 1e3));
             let direction = (n.normalize() + 0.3 * random.direction()).normalize();
             let ray = Ray::new(p + 100.0 * direction, -direction);
-            let hit = shape.closest(&ray, Interval::FORWARD, None).expect("it is there");
+            let hit = shape
+                .intersect(&ray, Interval::FORWARD, None)
+                .expect("it is there");
             let expected = 100.0;
             assert!((hit.t - expected).abs() < 1e-11, "{hit:?}");
         }

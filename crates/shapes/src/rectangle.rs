@@ -7,8 +7,8 @@ use crate::frame::{Frame, flat_hit};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::{
-    Aabb, Context, DVec3, Needs, Plugin, PrimitiveHit, RawHit, Ray, SceneErrors, Shape, Shapes, Straight,
-    SurfacePart, SurfacePoint, Transform,
+    Aabb, Context, DVec3, LoweredShape, Plugin, PreliminaryIntersection, Ray, SceneErrors, ShapeHit,
+    ShapeKernel, Shapes, SurfaceAttributes, SurfaceInteraction, SurfacePart, Transform,
 };
 
 /// The square -1 <= x, y <= 1 in the plane z = 0 of its object space; its normal is +z.
@@ -26,35 +26,40 @@ impl Plugin<Shapes> for Rectangle {
     const TYPE: &'static str = "rectangle";
     type Config = Config;
 
-    fn build(_: Config, transform: Transform, _: &mut dyn Context) -> Result<Shape, SceneErrors> {
+    fn build(_: Config, transform: Transform, _: &mut dyn Context) -> Result<LoweredShape, SceneErrors> {
         let frame = Frame::new(transform);
-        Ok(Shape::Opaque(Box::new(Self { frame })))
+        Ok(LoweredShape::Opaque(Box::new(Self { frame })))
     }
 }
 
-impl Straight for Rectangle {
+impl ShapeKernel for Rectangle {
     fn bounds(&self) -> Aabb {
         self.frame.bounds(DVec3::new(1.0, 1.0, 0.0))
     }
 
     #[inline(always)]
-    fn comes_near(&self, ray: &Ray) -> bool {
+    fn may_hit(&self, ray: &Ray) -> bool {
         self.frame.approaches(ray)
     }
 
     #[inline(always)]
-    fn hit(&self, ray: &Ray, min: f64, leaves: u32) -> PrimitiveHit {
-        let (t, params) = self.frame.meet_plane(ray);
-        let inside = (params.x.abs() <= 1.0) & (params.y.abs() <= 1.0);
-        flat_hit(t, params, inside, min, leaves)
+    fn hit(&self, ray: &Ray, min: f64, origin_primitive: u32) -> ShapeHit {
+        let (t, prim_uv) = self.frame.meet_plane(ray);
+        let inside = (prim_uv.x.abs() <= 1.0) & (prim_uv.y.abs() <= 1.0);
+        flat_hit(t, prim_uv, inside, min, origin_primitive)
     }
 
     #[inline(always)]
-    fn surface(&self, _: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
-        let (position, error) = self.frame.point(hit.params.extend(0.0), 2);
-        let mut point = SurfacePoint::new(position, error, self.frame.normal(2));
-        if needs.contains(Needs::UV) {
-            point.uv = 0.5 * (hit.params + 1.0);
+    fn surface(
+        &self,
+        _: &Ray,
+        hit: &PreliminaryIntersection,
+        needs: SurfaceAttributes,
+    ) -> SurfaceInteraction {
+        let (position, error) = self.frame.point(hit.prim_uv.extend(0.0), 2);
+        let mut point = SurfaceInteraction::new(position, error, self.frame.normal(2));
+        if needs.contains(SurfaceAttributes::UV) {
+            point.uv = 0.5 * (hit.prim_uv + 1.0);
         }
         point
     }
@@ -65,10 +70,16 @@ impl Straight for Rectangle {
         vec![self.frame.face(2, 1.0, corners)]
     }
 
-    fn beside(&self, _: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
-        let params = self.frame.point_to_object(q).truncate();
-        let there = RawHit { params, ..*hit };
-        Some(Straight::surface(
+    fn surface_at_offset(
+        &self,
+        _: &SurfaceInteraction,
+        hit: &PreliminaryIntersection,
+        q: DVec3,
+        needs: SurfaceAttributes,
+    ) -> Option<SurfaceInteraction> {
+        let prim_uv = self.frame.point_to_object(q).truncate();
+        let there = PreliminaryIntersection { prim_uv, ..*hit };
+        Some(ShapeKernel::surface(
             self,
             &Ray::new(q, self.frame.normal(2)),
             &there,
@@ -90,18 +101,19 @@ mod tests {
 
     #[test]
     fn the_border_belongs_to_it_and_bounds_are_exact() {
-        let Shape::Opaque(square) = build::<Shapes, Rectangle>("", Transform::IDENTITY).unwrap() else {
+        let LoweredShape::Opaque(square) = build::<Shapes, Rectangle>("", Transform::IDENTITY).unwrap()
+        else {
             unreachable!()
         };
         let down = |x, y| Ray::new(DVec3::new(x, y, 1.0), DVec3::NEG_Z);
         assert!(
             square
-                .closest(&down(1.0, -1.0), Interval::FORWARD, None)
+                .intersect(&down(1.0, -1.0), Interval::FORWARD, None)
                 .is_some()
         );
         assert!(
             square
-                .closest(&down(1.0f64.next_up(), 0.0), Interval::FORWARD, None)
+                .intersect(&down(1.0f64.next_up(), 0.0), Interval::FORWARD, None)
                 .is_none()
         );
         let corner = DVec3::new(1.0, 1.0, 0.0);

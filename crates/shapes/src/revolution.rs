@@ -6,7 +6,7 @@ use crate::frame::Frame;
 use crate::near::check_radius;
 use serde::{Deserialize, Deserializer};
 use whitstone_core::config::Vector2;
-use whitstone_core::{Aabb, DMat3, DVec2, DVec3, SceneErrors, Shape, SurfacePart, Transform};
+use whitstone_core::{Aabb, DMat3, DVec2, DVec3, LoweredShape, SceneErrors, SurfacePart, Transform};
 
 /// Two heights, the lower one first.
 #[derive(Clone, Copy, Debug)]
@@ -84,7 +84,7 @@ impl Revolution {
         self,
         transform: Transform,
         widest: impl FnOnce(&Transform) -> Vec<[f64; 2]>,
-    ) -> Result<Shape, SceneErrors> {
+    ) -> Result<LoweredShape, SceneErrors> {
         let Heights([low, high]) = self.heights;
         check_radius(self.radii[0].max(self.radii[1]))?;
         let conic = Conic {
@@ -112,6 +112,6 @@ impl Revolution {
             disks.into_iter().map(around).fold(Aabb::EMPTY, Aabb::union)
         };
         let clipped = Clipped::new(transform, conic, mapping, bounds)?;
-        Ok(Shape::Opaque(Box::new(clipped)))
+        Ok(LoweredShape::Opaque(Box::new(clipped)))
     }
 }

@@ -15,8 +15,9 @@ use std::f64::consts::TAU;
 use whitstone_core::config::{Positive, Vector3};
 use whitstone_core::simd::select;
 use whitstone_core::{
-    Aabb, Context, DVec2, DVec3, LEAVES_NOTHING, Needs, Plugin, PrimitiveHit, RawHit, Ray, SceneError,
-    SceneErrors, Shape, Shapes, Spans, Straight, SurfacePart, SurfacePoint, Transform, solid,
+    Aabb, Context, DVec2, DVec3, LoweredShape, NO_PRIMITIVE, Plugin, PreliminaryIntersection, Ray,
+    SceneError, SceneErrors, ShapeHit, ShapeKernel, Shapes, Spans, SurfaceAttributes, SurfaceInteraction,
+    SurfacePart, Transform, solid,
 };
 
 /// A sphere whose normals point away from its center.
@@ -52,13 +53,13 @@ impl Plugin<Shapes> for Sphere {
     const TYPE: &'static str = "sphere";
     type Config = Config;
 
-    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<Shape, SceneErrors> {
+    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<LoweredShape, SceneErrors> {
         let scale = transform.similarity_scale().ok_or_else(|| {
             SceneError::anywhere("the transform of a sphere must scale equally in all directions")
         })?;
         let radius = config.radius.get() * scale;
         check_radius(radius)?;
-        Ok(Shape::Opaque(Box::new(Self {
+        Ok(LoweredShape::Opaque(Box::new(Self {
             center: transform.point_to_world(config.center.get()),
             radius,
             transform,
@@ -66,7 +67,7 @@ impl Plugin<Shapes> for Sphere {
     }
 }
 
-impl Straight for Sphere {
+impl ShapeKernel for Sphere {
     fn bounds(&self) -> Aabb {
         Aabb {
             min: self.center - self.radius,
@@ -77,36 +78,41 @@ impl Straight for Sphere {
     }
 
     #[inline(always)]
-    fn comes_near(&self, ray: &Ray) -> bool {
+    fn may_hit(&self, ray: &Ray) -> bool {
         comes_near_ball(ray, self.center, self.radius)
     }
 
     #[inline(always)]
-    fn hit(&self, ray: &Ray, min: f64, leaves: u32) -> PrimitiveHit {
+    fn hit(&self, ray: &Ray, min: f64, origin_primitive: u32) -> ShapeHit {
         let [first, second] = self.roots(ray);
         // For a ray spawned on the sphere, the root of smaller magnitude is the spawn point itself,
         // moved off zero by rounding.
-        let leaves = leaves != LEAVES_NOTHING;
+        let origin_primitive = origin_primitive != NO_PRIMITIVE;
         let second_is_start = second.abs() < first.abs();
-        let first_counts = (first > min) & !(leaves & !second_is_start);
-        let second_counts = (second > min) & !(leaves & second_is_start);
+        let first_counts = (first > min) & !(origin_primitive & !second_is_start);
+        let second_counts = (second > min) & !(origin_primitive & second_is_start);
         let later = select(second_counts, second, f64::NAN);
-        PrimitiveHit {
+        ShapeHit {
             t: select(first_counts, first, later),
             primitive: 0,
-            params: DVec2::ZERO,
+            prim_uv: DVec2::ZERO,
         }
     }
 
     #[inline(always)]
-    fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
+    fn surface(
+        &self,
+        ray: &Ray,
+        hit: &PreliminaryIntersection,
+        needs: SurfaceAttributes,
+    ) -> SurfaceInteraction {
         let n = (ray.at(hit.t) - self.center).normalize();
         // Project the point onto the sphere: its error is then a few roundings of its coordinates,
         // however distant the ray origin.
         let position = self.center + self.radius * n;
         let error = 2.0 * f64::EPSILON * (self.center.abs().max_element() + self.radius);
-        let mut point = SurfacePoint::new(position, error, n);
-        if needs.contains(Needs::UV) {
+        let mut point = SurfaceInteraction::new(position, error, n);
+        if needs.contains(SurfaceAttributes::UV) {
             point.uv = self.uv(n);
         }
         point
@@ -119,9 +125,15 @@ impl Straight for Sphere {
         }]
     }
 
-    fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
-        let there = RawHit { t: 0.0, ..*hit };
-        let there = Straight::surface(self, &Ray::new(q, point.n_g), &there, needs);
+    fn surface_at_offset(
+        &self,
+        point: &SurfaceInteraction,
+        hit: &PreliminaryIntersection,
+        q: DVec3,
+        needs: SurfaceAttributes,
+    ) -> Option<SurfaceInteraction> {
+        let there = PreliminaryIntersection { t: 0.0, ..*hit };
+        let there = ShapeKernel::surface(self, &Ray::new(q, point.n_g), &there, needs);
         Some(goes_on(there, point))
     }
 
@@ -130,7 +142,7 @@ impl Straight for Sphere {
     }
 
     fn spans(&self, ray: &Ray, spans: &mut Spans) {
-        let [enter, exit] = self.roots(ray).map(PrimitiveHit::plain);
+        let [enter, exit] = self.roots(ray).map(ShapeHit::plain);
         solid::push(spans, enter, exit);
     }
 }
@@ -174,7 +186,7 @@ impl Sphere {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::{Interval, Primitive};
+    use whitstone_core::{Interval, Shape};
     use whitstone_testkit::{build, shape_laws_everywhere};
 
     fn unit() -> Sphere {
@@ -194,10 +206,10 @@ mod tests {
     #[test]
     fn a_ray_that_leaves_meets_the_far_side_only() {
         let ray = Ray::new(DVec3::X, DVec3::NEG_X);
-        let hit = unit().closest(&ray, Interval::FORWARD, Some(0)).unwrap();
+        let hit = unit().intersect(&ray, Interval::FORWARD, Some(0)).unwrap();
         assert_eq!(hit.t, 2.0);
         let away = Ray::new(DVec3::X, DVec3::X);
-        assert_eq!(unit().closest(&away, Interval::FORWARD, Some(0)), None);
+        assert_eq!(unit().intersect(&away, Interval::FORWARD, Some(0)), None);
     }
 
     #[test]
@@ -211,7 +223,7 @@ mod tests {
     #[test]
     fn a_far_sphere_is_hit_where_it_is() {
         let ray = Ray::new(DVec3::new(1e7, 0.6, 0.0), DVec3::NEG_X);
-        let hit = unit().closest(&ray, Interval::FORWARD, None).unwrap();
+        let hit = unit().intersect(&ray, Interval::FORWARD, None).unwrap();
         assert!((hit.t - (1e7 - 0.8)).abs() < 4e-9);
     }
 }

@@ -18,8 +18,8 @@ use std::f64::consts::TAU;
 use toml::Spanned;
 use whitstone_core::config::Positive;
 use whitstone_core::{
-    Aabb, Context, DVec2, DVec3, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit, Ray, SceneError,
-    SceneErrors, Shape, Shapes, Spans, SurfacePoint, Transform, solid,
+    Aabb, Context, DVec2, DVec3, Interval, LoweredShape, Plugin, PreliminaryIntersection, Ray, SceneError,
+    SceneErrors, Shape, ShapeHit, Shapes, Spans, SurfaceAttributes, SurfaceInteraction, Transform, solid,
 };
 
 /// A torus around the z axis of its object space; its normals point out of the tube.
@@ -54,7 +54,7 @@ impl Plugin<Shapes> for Torus {
     const TYPE: &'static str = "torus";
     type Config = Config;
 
-    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<Shape, SceneErrors> {
+    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<LoweredShape, SceneErrors> {
         let scale = transform.similarity_scale().ok_or_else(|| {
             SceneError::anywhere("the transform of a torus must scale equally in all directions")
                 .with_help("an instance of a group may stretch it")
@@ -71,7 +71,7 @@ impl Plugin<Shapes> for Torus {
             let error = error.with_help("a tube that is thicker than its ring would meet itself");
             return Err(SceneError { span: place, ..error }.into());
         }
-        Ok(Shape::Opaque(Box::new(Self {
+        Ok(LoweredShape::Opaque(Box::new(Self {
             center: transform.world_from_object().translation,
             axis: transform.world_from_object().matrix3.z_axis.normalize(),
             major: major * scale,
@@ -121,12 +121,12 @@ struct Crossing {
 }
 
 impl Crossing {
-    fn hit(&self) -> PrimitiveHit {
-        PrimitiveHit {
+    fn hit(&self) -> ShapeHit {
+        ShapeHit {
             t: self.t,
             primitive: 0,
             // The position on the line, which has more digits than t if the origin is distant.
-            params: DVec2::new(self.s, 0.0),
+            prim_uv: DVec2::new(self.s, 0.0),
         }
     }
 }
@@ -407,7 +407,7 @@ fn power_of_two_near(v: DVec3) -> f64 {
     f64::from_bits((2046 - exponent) << 52)
 }
 
-impl Primitive for Torus {
+impl Shape for Torus {
     fn bounds(&self) -> Aabb {
         let a = self.axis;
         let across = DVec3::new(a.y.hypot(a.z), a.z.hypot(a.x), a.x.hypot(a.y));
@@ -419,7 +419,7 @@ impl Primitive for Torus {
         .padded(self.error())
     }
 
-    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
+    fn intersect(&self, ray: &Ray, interval: Interval, origin_primitive: Option<u32>) -> Option<ShapeHit> {
         if !comes_near_ball(ray, self.center, self.major + self.minor) {
             return None;
         }
@@ -427,7 +427,7 @@ impl Primitive for Torus {
         // After a ray spawned outward, the next crossing must enter the torus, and vice versa. If
         // the first crossing is of the other kind, it is the spawn point itself, which rounding has
         // put on the wrong side.
-        let mut expected = leaves.map(|_| line.slope_at_start() > 0.0);
+        let mut expected = origin_primitive.map(|_| line.slope_at_start() > 0.0);
         let mut crossings = line.crossings().filter(|crossing| crossing.t > 0.0);
         crossings
             .find(|crossing| {
@@ -455,22 +455,33 @@ impl Primitive for Torus {
         Line::new(self, ray).slope_at_start() < 0.0
     }
 
-    fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
-        let Distance { outward, normal, .. } = Line::new(self, ray).distance(hit.params.x);
+    fn surface(
+        &self,
+        ray: &Ray,
+        hit: &PreliminaryIntersection,
+        needs: SurfaceAttributes,
+    ) -> SurfaceInteraction {
+        let Distance { outward, normal, .. } = Line::new(self, ray).distance(hit.prim_uv.x);
         let normal = normal.normalize();
         let position = self.center + (self.major * outward + self.minor * normal);
-        let mut point = SurfacePoint::new(position, self.error(), normal);
-        if needs.contains(Needs::UV) {
+        let mut point = SurfaceInteraction::new(position, self.error(), normal);
+        if needs.contains(SurfaceAttributes::UV) {
             point.uv = self.uv(outward, normal);
         }
         point
     }
 
-    fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
+    fn surface_at_offset(
+        &self,
+        point: &SurfaceInteraction,
+        hit: &PreliminaryIntersection,
+        q: DVec3,
+        needs: SurfaceAttributes,
+    ) -> Option<SurfaceInteraction> {
         let ray = Ray::new(q, self.axis);
         let line = Line::new(self, &ray);
-        let params = DVec2::new(line.at_start(), 0.0);
-        let there = self.surface(&ray, &RawHit { params, ..*hit }, needs);
+        let prim_uv = DVec2::new(line.at_start(), 0.0);
+        let there = self.surface(&ray, &PreliminaryIntersection { prim_uv, ..*hit }, needs);
         Some(goes_on(there, point))
     }
 }
@@ -501,19 +512,19 @@ mod tests {
     use super::*;
     use whitstone_testkit::{build, shape_laws_everywhere};
 
-    fn ring(text: &str) -> Box<dyn Primitive> {
+    fn ring(text: &str) -> Box<dyn Shape> {
         match build::<Shapes, Torus>(text, Transform::IDENTITY) {
-            Ok(Shape::Opaque(ring)) => ring,
+            Ok(LoweredShape::Opaque(ring)) => ring,
             _ => panic!("a torus is opaque"),
         }
     }
 
     /// All hits in order.
-    fn hits(ring: &dyn Primitive, origin: [f64; 3], direction: [f64; 3]) -> Vec<f64> {
+    fn hits(ring: &dyn Shape, origin: [f64; 3], direction: [f64; 3]) -> Vec<f64> {
         let ray = Ray::new(origin.into(), direction.into());
         let mut found = Vec::new();
         let mut interval = Interval::FORWARD;
-        while let Some(hit) = ring.closest(&ray, interval, None) {
+        while let Some(hit) = ring.intersect(&ray, interval, None) {
             interval.min = hit.t;
             found.push(hit.t);
         }
@@ -559,7 +570,7 @@ mod tests {
         let ring = ring("major_radius = 2\nminor_radius = 0.5");
         let leave = |x: f64, d: f64| {
             let ray = Ray::new(DVec3::new(x, 0.0, 0.0), DVec3::new(d, 0.0, 0.0));
-            ring.closest(&ray, Interval::FORWARD, Some(0)).map(|hit| hit.t)
+            ring.intersect(&ray, Interval::FORWARD, Some(0)).map(|hit| hit.t)
         };
         for x in [1.5, 1.5f64.next_up(), 1.5f64.next_down()] {
             assert!((leave(x, -1.0).unwrap() - 3.0).abs() < 1e-12);
@@ -575,9 +586,9 @@ mod tests {
     fn texture_coordinates_are_angles() {
         let ring = ring("major_radius = 2\nminor_radius = 0.5");
         let ray = Ray::new(DVec3::new(0.0, 4.0, 2.0), DVec3::new(0.0, -1.0, -1.0));
-        let hit = ring.closest(&ray, Interval::FORWARD, None).unwrap();
-        let hit = hit.of_shape(whitstone_core::InstancePath::WORLD, 0);
-        let point = ring.surface(&ray, &hit, Needs::UV);
+        let hit = ring.intersect(&ray, Interval::FORWARD, None).unwrap();
+        let hit = hit.of_shape(whitstone_core::InstanceId::TOP_LEVEL, 0);
+        let point = ring.surface(&ray, &hit, SurfaceAttributes::UV);
         assert!((point.uv - DVec2::new(0.25, 0.125)).abs().max_element() < 1e-15);
         let half = 0.5f64.sqrt();
         assert!((point.n_g - DVec3::new(0.0, half, half)).length() < 1e-15);

@@ -9,7 +9,7 @@ use crate::lower::{Lowered, Triangles, lower};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::config::{Vector2, Vector3};
-use whitstone_core::{Context, DVec2, Plugin, SceneError, SceneErrors, Shape, Shapes, Transform};
+use whitstone_core::{Context, DVec2, LoweredShape, Plugin, SceneError, SceneErrors, Shapes, Transform};
 
 /// A triangle; its front face is counter-clockwise.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -31,7 +31,11 @@ impl Plugin<Shapes> for Triangle {
     const TYPE: &'static str = "triangle";
     type Config = Config;
 
-    fn build(config: Config, transform: Transform, context: &mut dyn Context) -> Result<Shape, SceneErrors> {
+    fn build(
+        config: Config,
+        transform: Transform,
+        context: &mut dyn Context,
+    ) -> Result<LoweredShape, SceneErrors> {
         let normals = config
             .normals
             .map_or(vec![], |normals| normals.map(Vector3::get).to_vec());
@@ -53,7 +57,7 @@ impl Plugin<Shapes> for Triangle {
         if flat > 0 {
             context.warn(SceneError::anywhere("this triangle has no area and is never hit"));
         }
-        Ok(Shape::Triangles(mesh))
+        Ok(LoweredShape::Triangles(mesh))
     }
 }
 
@@ -67,7 +71,7 @@ mod tests {
 
     fn mesh(more: &str) -> TriangleMesh {
         match build::<Shapes, Triangle>(&format!("{CORNERS}{more}"), Transform::IDENTITY) {
-            Ok(Shape::Triangles(mesh)) => mesh,
+            Ok(LoweredShape::Triangles(mesh)) => mesh,
             _ => panic!("a triangle is a mesh"),
         }
     }

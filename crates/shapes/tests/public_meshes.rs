@@ -2,7 +2,7 @@
 //! names. Tests whose files are absent print "skipped".
 
 use std::path::{Path, PathBuf};
-use whitstone_core::{Shape, Shapes, Transform, TriangleMesh};
+use whitstone_core::{LoweredShape, Shapes, Transform, TriangleMesh};
 use whitstone_shapes::mesh::Mesh;
 use whitstone_testkit::{TestContext, build_in};
 
@@ -19,7 +19,7 @@ fn load(folder: &Path, name: &str) -> Result<(TriangleMesh, usize), String> {
     let mut context = TestContext::in_folder(folder);
     let text = format!("file = \"{name}\"");
     match build_in::<Shapes, Mesh>(&text, Transform::IDENTITY, &mut context) {
-        Ok(Shape::Triangles(mesh)) => Ok((mesh, context.warnings.len())),
+        Ok(LoweredShape::Triangles(mesh)) => Ok((mesh, context.warnings.len())),
         Ok(_) => Err("not triangles".to_owned()),
         Err(errors) => Err(errors.to_string()),
     }

@@ -3,7 +3,8 @@
 
 use std::ops::{Add, Mul, Sub};
 use whitstone_core::{
-    DVec3, InstancePath, Interval, Needs, Primitive, Ray, Shape, Shapes, SurfacePoint, Transform,
+    DVec3, InstanceId, Interval, LoweredShape, Ray, Shape, Shapes, SurfaceAttributes, SurfaceInteraction,
+    Transform,
 };
 use whitstone_shapes::torus::Torus;
 use whitstone_testkit::{Random, build};
@@ -173,13 +174,13 @@ fn ferrari(ray: &Ray, major: f64, minor: f64) -> Vec<DVec3> {
     found.into_iter().map(|t| o + t * d).collect()
 }
 
-fn tested(torus: &dyn Primitive, ray: &Ray) -> Vec<SurfacePoint> {
+fn tested(torus: &dyn Shape, ray: &Ray) -> Vec<SurfaceInteraction> {
     let mut interval = Interval::FORWARD;
     let mut found = Vec::new();
-    while let Some(hit) = torus.closest(ray, interval, None) {
+    while let Some(hit) = torus.intersect(ray, interval, None) {
         interval.min = hit.t;
-        let hit = hit.of_shape(InstancePath::WORLD, 0);
-        found.push(torus.surface(ray, &hit, Needs::NOTHING));
+        let hit = hit.of_shape(InstanceId::TOP_LEVEL, 0);
+        found.push(torus.surface(ray, &hit, SurfaceAttributes::NOTHING));
     }
     found
 }
@@ -221,7 +222,7 @@ fn roots_are_right_to_a_millionth_of_the_tube() {
     for minor in [1e-5, 1e-4, 1e-3, 0.03, 0.5, 0.99] {
         for distance in [0.3, 3.0, 1e3, 1e6] {
             let text = format!("minor_radius = {minor}");
-            let Ok(Shape::Opaque(torus)) = build::<Shapes, Torus>(&text, Transform::IDENTITY) else {
+            let Ok(LoweredShape::Opaque(torus)) = build::<Shapes, Torus>(&text, Transform::IDENTITY) else {
                 panic!("a torus is opaque")
             };
             let mut random = Random::new(26);

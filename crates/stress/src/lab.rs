@@ -167,13 +167,13 @@ pub(crate) fn rows(rays: &[Ray]) -> Vec<[f64; 6]> {
 /// The radiance of a ray by the integrator.
 pub(crate) fn radiance(pipeline: &Pipeline, ray: &Ray) -> Rgb {
     let mut scratch = Scratch::default();
-    pipeline.integrator.radiance(&pipeline.world, ray, &mut scratch)
+    pipeline.integrator.radiance(&pipeline.scene, ray, &mut scratch)
 }
 
 /// The ray tree of a ray.
 pub(crate) fn tree(pipeline: &Pipeline, ray: &Ray) -> Vec<TreeNode> {
     let mut scratch = Scratch::recording();
-    pipeline.integrator.radiance(&pipeline.world, ray, &mut scratch);
+    pipeline.integrator.radiance(&pipeline.scene, ray, &mut scratch);
     scratch.record.unwrap_or_default()
 }
 

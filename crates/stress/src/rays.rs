@@ -4,7 +4,7 @@ use crate::lab::single;
 use crate::{About, Answer, Engine, Family, Lab, Sample};
 use std::hint::black_box;
 use std::time::Instant;
-use whitstone_core::{Aabb, DVec3, Interval, Ray, Shape, Skip};
+use whitstone_core::{Aabb, DVec3, Interval, LoweredShape, Ray, SelfHitFilter};
 use whitstone_oracle::Nearest;
 use whitstone_oracle::agreement::{Agreement, Error};
 use whitstone_scene::Pipeline;
@@ -60,7 +60,7 @@ impl Family for RayFamily {
         let mut whitstone = self.judge(knob, &truths, &ours);
         whitstone.ns_per_op = Some(ns);
         if !self.one_measure {
-            let geometry = &subject.pipeline.world.geometry;
+            let geometry = &subject.pipeline.scene.geometry;
             let boxes = geometry.elements().map(|element| geometry.bounds(element));
             let bounds = boxes.fold(Aabb::EMPTY, Aabb::union);
             let mut agreement = Agreement::default();
@@ -74,7 +74,7 @@ impl Family for RayFamily {
         let (double, ns) = timed(&rays, |ray| {
             subject
                 .textbook_f64
-                .closest(ray.origin.to_array(), ray.direction.to_array())
+                .intersect(ray.origin.to_array(), ray.direction.to_array())
         });
         let mut naive_f64 = self.judge(knob, &truths, &double);
         naive_f64.ns_per_op = Some(ns);
@@ -83,7 +83,7 @@ impl Family for RayFamily {
             .map(|ray| [ray.origin, ray.direction].map(|v| v.as_vec3().to_array()))
             .collect();
         let (found, ns) = timed(&singles, |[o, d]| {
-            subject.textbook_f32.closest(*o, *d).map(f64::from)
+            subject.textbook_f32.intersect(*o, *d).map(f64::from)
         });
         let mut naive_f32 = self.judge(knob, &truths, &found);
         naive_f32.ns_per_op = Some(ns);
@@ -98,8 +98,10 @@ impl Family for RayFamily {
             (Engine::NaiveF64, Ok(naive_f64)),
             (Engine::NaiveF32, Ok(naive_f32)),
         ];
-        let shapes = subject.pipeline.world.geometry.shapes();
-        let of_triangles = shapes.iter().all(|shape| matches!(shape, Shape::Triangles(_)));
+        let shapes = subject.pipeline.scene.geometry.shapes();
+        let of_triangles = shapes
+            .iter()
+            .all(|shape| matches!(shape, LoweredShape::Triangles(_)));
         if of_triangles && let Some(built) = lab.embree(&scene) {
             let embree = built.map(|pipeline| {
                 let (found, ns) = traced(&pipeline, &rays);
@@ -166,9 +168,9 @@ impl Family for Several {
 
 /// Distances of the nearest hits, and nanoseconds per ray.
 fn traced(pipeline: &Pipeline, rays: &[Ray]) -> (Vec<Option<f64>>, f64) {
-    let accelerator = &pipeline.world.accelerator;
+    let accelerator = &pipeline.scene.accelerator;
     timed(rays, |ray| {
-        let hit = accelerator.closest(ray, Interval::FORWARD, Skip::NOTHING);
+        let hit = accelerator.intersect(ray, Interval::FORWARD, SelfHitFilter::NOTHING);
         hit.map(|hit| hit.t)
     })
 }

@@ -10,7 +10,8 @@ use crate::{Wall, build};
 use std::sync::Arc;
 use whitstone_core::triangle::ShearedRay;
 use whitstone_core::{
-    Accelerator, Accelerators, DVec3, Geometry, Interval, Plugin, RawHit, Ray, Shape, Skip, TriangleMesh,
+    Accelerator, Accelerators, DVec3, Geometry, Interval, LoweredShape, Plugin, PreliminaryIntersection, Ray,
+    SelfHitFilter, TriangleMesh,
 };
 
 /// Checks that an accelerator gives bit for bit the results of testing every element in order, for
@@ -76,7 +77,7 @@ fn first_broken(build: impl Fn(Arc<Geometry>) -> Box<dyn Accelerator>) -> Result
 pub(crate) fn compare(geometry: &Geometry, accelerator: &dyn Accelerator, rays: u32) -> Result<(), Broken> {
     let mut random = Random::new(u64::from(rays));
     let aim = Aim::new(geometry);
-    let mut skip = Skip::NOTHING;
+    let mut skip = SelfHitFilter::NOTHING;
     let (mut queries, mut bundles) = (Vec::new(), Vec::new());
     for number in 0..rays {
         let ray = aim.ray(number, &mut random);
@@ -99,7 +100,7 @@ pub(crate) fn compare(geometry: &Geometry, accelerator: &dyn Accelerator, rays: 
             },
         ] {
             let expected = nearest(interval);
-            let found = accelerator.closest(&ray, interval, skip);
+            let found = accelerator.intersect(&ray, interval, skip);
             let same = match (&expected, &found) {
                 (None, None) => true,
                 (Some(a), Some(b)) => same_bits(a, b),
@@ -122,8 +123,8 @@ pub(crate) fn compare(geometry: &Geometry, accelerator: &dyn Accelerator, rays: 
             }
         }
         skip = match nearest(Interval::FORWARD) {
-            Some(hit) if number.is_multiple_of(3) => Skip::leaving(&hit),
-            _ => Skip::NOTHING,
+            Some(hit) if number.is_multiple_of(3) => SelfHitFilter::leaving(&hit),
+            _ => SelfHitFilter::NOTHING,
         };
     }
     accelerator_streams(accelerator, &queries)?;
@@ -135,7 +136,7 @@ pub(crate) fn compare(geometry: &Geometry, accelerator: &dyn Accelerator, rays: 
 const BUNDLE: usize = 32;
 
 /// All hits of all elements in front of the ray.
-fn everything(geometry: &Geometry, ray: &Ray, skip: Skip) -> Vec<RawHit> {
+fn everything(geometry: &Geometry, ray: &Ray, skip: SelfHitFilter) -> Vec<PreliminaryIntersection> {
     let sheared = ShearedRay::new(ray);
     // An element returns only its nearest hit: to find all, query again from there.
     let mut hits = Vec::new();
@@ -173,7 +174,7 @@ impl Aim {
             (bounds.center(), bounds.extent().max_element().max(1e-3))
         };
         let meshes = geometry.shapes().iter().filter_map(|shape| match shape {
-            Shape::Triangles(mesh) => Some(mesh),
+            LoweredShape::Triangles(mesh) => Some(mesh),
             _ => None,
         });
         let all = meshes.flat_map(|mesh| (0..mesh.triangles.len() as u32).map(|i| mesh.corners(i)));
@@ -253,7 +254,7 @@ impl Aim {
 }
 
 /// Geometries, each with its name and its number of rays.
-fn worlds() -> Vec<(&'static str, Vec<Shape>, u32)> {
+fn worlds() -> Vec<(&'static str, Vec<LoweredShape>, u32)> {
     let mut random = Random::new(7);
     let mut mixed = vec![soup(&mut random, 700, 0.2)];
     mixed.extend((0..60).map(|_| ball(&mut random, 1.0)));
@@ -262,12 +263,16 @@ fn worlds() -> Vec<(&'static str, Vec<Shape>, u32)> {
         point: 0.1 * DVec3::Y,
         normal: DVec3::Y,
     };
-    let with_wall = vec![soup(&mut random, 50, 0.5), Shape::Opaque(Box::new(wall)), grid(3)];
+    let with_wall = vec![
+        soup(&mut random, 50, 0.5),
+        LoweredShape::Opaque(Box::new(wall)),
+        grid(3),
+    ];
     let mut apart = vec![soup(&mut random, 200, 0.3), ball(&mut random, 1e-6)];
     for scale in [1e-6, 1e6] {
         let mut mesh = random_mesh(&mut random, 100, 0.3);
         mesh.positions.iter_mut().for_each(|p| *p *= scale);
-        apart.push(Shape::Triangles(mesh));
+        apart.push(LoweredShape::Triangles(mesh));
     }
     let twins = || soup(&mut Random::new(3), 40, 0.4);
     let one_place = vec![DVec3::ZERO, DVec3::X, DVec3::Y];
@@ -279,7 +284,7 @@ fn worlds() -> Vec<(&'static str, Vec<Shape>, u32)> {
         ("nothing", vec![], 60),
         (
             "a mesh without triangles",
-            vec![Shape::Triangles(mesh_of(vec![]))],
+            vec![LoweredShape::Triangles(mesh_of(vec![]))],
             60,
         ),
         ("one triangle", vec![soup(&mut random, 1, 1.0)], 600),
@@ -289,7 +294,7 @@ fn worlds() -> Vec<(&'static str, Vec<Shape>, u32)> {
         ("meshes that coincide", vec![twins(), twins(), twins()], 3000),
         (
             "5000 times the same triangle",
-            vec![Shape::Triangles(one_place)],
+            vec![LoweredShape::Triangles(one_place)],
             120,
         ),
         ("needles", vec![needles(&mut random, 300)], 6000),
@@ -318,12 +323,12 @@ fn random_mesh(random: &mut Random, count: usize, size: f64) -> TriangleMesh {
     mesh_of(corners.collect())
 }
 
-pub(crate) fn soup(random: &mut Random, count: usize, size: f64) -> Shape {
-    Shape::Triangles(random_mesh(random, count, size))
+pub(crate) fn soup(random: &mut Random, count: usize, size: f64) -> LoweredShape {
+    LoweredShape::Triangles(random_mesh(random, count, size))
 }
 
-pub(crate) fn ball(random: &mut Random, scale: f64) -> Shape {
-    Shape::Opaque(Box::new(Ball {
+pub(crate) fn ball(random: &mut Random, scale: f64) -> LoweredShape {
+    LoweredShape::Opaque(Box::new(Ball {
         center: scale * random.cube(),
         radius: scale * (0.01 + 0.2 * random.unit()),
     }))
@@ -331,7 +336,7 @@ pub(crate) fn ball(random: &mut Random, scale: f64) -> Shape {
 
 /// Slivers in few planes, some along an axis and nearly inside one another, so that rays hit
 /// several at nearly the same distance. The thinnest are only as wide as the rounding error.
-pub(crate) fn needles(random: &mut Random, count: usize) -> Shape {
+pub(crate) fn needles(random: &mut Random, count: usize) -> LoweredShape {
     let corners = (0..count).flat_map(|i| {
         let width = 10f64.powi(-(random.below(15) as i32));
         let (start, angle) = if i % 2 == 0 {
@@ -347,11 +352,11 @@ pub(crate) fn needles(random: &mut Random, count: usize) -> Shape {
         let along = DVec3::new(c, s, 0.0);
         [start, start + along, start + width * DVec3::new(-s, c, 0.0)]
     });
-    Shape::Triangles(mesh_of(corners.collect()))
+    LoweredShape::Triangles(mesh_of(corners.collect()))
 }
 
 /// The faces of n³ cubes that fill [-1, 1]³, two triangles each; inner faces occur twice.
-fn grid(n: usize) -> Shape {
+fn grid(n: usize) -> LoweredShape {
     let mut corners = Vec::new();
     let at = |i: usize| 2.0 * i as f64 / n as f64 - 1.0;
     for cell in 0..n * n * n {
@@ -370,7 +375,7 @@ fn grid(n: usize) -> Shape {
             }
         }
     }
-    Shape::Triangles(mesh_of(corners))
+    LoweredShape::Triangles(mesh_of(corners))
 }
 
 #[cfg(test)]
@@ -399,7 +404,12 @@ mod tests {
     }
 
     impl Faulty {
-        fn hits(&self, ray: &Ray, interval: Interval, skip: Skip) -> impl Iterator<Item = RawHit> {
+        fn hits(
+            &self,
+            ray: &Ray,
+            interval: Interval,
+            skip: SelfHitFilter,
+        ) -> impl Iterator<Item = PreliminaryIntersection> {
             let sheared = ShearedRay::new(ray);
             self.elements.iter().filter_map(move |&element| {
                 let bounds = self.geometry.bounds(element);
@@ -424,20 +434,26 @@ mod tests {
     }
 
     impl Accelerator for Faulty {
-        fn closest(&self, ray: &Ray, mut interval: Interval, mut skip: Skip) -> Option<RawHit> {
+        fn intersect(
+            &self,
+            ray: &Ray,
+            mut interval: Interval,
+            mut skip: SelfHitFilter,
+        ) -> Option<PreliminaryIntersection> {
             match self.fault {
-                Fault::ForgetsSkip => skip = Skip::NOTHING,
+                Fault::ForgetsSkip => skip = SelfHitFilter::NOTHING,
                 Fault::ForgetsMin => interval.min = 0.0,
                 Fault::ClosedInterval => interval.max = interval.max.next_up(),
                 _ => {}
             }
             let last = self.fault == Fault::LastWinsTies;
-            let beats = |a: &RawHit, b: &RawHit| a.beats(b) || (last && a.t == b.t);
+            let beats =
+                |a: &PreliminaryIntersection, b: &PreliminaryIntersection| a.beats(b) || (last && a.t == b.t);
             self.hits(ray, interval, skip)
                 .reduce(|best, hit| if beats(&hit, &best) { hit } else { best })
         }
 
-        fn occluded(&self, ray: &Ray, mut interval: Interval, skip: Skip) -> bool {
+        fn occluded(&self, ray: &Ray, mut interval: Interval, skip: SelfHitFilter) -> bool {
             if self.fault == Fault::ShadowsIgnoreMax {
                 interval.max = f64::INFINITY;
             }

@@ -1,7 +1,8 @@
 //! A sphere for the tests of the kit itself, independent of the plugin crates.
 
 use whitstone_core::{
-    Aabb, DVec3, Interval, Needs, Primitive, PrimitiveHit, RawHit, Ray, Spans, SurfacePoint, solid,
+    Aabb, DVec3, Interval, PreliminaryIntersection, Ray, Shape, ShapeHit, Spans, SurfaceAttributes,
+    SurfaceInteraction, solid,
 };
 
 #[derive(Clone, Copy, Debug)]
@@ -23,7 +24,7 @@ impl Ball {
     }
 }
 
-impl Primitive for Ball {
+impl Shape for Ball {
     fn bounds(&self) -> Aabb {
         let aabb = Aabb {
             min: self.center - self.radius,
@@ -32,14 +33,14 @@ impl Primitive for Ball {
         aabb.padded(4.0 * f64::EPSILON * (self.center.abs().max_element() + self.radius))
     }
 
-    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
+    fn intersect(&self, ray: &Ray, interval: Interval, origin_primitive: Option<u32>) -> Option<ShapeHit> {
         let mut roots = self.roots(ray);
-        if leaves.is_some() {
+        if origin_primitive.is_some() {
             let start = usize::from(roots[1].abs() < roots[0].abs());
             roots[start] = f64::NAN;
         }
         let inside = roots.into_iter().filter(|t| interval.contains(*t));
-        inside.reduce(f64::min).map(PrimitiveHit::plain)
+        inside.reduce(f64::min).map(ShapeHit::plain)
     }
 
     fn solid(&self) -> bool {
@@ -47,7 +48,7 @@ impl Primitive for Ball {
     }
 
     fn spans(&self, ray: &Ray, spans: &mut Spans) {
-        let [one, other] = self.roots(ray).map(PrimitiveHit::plain);
+        let [one, other] = self.roots(ray).map(ShapeHit::plain);
         let (enter, exit) = if one.t < other.t {
             (one, other)
         } else {
@@ -56,9 +57,9 @@ impl Primitive for Ball {
         solid::push(spans, enter, exit);
     }
 
-    fn surface(&self, ray: &Ray, hit: &RawHit, _: Needs) -> SurfacePoint {
+    fn surface(&self, ray: &Ray, hit: &PreliminaryIntersection, _: SurfaceAttributes) -> SurfaceInteraction {
         let n = (ray.at(hit.t) - self.center).normalize();
         let error = 2.0 * f64::EPSILON * (self.center.abs().max_element() + self.radius);
-        SurfacePoint::new(self.center + self.radius * n, error, n)
+        SurfaceInteraction::new(self.center + self.radius * n, error, n)
     }
 }

@@ -8,12 +8,12 @@ use whitstone_core::config::{
     FilePath, GroupRef, MaterialRef, PluginRef, SolidRef, TextureRef, TextureValue,
 };
 use whitstone_core::{
-    ColorSource, Context, DVec3, Family, Group, Material, Materials, Plugin, Primitive, Registry, SceneError,
-    SceneErrors, Shape, Shapes, Texture, Transform, TriangleMesh,
+    ColorSource, Context, DVec3, Family, Group, LoweredShape, Material, Materials, Plugin, Registry,
+    SceneError, SceneErrors, Shape, Shapes, Texture, Transform, TriangleMesh,
 };
 
 /// Builds an operand inside a shape with the given transform.
-type Operand = Rc<dyn Fn(&Transform) -> Result<Shape, SceneErrors>>;
+type Operand = Rc<dyn Fn(&Transform) -> Result<LoweredShape, SceneErrors>>;
 
 /// A [`Context`] for tests: constants as textures, files of one folder, and groups, materials,
 /// textures and operands by id. Collects warnings.
@@ -161,7 +161,7 @@ impl Context for TestContext {
         found.ok_or_else(|| group.no_groups().into())
     }
 
-    fn solid(&mut self, operand: &SolidRef, around: &Transform) -> Result<Box<dyn Primitive>, SceneErrors> {
+    fn solid(&mut self, operand: &SolidRef, around: &Transform) -> Result<Box<dyn Shape>, SceneErrors> {
         let build = match &operand.shape {
             PluginRef::Shared(id) => self.operands.get(id),
             PluginRef::Inline(_) => None,

@@ -7,8 +7,8 @@ use std::sync::Arc;
 use whitstone_core::stream::{HitStream, Lanes, RayStream};
 use whitstone_core::triangle::ShearedRay;
 use whitstone_core::{
-    Accelerator, DAffine3, DMat3, DVec3, Geometry, Group, Instance, Interval, RawHit, Ray, Shape, Skip,
-    Statistics, Transform,
+    Accelerator, DAffine3, DMat3, DVec3, Geometry, Group, Instance, Interval, LoweredShape,
+    PreliminaryIntersection, Ray, SelfHitFilter, Statistics, Transform,
 };
 
 /// Tests every element: correct by definition.
@@ -22,7 +22,12 @@ impl Naive {
         Self { geometry }
     }
 
-    fn hits(&self, ray: &Ray, interval: Interval, skip: Skip) -> impl Iterator<Item = RawHit> {
+    fn hits(
+        &self,
+        ray: &Ray,
+        interval: Interval,
+        skip: SelfHitFilter,
+    ) -> impl Iterator<Item = PreliminaryIntersection> {
         let sheared = ShearedRay::new(ray);
         let elements = self.geometry.elements();
         elements.filter_map(move |element| self.geometry.intersect(element, ray, &sheared, interval, skip))
@@ -30,28 +35,33 @@ impl Naive {
 }
 
 impl Accelerator for Naive {
-    fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
+    fn intersect(
+        &self,
+        ray: &Ray,
+        interval: Interval,
+        skip: SelfHitFilter,
+    ) -> Option<PreliminaryIntersection> {
         let hits = self.hits(ray, interval, skip);
         hits.reduce(|best, hit| if hit.beats(&best) { hit } else { best })
     }
 
-    fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
+    fn occluded(&self, ray: &Ray, interval: Interval, skip: SelfHitFilter) -> bool {
         self.hits(ray, interval, skip).next().is_some()
     }
 
     /// Queries instances by stream, so that their stream methods are under test too.
-    fn closest_stream(&self, rays: &RayStream, hits: &mut HitStream) {
+    fn intersect_stream(&self, rays: &RayStream, hits: &mut HitStream) {
         hits.clear(rays);
         for (part, shape) in self.geometry.shapes().iter().zip(0..) {
             match part {
-                Shape::Triangles(mesh) => mesh.closest_stream(shape, rays, hits),
-                Shape::Opaque(primitive) => primitive.closest_stream(shape, rays, hits),
+                LoweredShape::Triangles(mesh) => mesh.intersect_stream(shape, rays, hits),
+                LoweredShape::Opaque(primitive) => primitive.intersect_stream(shape, rays, hits),
                 _ => {}
             }
         }
         for part in self.geometry.shapes() {
-            if let Shape::Instance(instance) = part {
-                instance.closest_stream(rays, hits);
+            if let LoweredShape::Instance(instance) = part {
+                instance.intersect_stream(rays, hits);
             }
         }
     }
@@ -60,9 +70,9 @@ impl Accelerator for Naive {
         hidden[..rays.len].fill(false);
         for (part, shape) in self.geometry.shapes().iter().zip(0..) {
             match part {
-                Shape::Triangles(mesh) => mesh.occluded_stream(shape, rays, hidden),
-                Shape::Opaque(primitive) => primitive.occluded_stream(shape, rays, hidden),
-                Shape::Instance(instance) => instance.occluded_stream(rays, hidden),
+                LoweredShape::Triangles(mesh) => mesh.occluded_stream(shape, rays, hidden),
+                LoweredShape::Opaque(primitive) => primitive.occluded_stream(shape, rays, hidden),
+                LoweredShape::Instance(instance) => instance.occluded_stream(rays, hidden),
                 _ => {}
             }
         }
@@ -78,13 +88,13 @@ pub(crate) type Build<'a> = &'a dyn Fn(Arc<Geometry>) -> Box<dyn Accelerator>;
 
 /// A group with the accelerator built over its shapes; `first_shape` is their first scene-wide
 /// number.
-fn group(build: Build<'_>, shapes: Vec<Shape>, first_shape: u32) -> Arc<Group> {
+fn group(build: Build<'_>, shapes: Vec<LoweredShape>, first_shape: u32) -> Arc<Group> {
     let geometry = Arc::new(Geometry::new(shapes));
     Arc::new(Group::new(geometry.clone(), build(geometry), first_shape))
 }
 
-fn copy(group: &Arc<Group>, transform: Transform) -> Shape {
-    Shape::Instance(Box::new(Instance::new(group.clone(), transform)))
+fn copy(group: &Arc<Group>, transform: Transform) -> LoweredShape {
+    LoweredShape::Instance(Box::new(Instance::new(group.clone(), transform)))
 }
 
 /// A random transform that rotates, scales, shears slightly and translates; every second one
@@ -98,7 +108,7 @@ fn anywhere(random: &mut Random, size: f64) -> Transform {
     Transform::new(DAffine3::from_mat3_translation(matrix, random.cube())).expect("nothing is flattened")
 }
 
-type World = fn(Build<'_>) -> Vec<Shape>;
+type World = fn(Build<'_>) -> Vec<LoweredShape>;
 
 /// Geometries with instances of groups, each with its name and its number of rays. Each is built
 /// twice: for the reference result and for the accelerator under test.
@@ -122,7 +132,8 @@ pub(crate) fn worlds_of_copies() -> [(&'static str, World, u32); 6] {
             |build| {
                 let inside = || vec![soup(&mut Random::new(3), 80, 0.4)];
                 let group = group(build, inside(), 6);
-                let mut shapes: Vec<Shape> = (0..3).map(|_| copy(&group, Transform::IDENTITY)).collect();
+                let mut shapes: Vec<LoweredShape> =
+                    (0..3).map(|_| copy(&group, Transform::IDENTITY)).collect();
                 shapes.extend(inside());
                 shapes.extend((0..2).map(|_| copy(&group, Transform::IDENTITY)));
                 shapes
@@ -134,7 +145,7 @@ pub(crate) fn worlds_of_copies() -> [(&'static str, World, u32); 6] {
             |build| {
                 let mut random = Random::new(12);
                 let leaf = group(build, vec![soup(&mut random, 60, 0.5), ball(&mut random, 1.0)], 5);
-                let mut shapes: Vec<Shape> =
+                let mut shapes: Vec<LoweredShape> =
                     (0..4).map(|_| copy(&leaf, anywhere(&mut random, 0.5))).collect();
                 shapes.insert(2, soup(&mut random, 20, 0.3));
                 let branch = group(build, shapes, 7);
@@ -153,7 +164,7 @@ pub(crate) fn worlds_of_copies() -> [(&'static str, World, u32); 6] {
                     vec![soup(&mut random, 50, 0.5), ball(&mut random, 1.0)],
                     20,
                 );
-                let mut shapes: Vec<Shape> = placements()
+                let mut shapes: Vec<LoweredShape> = placements()
                     .into_iter()
                     .map(|(_, place)| copy(&group, place))
                     .collect();
@@ -171,7 +182,7 @@ pub(crate) fn worlds_of_copies() -> [(&'static str, World, u32); 6] {
                     point: 0.1 * DVec3::Y,
                     normal: DVec3::Y,
                 };
-                let inside = vec![Shape::Opaque(Box::new(wall)), soup(&mut random, 40, 0.3)];
+                let inside = vec![LoweredShape::Opaque(Box::new(wall)), soup(&mut random, 40, 0.3)];
                 let group = group(build, inside, 4);
                 let mut shapes = vec![soup(&mut random, 40, 0.3)];
                 shapes.extend((0..3).map(|_| copy(&group, anywhere(&mut random, 0.5))));
@@ -198,12 +209,12 @@ pub(crate) fn worlds_of_copies() -> [(&'static str, World, u32); 6] {
 pub(crate) fn corners_of_copies(geometry: &Geometry) -> Vec<[DVec3; 3]> {
     let mut corners = Vec::new();
     for shape in geometry.shapes() {
-        let Shape::Instance(instance) = shape else {
+        let LoweredShape::Instance(instance) = shape else {
             continue;
         };
         let inside = instance.group().geometry();
         for shape in inside.shapes() {
-            if let Shape::Triangles(mesh) = shape {
+            if let LoweredShape::Triangles(mesh) = shape {
                 corners.extend((0..mesh.triangles.len().min(50) as u32).map(|i| mesh.corners(i)));
             }
         }

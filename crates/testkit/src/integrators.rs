@@ -3,10 +3,10 @@
 use crate::streams::integrator_streams;
 use std::sync::Arc;
 use whitstone_core::{
-    Aabb, Accelerator, Branch, BranchKind, Branches, DVec2, DVec3, Filter, Geometry, Illumination, Incoming,
-    Integrator, Interval, Light, LightGives, LightSample, Lobes, Material, Needs, PathState, Primitive,
-    PrimitiveHit, RawHit, Ray, Rgb, Scratch, Shape, Skip, Statistics, SurfacePoint, World,
-    triangle::ShearedRay,
+    Aabb, Accelerator, BsdfFlags, DVec2, DVec3, Geometry, Integrator, Interval, Light, LightFlags,
+    LightLiSample, LightSample, LightSamples, LoweredShape, Material, PathState, PreliminaryIntersection,
+    Ray, Rgb, Scene, Scratch, SelfHitFilter, Shape, ShapeHit, SpecularRay, SpecularRayKind, SpecularRays,
+    Statistics, SurfaceAttributes, SurfaceInteraction, Transmittance, triangle::ShearedRay,
 };
 
 /// An infinite plane through a point; the normal points outside.
@@ -18,22 +18,22 @@ pub struct Wall {
     pub normal: DVec3,
 }
 
-impl Primitive for Wall {
+impl Shape for Wall {
     fn bounds(&self) -> Aabb {
         Aabb::EVERYTHING
     }
 
-    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
+    fn intersect(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<ShapeHit> {
         let t = (self.point - ray.origin).dot(self.normal) / ray.direction.dot(self.normal);
-        (leaves.is_none() && interval.contains(t)).then_some(PrimitiveHit {
+        (leaves.is_none() && interval.contains(t)).then_some(ShapeHit {
             t,
             primitive: 0,
-            params: DVec2::ZERO,
+            prim_uv: DVec2::ZERO,
         })
     }
 
-    fn surface(&self, ray: &Ray, hit: &RawHit, _: Needs) -> SurfacePoint {
-        SurfacePoint::new(ray.at(hit.t), 0.0, self.normal)
+    fn surface(&self, ray: &Ray, hit: &PreliminaryIntersection, _: SurfaceAttributes) -> SurfaceInteraction {
+        SurfaceInteraction::new(ray.at(hit.t), 0.0, self.normal)
     }
 }
 
@@ -63,43 +63,43 @@ pub struct Simple {
 }
 
 impl Material for Simple {
-    fn lobes(&self) -> Lobes {
-        let when = |there: bool, lobe| if there { lobe } else { Lobes::NOTHING };
-        Lobes::LOCAL
-            | Lobes::REFLECTION
-            | when(!self.straight, Lobes::TRANSMISSION)
-            | when(self.straight, Lobes::STRAIGHT)
-            | when(!self.emission.is_black(), Lobes::EMISSION)
-            | when(!self.hole.is_black(), Lobes::HOLES)
-            | when(!self.filter.is_black(), Lobes::FILTERS)
+    fn flags(&self) -> BsdfFlags {
+        let when = |there: bool, lobe| if there { lobe } else { BsdfFlags::NOTHING };
+        BsdfFlags::LOCAL
+            | BsdfFlags::REFLECTION
+            | when(!self.straight, BsdfFlags::TRANSMISSION)
+            | when(self.straight, BsdfFlags::NULL)
+            | when(!self.emission.is_black(), BsdfFlags::EMISSION)
+            | when(!self.hole.is_black(), BsdfFlags::CUT_OUTS)
+            | when(!self.filter.is_black(), BsdfFlags::TRANSPARENT_SHADOWS)
     }
 
-    fn needs(&self) -> Needs {
-        Needs::NOTHING
+    fn needs(&self) -> SurfaceAttributes {
+        SurfaceAttributes::NOTHING
     }
 
-    fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
+    fn local_illumination(&self, point: &SurfaceInteraction, view: DVec3, light: &LightSamples<'_>) -> Rgb {
         let n = point.n_towards(view);
-        let term = |light: &Incoming| light.irradiance * n.dot(light.direction);
+        let term = |light: &LightLiSample| light.irradiance * n.dot(light.direction);
         (light.ambient + light.lights.iter().map(term).sum()) * self.diffuse
     }
 
-    fn emission(&self, _: &SurfacePoint, _: DVec3) -> Rgb {
+    fn emission(&self, _: &SurfaceInteraction, _: DVec3) -> Rgb {
         self.emission
     }
 
-    fn shadow(&self, point: &SurfacePoint, direction: DVec3, filtered: bool) -> Filter {
+    fn shadow(&self, point: &SurfaceInteraction, direction: DVec3, filtered: bool) -> Transmittance {
         if !filtered {
-            return Filter::straight(self.hole);
+            return Transmittance::straight(self.hole);
         }
         let entering = point.n_g.dot(direction) < 0.0;
-        Filter {
+        Transmittance {
             weight: self.hole + self.filter,
             medium: Some(if entering { self.absorption } else { Rgb::BLACK }),
         }
     }
 
-    fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
+    fn specular_rays(&self, point: &SurfaceInteraction, view: DVec3, out: &mut SpecularRays) {
         let n = point.n_towards(view);
         let entering = point.n_g.dot(view) > 0.0;
         let (mirrored, through) = (2.0 * n.dot(view) * n - view, -view);
@@ -109,18 +109,18 @@ impl Material for Simple {
             (mirrored, through)
         };
         let absorption = if entering { self.absorption } else { Rgb::BLACK };
-        let reflection = Branch {
+        let reflection = SpecularRay {
             direction: reflected,
             weight: self.reflect,
-            kind: BranchKind::Reflection,
+            kind: SpecularRayKind::Reflection,
         };
         let kind = if self.straight {
-            BranchKind::Straight
+            SpecularRayKind::Null
         } else {
-            BranchKind::Transmission { absorption }
+            SpecularRayKind::Transmission { absorption }
         };
         out.push(reflection);
-        out.push(Branch {
+        out.push(SpecularRay {
             direction: transmitted,
             weight: self.transmit,
             kind,
@@ -140,8 +140,8 @@ pub struct Lamp {
 }
 
 impl Light for Lamp {
-    fn gives(&self) -> LightGives {
-        LightGives::SAMPLES | LightGives::AMBIENT | LightGives::BACKGROUND
+    fn flags(&self) -> LightFlags {
+        LightFlags::SAMPLES | LightFlags::AMBIENT | LightFlags::BACKGROUND
     }
 
     fn samples(&self, point: DVec3, out: &mut Vec<LightSample>) {
@@ -172,7 +172,12 @@ impl Light for Lamp {
 struct TryAll(Arc<Geometry>);
 
 impl Accelerator for TryAll {
-    fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
+    fn intersect(
+        &self,
+        ray: &Ray,
+        interval: Interval,
+        skip: SelfHitFilter,
+    ) -> Option<PreliminaryIntersection> {
         let sheared = ShearedRay::new(ray);
         self.0
             .elements()
@@ -180,8 +185,8 @@ impl Accelerator for TryAll {
             .reduce(|best, hit| if hit.beats(&best) { hit } else { best })
     }
 
-    fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
-        self.closest(ray, interval, skip).is_some()
+    fn occluded(&self, ray: &Ray, interval: Interval, skip: SelfHitFilter) -> bool {
+        self.intersect(ray, interval, skip).is_some()
     }
 
     fn statistics(&self) -> Statistics {
@@ -190,10 +195,10 @@ impl Accelerator for TryAll {
 }
 
 /// A scene of a few walls and a light.
-pub fn world_of_walls(walls: &[(Wall, Simple)], light: Lamp) -> World {
+pub fn world_of_walls(walls: &[(Wall, Simple)], light: Lamp) -> Scene {
     let shapes = walls
         .iter()
-        .map(|(wall, _)| Shape::Opaque(Box::new(*wall)))
+        .map(|(wall, _)| LoweredShape::Opaque(Box::new(*wall)))
         .collect();
     let geometry = Arc::new(Geometry::new(shapes));
     let accelerator = Box::new(TryAll(geometry.clone()));
@@ -201,7 +206,7 @@ pub fn world_of_walls(walls: &[(Wall, Simple)], light: Lamp) -> World {
         .iter()
         .map(|(_, material)| Arc::new(*material) as Arc<dyn Material>)
         .collect();
-    World::new(geometry, accelerator, materials, vec![Arc::new(light)])
+    Scene::new(geometry, accelerator, materials, vec![Arc::new(light)])
 }
 
 /// A wall at this height that faces up.
@@ -212,12 +217,12 @@ pub fn floor(height: f64) -> Wall {
     }
 }
 
-fn radiance(integrator: &dyn Integrator, world: &World, ray: Ray) -> Rgb {
+fn radiance(integrator: &dyn Integrator, scene: &Scene, ray: Ray) -> Rgb {
     let mut clean = Scratch::default();
-    let found = integrator.radiance(world, &ray, &mut clean);
+    let found = integrator.radiance(scene, &ray, &mut clean);
     assert!(clean.counters.closest >= 1, "a camera ray is counted");
     let mut recording = Scratch::recording();
-    let told = integrator.radiance(world, &ray, &mut recording);
+    let told = integrator.radiance(scene, &ray, &mut recording);
     assert_eq!(found, told, "the record changes nothing");
     let nodes = recording.record.unwrap_or_default();
     let sum: Rgb = nodes.iter().map(|node| node.throughput * node.local).sum();
@@ -233,13 +238,13 @@ fn radiance(integrator: &dyn Integrator, world: &World, ray: Ray) -> Rgb {
             Ray::new(ray.origin + aside, direction)
         })
         .collect();
-    let broken = integrator_streams(integrator, world, &rays).err();
+    let broken = integrator_streams(integrator, scene, &rays).err();
     assert_eq!(broken, None, "radiance of a stream");
     // State left behind by another ray.
     let lost = PathState::camera(Ray::new(DVec3::ONE, DVec3::NEG_Y));
     let mut used = Scratch::default();
     used.pending.push(lost);
-    used.incoming.push(Incoming {
+    used.incoming.push(LightLiSample {
         direction: DVec3::Y,
         irradiance: Rgb::WHITE,
     });
@@ -248,7 +253,7 @@ fn radiance(integrator: &dyn Integrator, world: &World, ray: Ray) -> Rgb {
         distance: 1.0,
         irradiance: Rgb::WHITE,
     });
-    let again = integrator.radiance(world, &ray, &mut used);
+    let again = integrator.radiance(scene, &ray, &mut used);
     assert_eq!(
         again, found,
         "radiance depends on the world and the ray, not on the working memory"
@@ -310,7 +315,7 @@ pub fn integrator_laws(integrator: &dyn Integrator, shadows: bool) {
         walls.extend(wall.map(|height| (floor(height), matte)));
         let ambient = Rgb::splat(0.25);
         let lamp = Some((DVec3::new(0.0, 5.0, 0.0), 3.0));
-        let world = world_of_walls(
+        let scene = world_of_walls(
             &walls,
             Lamp {
                 background: sky,
@@ -318,7 +323,7 @@ pub fn integrator_laws(integrator: &dyn Integrator, shadows: bool) {
                 lamp,
             },
         );
-        radiance(integrator, &world, down)
+        radiance(integrator, &scene, down)
     };
     let (bright, shaded) = (Rgb::splat(0.5 * 3.25), Rgb::splat(0.5 * 0.25));
     assert_eq!(lit(None), bright, "ambient light and a lamp");
@@ -388,7 +393,7 @@ pub fn integrator_laws(integrator: &dyn Integrator, shadows: bool) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::{Medium, Shadowing};
+    use whitstone_core::{MediumState, ShadowMode};
 
     /// A recursive integrator with one bounce and a switch for each fault.
     #[derive(Default)]
@@ -406,53 +411,56 @@ mod tests {
             self.claims_branches
         }
 
-        fn radiance(&self, world: &World, ray: &Ray, scratch: &mut Scratch) -> Rgb {
+        fn radiance(&self, scene: &Scene, ray: &Ray, scratch: &mut Scratch) -> Rgb {
             scratch.counters.closest += 1;
             let left_over = if self.reads_scratch {
                 scratch.pending.len() as f64
             } else {
                 0.0
             };
-            let Some(hit) = world.accelerator.closest(ray, Interval::FORWARD, Skip::NOTHING) else {
+            let Some(hit) = scene
+                .accelerator
+                .intersect(ray, Interval::FORWARD, SelfHitFilter::NOTHING)
+            else {
                 let background = if self.forgets_background {
                     Rgb::BLACK
                 } else {
-                    world.background(ray.direction)
+                    scene.background(ray.direction)
                 };
                 scratch.note(&PathState::camera(*ray), None, Rgb::WHITE, background);
                 return background;
             };
             let view = -ray.direction;
-            let point = world.surface(ray, &hit).seen_from(view);
-            let material = &world.materials[hit.shape as usize];
+            let point = scene.surface(ray, &hit).seen_from(view);
+            let material = &scene.materials[hit.shape as usize];
             let shadows = if self.forgets_shadows {
-                Shadowing::None
+                ShadowMode::None
             } else {
-                Shadowing::Opaque
+                ShadowMode::Opaque
             };
-            world.gather_lights(
+            scene.gather_lights(
                 &point,
                 view,
-                Skip::leaving(&hit),
+                SelfHitFilter::leaving(&hit),
                 shadows,
-                Medium::absorbing(Rgb::BLACK),
+                MediumState::absorbing(Rgb::BLACK),
                 scratch,
             );
-            let light = Illumination {
-                ambient: world.ambient,
+            let light = LightSamples {
+                ambient: scene.ambient,
                 lights: &scratch.incoming,
             };
-            let mut sum = material.local(&point, view, &light) + Rgb::splat(left_over);
+            let mut sum = material.local_illumination(&point, view, &light) + Rgb::splat(left_over);
             if self.claims_branches {
-                let mut branches = Branches::default();
-                material.branches(&point, view, &mut branches);
+                let mut branches = SpecularRays::default();
+                material.specular_rays(&point, view, &mut branches);
                 for branch in branches.iter() {
                     let right = match branch.kind {
-                        BranchKind::Reflection => point.same_side(view, branch.direction),
+                        SpecularRayKind::Reflection => point.same_side(view, branch.direction),
                         _ => point.opposite_sides(view, branch.direction),
                     };
                     if right || self.forgets_sides {
-                        sum += branch.weight * world.background(branch.direction);
+                        sum += branch.weight * scene.background(branch.direction);
                     }
                 }
             }

@@ -11,8 +11,8 @@ use std::fmt::Debug;
 use std::sync::Arc;
 use toml::{Table, Value};
 use whitstone_core::{
-    Accelerators, Cameras, DAffine3, DVec3, Family, FilmSize, Geometry, Lights, Materials, Plugin, Ray,
-    SceneErrors, Shape, Shapes, Textures, Transform,
+    Accelerators, Cameras, DAffine3, DVec3, Family, FilmSize, Geometry, Lights, LoweredShape, Materials,
+    Plugin, Ray, SceneErrors, Shapes, Textures, Transform,
 };
 
 /// Number of rays per shape and per geometry of an accelerator.
@@ -155,15 +155,15 @@ impl Lawful for Shapes {
         (0..places.len()).prop_map(move |number| places[number]).boxed()
     }
 
-    fn built<P: Plugin<Self>>(text: &str, place: &Transform) -> Result<Shape, SceneErrors> {
+    fn built<P: Plugin<Self>>(text: &str, place: &Transform) -> Result<LoweredShape, SceneErrors> {
         build::<Self, P>(text, *place)
     }
 
     fn check<P: Plugin<Self>>(
         text: &str,
-        product: &Shape,
+        product: &LoweredShape,
         place: &Transform,
-        laws: &[fn(&Shape)],
+        laws: &[fn(&LoweredShape)],
     ) -> Result<(), Broken> {
         hold_all(product, laws)?;
         // The laws take ownership of the product.
@@ -214,9 +214,9 @@ pub struct Things {
 impl Things {
     fn geometry(&self) -> Geometry {
         let triangles = self.triangles.iter();
-        let triangles = triangles.map(|corners| Shape::Triangles(mesh_of(corners.to_vec())));
+        let triangles = triangles.map(|corners| LoweredShape::Triangles(mesh_of(corners.to_vec())));
         let balls = self.balls.iter();
-        let balls = balls.map(|&(center, radius)| Shape::Opaque(Box::new(Ball { center, radius })));
+        let balls = balls.map(|&(center, radius)| LoweredShape::Opaque(Box::new(Ball { center, radius })));
         Geometry::new(triangles.chain(balls).collect())
     }
 }

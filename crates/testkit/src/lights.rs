@@ -3,7 +3,7 @@
 use crate::spread::directions;
 use crate::streams::light_streams;
 use crate::textures::is_colour;
-use whitstone_core::{Aabb, DVec3, Light, LightGives, LightSample, Rgb};
+use whitstone_core::{Aabb, DVec3, Light, LightFlags, LightSample, Rgb};
 
 fn samples(light: &dyn Light, point: DVec3) -> Vec<LightSample> {
     let mut out = Vec::new();
@@ -19,7 +19,7 @@ fn samples(light: &dyn Light, point: DVec3) -> Vec<LightSample> {
 ///
 /// If the light breaks one of these laws; the message says which and where.
 pub fn light_laws(light: &dyn Light) {
-    let gives = light.gives();
+    let gives = light.flags();
     let mut reached = false;
     let mut points = Vec::new();
     for direction in directions(64) {
@@ -61,7 +61,7 @@ pub fn light_laws(light: &dyn Light) {
             is_colour(seen),
             "the background towards {direction} is finite and >= 0, found {seen:?}"
         );
-        let says = gives.contains(LightGives::BACKGROUND);
+        let says = gives.contains(LightFlags::BACKGROUND);
         assert!(
             says || seen.is_black(),
             "a light with a background says that it gives one"
@@ -77,12 +77,12 @@ pub fn light_laws(light: &dyn Light) {
         is_colour(ambient),
         "the ambient radiance is finite and >= 0, found {ambient:?}"
     );
-    let says = gives.contains(LightGives::AMBIENT);
+    let says = gives.contains(LightFlags::AMBIENT);
     assert!(
         says || ambient.is_black(),
         "a light with an ambient radiance says that it gives one"
     );
-    let says = gives.contains(LightGives::SAMPLES);
+    let says = gives.contains(LightFlags::SAMPLES);
     assert!(says || !reached, "a light with samples says that it gives them");
 }
 
@@ -90,7 +90,7 @@ pub fn light_laws(light: &dyn Light) {
 /// black at every point of it.
 fn nothing_where_it_does_not_reach(light: &dyn Light) {
     assert!(
-        light.reaches(&Aabb::EVERYTHING) || is_dark(light, &Aabb::around([-DVec3::ONE, DVec3::ONE])),
+        light.affects_bounds(&Aabb::EVERYTHING) || is_dark(light, &Aabb::around([-DVec3::ONE, DVec3::ONE])),
         "a light that reaches nothing is black"
     );
     for direction in directions(64) {
@@ -107,7 +107,7 @@ fn nothing_where_it_does_not_reach(light: &dyn Light) {
             let center = distance * direction;
             let bounds = Aabb::around([center - half, center + half]);
             assert!(
-                light.reaches(&bounds) || is_dark(light, &bounds),
+                light.affects_bounds(&bounds) || is_dark(light, &bounds),
                 "a light that does not reach a box of half width {half} around {center} is black in it"
             );
         }
@@ -179,10 +179,10 @@ pub fn light_near_laws(light: &dyn Light, position: DVec3, intensity: Rgb, axis:
 mod tests {
     use super::*;
 
-    struct Made<F>(LightGives, F);
+    struct Made<F>(LightFlags, F);
 
     impl<F: Fn(DVec3) -> LightSample + Send + Sync> Light for Made<F> {
-        fn gives(&self) -> LightGives {
+        fn flags(&self) -> LightFlags {
             self.0
         }
         fn samples(&self, point: DVec3, out: &mut Vec<LightSample>) {
@@ -200,25 +200,25 @@ mod tests {
 
     #[test]
     fn a_right_light_passes() {
-        light_laws(&Made(LightGives::SAMPLES, |_| sun(DVec3::Y, 1.0)));
+        light_laws(&Made(LightFlags::SAMPLES, |_| sun(DVec3::Y, 1.0)));
     }
 
     #[test]
     #[should_panic(expected = "unit length")]
     fn a_long_direction_is_found() {
-        light_laws(&Made(LightGives::SAMPLES, |_| sun(DVec3::ONE, 1.0)));
+        light_laws(&Made(LightFlags::SAMPLES, |_| sun(DVec3::ONE, 1.0)));
     }
 
     #[test]
     #[should_panic(expected = "finite and >= 0")]
     fn negative_light_is_found() {
-        light_laws(&Made(LightGives::SAMPLES, |_| sun(DVec3::Y, -1.0)));
+        light_laws(&Made(LightFlags::SAMPLES, |_| sun(DVec3::Y, -1.0)));
     }
 
     #[test]
     #[should_panic(expected = "says that it gives them")]
     fn hidden_samples_are_found() {
-        light_laws(&Made(LightGives::AMBIENT, |_| sun(DVec3::Y, 1.0)));
+        light_laws(&Made(LightFlags::AMBIENT, |_| sun(DVec3::Y, 1.0)));
     }
 
     /// A light at the origin, by the textbook formula.
@@ -234,14 +234,14 @@ mod tests {
     #[test]
     #[should_panic(expected = "unit length")]
     fn the_plain_form_breaks_at_extreme_distances() {
-        light_laws(&Made(LightGives::SAMPLES, naive));
+        light_laws(&Made(LightFlags::SAMPLES, naive));
     }
 
     #[test]
     #[should_panic(expected = "nothing at its own position")]
     fn light_at_the_light_is_found() {
         light_near_laws(
-            &Made(LightGives::SAMPLES, naive),
+            &Made(LightFlags::SAMPLES, naive),
             DVec3::ZERO,
             Rgb::WHITE,
             DVec3::X,
@@ -256,7 +256,7 @@ mod tests {
             ..naive(point)
         };
         light_near_laws(
-            &Made(LightGives::SAMPLES, linear),
+            &Made(LightFlags::SAMPLES, linear),
             DVec3::ZERO,
             Rgb::WHITE,
             DVec3::X,
@@ -267,15 +267,15 @@ mod tests {
     struct Half(f64);
 
     impl Light for Half {
-        fn gives(&self) -> LightGives {
-            LightGives::SAMPLES
+        fn flags(&self) -> LightFlags {
+            LightFlags::SAMPLES
         }
         fn samples(&self, point: DVec3, out: &mut Vec<LightSample>) {
             if point.x > self.0 {
                 out.push(sun(DVec3::Y, 1.0));
             }
         }
-        fn reaches(&self, bounds: &Aabb) -> bool {
+        fn affects_bounds(&self, bounds: &Aabb) -> bool {
             bounds.max.x > 0.0
         }
     }

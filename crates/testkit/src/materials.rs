@@ -4,27 +4,27 @@ use crate::spread::{COSINES, at_cosine, directions};
 use crate::streams::material_streams;
 use crate::textures::is_colour;
 use whitstone_core::{
-    Branch, BranchKind, Branches, DVec2, DVec3, Illumination, Incoming, Lobes, Material, Needs, Rgb,
-    SurfacePoint,
+    BsdfFlags, DVec2, DVec3, LightLiSample, LightSamples, Material, Rgb, SpecularRay, SpecularRayKind,
+    SpecularRays, SurfaceAttributes, SurfaceInteraction,
 };
 
-fn branches(material: &dyn Material, point: &SurfacePoint, view: DVec3) -> Vec<Branch> {
-    let mut out = Branches::default();
-    material.branches(point, view, &mut out);
+fn specular_rays(material: &dyn Material, point: &SurfaceInteraction, view: DVec3) -> Vec<SpecularRay> {
+    let mut out = SpecularRays::default();
+    material.specular_rays(point, view, &mut out);
     out.iter().copied().collect()
 }
 
-fn local(
+fn local_illumination(
     material: &dyn Material,
-    point: &SurfacePoint,
+    point: &SurfaceInteraction,
     view: DVec3,
     ambient: f64,
-    lights: &[Incoming],
+    lights: &[LightLiSample],
 ) -> Rgb {
-    material.local(
+    material.local_illumination(
         point,
         view,
-        &Illumination {
+        &LightSamples {
             ambient: Rgb::splat(ambient),
             lights,
         },
@@ -32,8 +32,8 @@ fn local(
 }
 
 /// A point with a geometric and a shading normal after rule S, as integrators pass it.
-fn surface(n_g: DVec3, n_s: DVec3, uv: DVec2, view: DVec3) -> SurfacePoint {
-    let mut point = SurfacePoint::new(DVec3::new(0.1, -2.0, 0.7), 0.0, n_g);
+fn surface(n_g: DVec3, n_s: DVec3, uv: DVec2, view: DVec3) -> SurfaceInteraction {
+    let mut point = SurfaceInteraction::new(DVec3::new(0.1, -2.0, 0.7), 0.0, n_g);
     point.n_s = n_s;
     point.uv = uv;
     point.seen_from(view)
@@ -94,11 +94,11 @@ pub fn sided_material_laws(material: &dyn Material) {
     assert_eq!(broken, None, "the response to a stream");
 }
 
-fn branch_laws(material: &dyn Material, point: &SurfacePoint, view: DVec3, plain: bool) {
-    let lobes = material.lobes();
-    let found = branches(material, point, view);
+fn branch_laws(material: &dyn Material, point: &SurfaceInteraction, view: DVec3, plain: bool) {
+    let lobes = material.flags();
+    let found = specular_rays(material, point, view);
     let place = format!("n_g {} n_s {} view {view}: {found:?}", point.n_g, point.n_s);
-    for Branch {
+    for SpecularRay {
         direction,
         weight,
         kind,
@@ -111,17 +111,17 @@ fn branch_laws(material: &dyn Material, point: &SurfacePoint, view: DVec3, plain
             "branches have unit directions, not {length}: {place}"
         );
         let lobe = match kind {
-            BranchKind::Reflection => Lobes::REFLECTION,
-            BranchKind::Transmission { absorption } => {
+            SpecularRayKind::Reflection => BsdfFlags::REFLECTION,
+            SpecularRayKind::Transmission { absorption } => {
                 assert!(
                     is_colour(*absorption),
                     "absorption is finite and not negative: {place}"
                 );
-                Lobes::TRANSMISSION
+                BsdfFlags::TRANSMISSION
             }
-            BranchKind::Straight => {
+            SpecularRayKind::Null => {
                 assert_eq!(*direction, -view, "what goes straight on does: {place}");
-                Lobes::STRAIGHT
+                BsdfFlags::NULL
             }
         };
         assert!(
@@ -129,10 +129,10 @@ fn branch_laws(material: &dyn Material, point: &SurfacePoint, view: DVec3, plain
             "lobes name every kind of branch: {place}"
         );
         // A reflection by the material's own normal may go into the surface; rule G handles that.
-        let straight_on = *kind == BranchKind::Straight;
-        if plain && (straight_on || !lobes.contains(Lobes::OWN_NORMAL)) {
+        let straight_on = *kind == SpecularRayKind::Null;
+        if plain && (straight_on || !lobes.contains(BsdfFlags::NORMAL_MAPPED)) {
             let right = match kind {
-                BranchKind::Reflection => point.same_side(view, *direction),
+                SpecularRayKind::Reflection => point.same_side(view, *direction),
                 _ => point.opposite_sides(view, *direction),
             };
             assert!(
@@ -142,16 +142,16 @@ fn branch_laws(material: &dyn Material, point: &SurfacePoint, view: DVec3, plain
         }
     }
     assert_eq!(
-        branches(material, point, view),
+        specular_rays(material, point, view),
         found,
         "branches are always the same"
     );
-    let Some(spread) = material.distribution(point, view) else {
+    let Some(spread) = material.glossy_lobe(point, view) else {
         return;
     };
     for branch in found
         .iter()
-        .filter(|branch| branch.kind == BranchKind::Reflection)
+        .filter(|branch| branch.kind == SpecularRayKind::Reflection)
     {
         let all: Vec<DVec3> = spread.directions(branch.direction).collect();
         let most = material.reflections() as usize;
@@ -169,30 +169,30 @@ fn branch_laws(material: &dyn Material, point: &SurfacePoint, view: DVec3, plain
     }
 }
 
-fn local_laws(material: &dyn Material, point: &SurfacePoint, view: DVec3) {
+fn local_laws(material: &dyn Material, point: &SurfaceInteraction, view: DVec3) {
     let n = point.n_towards(view);
-    let incoming = |cosine, angle, irradiance| Incoming {
+    let incoming = |cosine, angle, irradiance| LightLiSample {
         direction: at_cosine(n, cosine, angle).normalize(),
         irradiance: Rgb::splat(irradiance),
     };
-    let lights: Vec<Incoming> = COSINES
+    let lights: Vec<LightLiSample> = COSINES
         .into_iter()
         .enumerate()
         .map(|(i, cosine)| incoming(cosine, 0.7 * i as f64, 1.0 + i as f64))
         .collect();
-    let found = local(material, point, view, 0.5, &lights);
+    let found = local_illumination(material, point, view, 0.5, &lights);
     let place = format!("n_g {} n_s {} view {view}: {found:?}", point.n_g, point.n_s);
     assert!(
         is_colour(found),
         "local radiance is finite and not negative: {place}"
     );
-    let answers = material.lobes().contains(Lobes::LOCAL);
+    let answers = material.flags().contains(BsdfFlags::LOCAL);
     assert!(
         answers || found.is_black(),
         "lobes name a local response: {place}"
     );
     assert_eq!(
-        local(material, point, view, 0.5, &lights),
+        local_illumination(material, point, view, 0.5, &lights),
         found,
         "local radiance is always the same"
     );
@@ -201,23 +201,23 @@ fn local_laws(material: &dyn Material, point: &SurfacePoint, view: DVec3) {
         is_colour(emission),
         "emission is finite and not negative: {place}"
     );
-    let glows = material.lobes().contains(Lobes::EMISSION);
+    let glows = material.flags().contains(BsdfFlags::EMISSION);
     assert!(glows || emission.is_black(), "lobes name emission: {place}");
-    let dark = local(material, point, view, 0.0, &[]);
+    let dark = local_illumination(material, point, view, 0.0, &[]);
     assert!(
         dark.is_black(),
         "without light there is none, found {dark:?}: {place}"
     );
     // Exact, since 4 is a power of two.
-    let brighter: Vec<Incoming> = lights
+    let brighter: Vec<LightLiSample> = lights
         .iter()
-        .map(|light| Incoming {
+        .map(|light| LightLiSample {
             irradiance: light.irradiance * 4.0,
             ..*light
         })
         .collect();
     assert_eq!(
-        local(material, point, view, 2.0, &brighter),
+        local_illumination(material, point, view, 2.0, &brighter),
         found * 4.0,
         "radiance is in proportion to the light"
     );
@@ -229,20 +229,20 @@ fn local_laws(material: &dyn Material, point: &SurfacePoint, view: DVec3) {
             "what shadow rays keep is finite and not negative, found {filter:?}: {place}"
         );
         let lobe = if filtered {
-            Lobes::HOLES | Lobes::FILTERS
+            BsdfFlags::CUT_OUTS | BsdfFlags::TRANSPARENT_SHADOWS
         } else {
-            Lobes::HOLES
+            BsdfFlags::CUT_OUTS
         };
         assert!(
-            weight.is_black() || material.lobes().intersects(lobe),
+            weight.is_black() || material.flags().intersects(lobe),
             "lobes name what lets light through: {place}"
         );
     }
-    if material.lobes().contains(Lobes::OWN_NORMAL) {
+    if material.flags().contains(BsdfFlags::NORMAL_MAPPED) {
         return;
     }
     let behind = incoming(-0.5, 1.0, 1.0);
-    let lit = local(material, point, view, 0.0, &[behind]);
+    let lit = local_illumination(material, point, view, 0.0, &[behind]);
     assert!(
         lit.is_black(),
         "light from behind the shading normal gives nothing, found {lit:?}: {place}"
@@ -251,23 +251,23 @@ fn local_laws(material: &dyn Material, point: &SurfacePoint, view: DVec3) {
 
 fn need_laws(material: &dyn Material, n_g: DVec3, n_s: DVec3, view: DVec3) {
     let needs = material.needs();
-    let lights = [Incoming {
+    let lights = [LightLiSample {
         direction: at_cosine(n_g, 0.8, 1.0),
         irradiance: Rgb::WHITE,
     }];
     let answer = |n_s: DVec3, uv: DVec2| {
         let point = surface(n_g, n_s, uv, view);
         (
-            local(material, &point, view, 1.0, &lights),
-            branches(material, &point, view),
+            local_illumination(material, &point, view, 1.0, &lights),
+            specular_rays(material, &point, view),
         )
     };
     let first = answer(n_s, DVec2::ZERO);
-    if !needs.contains(Needs::UV) {
+    if !needs.contains(SurfaceAttributes::UV) {
         let same = answer(n_s, DVec2::new(0.7, 0.2)) == first;
         assert!(same, "a material that reads (u, v) says that it needs them");
     }
-    if !needs.contains(Needs::SHADING_NORMAL) {
+    if !needs.contains(SurfaceAttributes::SHADING_NORMAL) {
         let same = answer(n_g, DVec2::ZERO) == first;
         assert!(
             same,
@@ -281,12 +281,12 @@ fn both_sides(material: &dyn Material, n: DVec3, view: DVec3) {
     if n.dot(view) == 0.0 {
         return;
     }
-    let lights = [Incoming {
+    let lights = [LightLiSample {
         direction: at_cosine(n, 0.8, 1.0),
         irradiance: Rgb::WHITE,
     }];
     let from = |n_g| {
-        local(
+        local_illumination(
             material,
             &surface(n_g, n_g, DVec2::splat(0.3), view),
             view,
@@ -310,11 +310,11 @@ pub fn furnace_laws(material: &dyn Material) {
             let view = at_cosine(n, cosine, index as f64).normalize();
             for n_g in [n, -n] {
                 let point = surface(n_g, n_g, DVec2::splat(0.3), view);
-                let delta: Rgb = branches(material, &point, view)
+                let delta: Rgb = specular_rays(material, &point, view)
                     .iter()
                     .map(|branch| branch.weight)
                     .sum();
-                let leaving = (local(material, &point, view, 1.0, &[]) + delta).max_component();
+                let leaving = (local_illumination(material, &point, view, 1.0, &[]) + delta).max_component();
                 assert!(
                     leaving <= 1.0 + 1e-12,
                     "no more radiance leaves than arrives, found {leaving} at {cosine}"
@@ -336,16 +336,16 @@ pub fn energy_laws(material: &dyn Material) {
     let part = std::f64::consts::TAU / f64::from(LIGHTS);
     let turn = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
     for n in directions(6) {
-        let incoming = |i: u32| Incoming {
+        let incoming = |i: u32| LightLiSample {
             direction: at_cosine(n, (f64::from(i) + 0.5) / f64::from(LIGHTS), turn * f64::from(i))
                 .normalize(),
             irradiance: Rgb::splat(part),
         };
-        let lights: Vec<Incoming> = (0..LIGHTS).map(incoming).collect();
+        let lights: Vec<LightLiSample> = (0..LIGHTS).map(incoming).collect();
         for (index, cosine) in COSINES.into_iter().enumerate() {
             let view = at_cosine(n, cosine, index as f64).normalize();
             let point = surface(n, n, DVec2::splat(0.3), view);
-            let leaving = local(material, &point, view, 0.0, &lights).max_component();
+            let leaving = local_illumination(material, &point, view, 0.0, &lights).max_component();
             assert!(
                 leaving <= 1.0 + 1e-3,
                 "no more light leaves than arrives, found {leaving} at a cosine of {cosine}"
@@ -375,12 +375,12 @@ pub fn reciprocity_laws(material: &dyn Material) {
         for a in &slopes {
             for b in &slopes {
                 let share = |view: DVec3, light: DVec3| {
-                    let lights = [Incoming {
+                    let lights = [LightLiSample {
                         direction: light,
                         irradiance: Rgb::WHITE,
                     }];
                     let point = surface(n, n, DVec2::splat(0.3), view);
-                    local(material, &point, view, 0.0, &lights) * (1.0 / n.dot(light))
+                    local_illumination(material, &point, view, 0.0, &lights) * (1.0 / n.dot(light))
                 };
                 let (there, back) = (share(*a, *b), share(*b, *a));
                 let off = there.to_array().into_iter().zip(back.to_array());
@@ -406,16 +406,16 @@ pub fn dielectric_laws(material: &dyn Material, interior_ior: f64, exterior_ior:
         (1.0, exterior_ior, interior_ior),
         (-1.0, interior_ior, exterior_ior),
     ] {
-        let (point, eta) = (SurfacePoint::new(DVec3::ZERO, 0.0, side * n), n_i / n_t);
+        let (point, eta) = (SurfaceInteraction::new(DVec3::ZERO, 0.0, side * n), n_i / n_t);
         for (index, cosine) in COSINES.into_iter().enumerate() {
             let view = at_cosine(n, cosine, index as f64).normalize();
             if n.dot(view) <= 0.0 {
                 continue;
             }
-            let found = branches(material, &point, view);
+            let found = specular_rays(material, &point, view);
             let place = format!("cosine {cosine}, indices {n_i} and {n_t}: {found:?}");
-            let share = |branch: &Branch| match branch.kind {
-                BranchKind::Reflection => branch.weight.g,
+            let share = |branch: &SpecularRay| match branch.kind {
+                SpecularRayKind::Reflection => branch.weight.g,
                 _ => branch.weight.g / eta / eta,
             };
             let total: f64 = found.iter().map(share).sum();
@@ -427,7 +427,7 @@ pub fn dielectric_laws(material: &dyn Material, interior_ior: f64, exterior_ior:
             for branch in &found {
                 let (along, bent) = (tangential(view), tangential(branch.direction));
                 let (factor, reverse) = match branch.kind {
-                    BranchKind::Reflection => (1.0, None),
+                    SpecularRayKind::Reflection => (1.0, None),
                     _ => (eta, Some(branch.direction)),
                 };
                 let off = (bent + factor * along).length() / factor.max(1.0);
@@ -439,10 +439,10 @@ pub fn dielectric_laws(material: &dyn Material, interior_ior: f64, exterior_ior:
                 let Some(reverse) = reverse.filter(|d| n.dot(*d).abs() > 1e-2 && cosine > 1e-2) else {
                     continue;
                 };
-                let retraced = branches(material, &point, reverse);
+                let retraced = specular_rays(material, &point, reverse);
                 let back: f64 = retraced
                     .iter()
-                    .filter(|branch| branch.kind != BranchKind::Reflection)
+                    .filter(|branch| branch.kind != SpecularRayKind::Reflection)
                     .map(|branch| branch.weight.g * eta * eta)
                     .sum();
                 let off = (back - share(branch)).abs();

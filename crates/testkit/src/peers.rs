@@ -9,7 +9,8 @@ use crate::{Wall, build};
 use std::sync::Arc;
 use whitstone_core::triangle::ShearedRay;
 use whitstone_core::{
-    Accelerator, Accelerators, DVec3, Geometry, Interval, Plugin, RawHit, Ray, Shape, Skip, TriangleMesh,
+    Accelerator, Accelerators, DVec3, Geometry, Interval, LoweredShape, Plugin, PreliminaryIntersection, Ray,
+    SelfHitFilter, TriangleMesh,
 };
 
 /// Number of test rays. One in 500 may hit another primitive: those that pass an edge within
@@ -47,21 +48,21 @@ pub fn peer_laws<P: Plugin<Accelerators>>(text: &str) {
 ///
 /// The first law that is broken.
 pub fn peer_agrees(geometry: &Geometry, accelerator: &dyn Accelerator) -> Result<(), String> {
-    if accelerator.caveat().is_none() {
+    if accelerator.approximation_note().is_none() {
         return Err("it does not say that images depend on it".to_owned());
     }
     let mut random = Random::new(7);
-    let (mut others, mut queries, mut skip) = (0, Vec::new(), Skip::NOTHING);
+    let (mut others, mut queries, mut skip) = (0, Vec::new(), SelfHitFilter::NOTHING);
     let mut start = 2.0 * random.cube();
     for _ in 0..RAYS {
         let ray = Ray::new(start, (random.cube() - start).normalize());
         let expected = nearest(geometry, &ray, Interval::FORWARD, skip);
-        let found = accelerator.closest(&ray, Interval::FORWARD, skip);
+        let found = accelerator.intersect(&ray, Interval::FORWARD, skip);
         match (expected, found) {
             (None, None) => {}
             (Some(a), Some(b)) if a.id() == b.id() => {
-                let triangle = matches!(geometry.shapes()[a.shape as usize], Shape::Triangles(_));
-                let (far, apart) = ((a.t - b.t).abs(), (a.params - b.params).length());
+                let triangle = matches!(geometry.shapes()[a.shape as usize], LoweredShape::Triangles(_));
+                let (far, apart) = ((a.t - b.t).abs(), (a.prim_uv - b.prim_uv).length());
                 if !triangle && !same_bits(&a, &b) {
                     return Err(format!("{ray:?}: {b:?} is no triangle and differs from {a:?}"));
                 }
@@ -74,7 +75,7 @@ pub fn peer_agrees(geometry: &Geometry, accelerator: &dyn Accelerator) -> Result
         }
         if let Some(hit) = found {
             if Some(hit.id()) == skip.id()
-                && matches!(geometry.shapes()[hit.shape as usize], Shape::Triangles(_))
+                && matches!(geometry.shapes()[hit.shape as usize], LoweredShape::Triangles(_))
             {
                 return Err(format!("{ray:?} finds {hit:?}, which it leaves"));
             }
@@ -85,7 +86,7 @@ pub fn peer_agrees(geometry: &Geometry, accelerator: &dyn Accelerator) -> Result
                     max: f64::INFINITY,
                 },
             ] {
-                let inside = accelerator.closest(&ray, interval, skip);
+                let inside = accelerator.intersect(&ray, interval, skip);
                 if let Some(hit) = inside.filter(|hit| !interval.contains(hit.t)) {
                     return Err(format!("{ray:?} finds {hit:?} outside of {interval:?}"));
                 }
@@ -97,8 +98,10 @@ pub fn peer_agrees(geometry: &Geometry, accelerator: &dyn Accelerator) -> Result
         queries.push((ray, f64::INFINITY, skip));
         (start, skip) = match expected {
             // Half of the rays start on the hit of the previous ray.
-            Some(hit) if random.unit() < 0.5 => (ray.origin + hit.t * ray.direction, Skip::leaving(&hit)),
-            _ => (2.0 * random.cube(), Skip::NOTHING),
+            Some(hit) if random.unit() < 0.5 => {
+                (ray.origin + hit.t * ray.direction, SelfHitFilter::leaving(&hit))
+            }
+            _ => (2.0 * random.cube(), SelfHitFilter::NOTHING),
         };
     }
     if others > MOST_OTHERS {
@@ -110,9 +113,9 @@ pub fn peer_agrees(geometry: &Geometry, accelerator: &dyn Accelerator) -> Result
 }
 
 /// The longest edge of the triangle that was hit.
-fn size(geometry: &Geometry, hit: &RawHit) -> f64 {
+fn size(geometry: &Geometry, hit: &PreliminaryIntersection) -> f64 {
     match &geometry.shapes()[hit.shape as usize] {
-        Shape::Triangles(mesh) => {
+        LoweredShape::Triangles(mesh) => {
             let [a, b, c] = mesh.corners(hit.primitive);
             (b - a).length().max((c - b).length()).max((a - c).length())
         }
@@ -120,7 +123,12 @@ fn size(geometry: &Geometry, hit: &RawHit) -> f64 {
     }
 }
 
-fn nearest(geometry: &Geometry, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
+fn nearest(
+    geometry: &Geometry,
+    ray: &Ray,
+    interval: Interval,
+    skip: SelfHitFilter,
+) -> Option<PreliminaryIntersection> {
     let sheared = ShearedRay::new(ray);
     let hits = geometry
         .elements()
@@ -128,7 +136,7 @@ fn nearest(geometry: &Geometry, ray: &Ray, interval: Interval, skip: Skip) -> Op
     hits.reduce(|best, hit| if hit.beats(&best) { hit } else { best })
 }
 
-fn worlds() -> Vec<(&'static str, Vec<Shape>)> {
+fn worlds() -> Vec<(&'static str, Vec<LoweredShape>)> {
     let mut random = Random::new(1);
     let mut mesh = |count: u32| {
         let mut mesh = TriangleMesh {
@@ -144,31 +152,31 @@ fn worlds() -> Vec<(&'static str, Vec<Shape>)> {
         }
         mesh
     };
-    let ball = |x: f64| -> Shape {
-        Shape::Opaque(Box::new(Ball {
+    let ball = |x: f64| -> LoweredShape {
+        LoweredShape::Opaque(Box::new(Ball {
             center: DVec3::new(x, 0.1, 0.3 * x),
             radius: 0.25,
         }))
     };
     let wall = || {
-        Shape::Opaque(Box::new(Wall {
+        LoweredShape::Opaque(Box::new(Wall {
             point: DVec3::new(0.0, 0.0, -1.5),
             normal: DVec3::Z,
         }))
     };
     vec![
         ("nothing", Vec::new()),
-        ("a mesh of nothing", vec![Shape::Triangles(mesh(0))]),
-        ("one triangle", vec![Shape::Triangles(mesh(1))]),
+        ("a mesh of nothing", vec![LoweredShape::Triangles(mesh(0))]),
+        ("one triangle", vec![LoweredShape::Triangles(mesh(1))]),
         ("balls and a wall", vec![ball(-0.5), wall(), ball(0.5), ball(0.6)]),
         (
             "everything",
             vec![
-                Shape::Triangles(mesh(40)),
+                LoweredShape::Triangles(mesh(40)),
                 ball(-0.6),
-                Shape::Triangles(mesh(0)),
+                LoweredShape::Triangles(mesh(0)),
                 wall(),
-                Shape::Triangles(mesh(30)),
+                LoweredShape::Triangles(mesh(30)),
                 ball(0.7),
             ],
         ),
@@ -188,9 +196,14 @@ mod tests {
     }
 
     impl Accelerator for Faulty {
-        fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
+        fn intersect(
+            &self,
+            ray: &Ray,
+            interval: Interval,
+            skip: SelfHitFilter,
+        ) -> Option<PreliminaryIntersection> {
             let skip = if self.fault == "leaves" {
-                Skip::NOTHING
+                SelfHitFilter::NOTHING
             } else {
                 skip
             };
@@ -204,22 +217,22 @@ mod tests {
             let mut hit = nearest(&self.geometry, ray, interval, skip)?;
             match self.fault {
                 "distance" => hit.t += 1e-4,
-                "opaque" => hit.params.x += 1e-9,
-                "weights" => hit.params *= 0.9,
+                "opaque" => hit.prim_uv.x += 1e-9,
+                "weights" => hit.prim_uv *= 0.9,
                 "identity" => hit.primitive += 1000,
                 _ => {}
             }
             Some(hit)
         }
 
-        fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
+        fn occluded(&self, ray: &Ray, interval: Interval, skip: SelfHitFilter) -> bool {
             self.fault != "shadows" && nearest(&self.geometry, ray, interval, skip).is_some()
         }
 
-        fn closest_stream(&self, rays: &RayStream, hits: &mut HitStream) {
+        fn intersect_stream(&self, rays: &RayStream, hits: &mut HitStream) {
             hits.clear(rays);
             for lane in 0..rays.len {
-                let hit = self.closest(&rays.ray(lane), rays.interval(lane), rays.skip.skip(lane));
+                let hit = self.intersect(&rays.ray(lane), rays.interval(lane), rays.skip.skip(lane));
                 if let Some(mut hit) = hit {
                     hit.t += if self.fault == "streams" { 1e-12 } else { 0.0 };
                     hits.set(lane, &hit);
@@ -231,7 +244,7 @@ mod tests {
             Statistics::new()
         }
 
-        fn caveat(&self) -> Option<&str> {
+        fn approximation_note(&self) -> Option<&str> {
             (self.fault != "silent").then_some("a test")
         }
     }

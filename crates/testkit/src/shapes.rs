@@ -8,8 +8,9 @@ use std::f64::consts::TAU;
 use whitstone_core::stream::{HitStream, Lanes, RayStream};
 use whitstone_core::triangle::ShearedRay;
 use whitstone_core::{
-    Aabb, Accelerator, DAffine3, DMat3, DVec2, DVec3, Geometry, Interval, Needs, Plugin, RawHit, Ray, Shape,
-    Shapes, Skip, Statistics, SurfacePoint, Transform,
+    Aabb, Accelerator, DAffine3, DMat3, DVec2, DVec3, Geometry, Interval, LoweredShape, Plugin,
+    PreliminaryIntersection, Ray, SelfHitFilter, Shapes, Statistics, SurfaceAttributes, SurfaceInteraction,
+    Transform,
 };
 
 /// The transforms that a shape is tested with: identity, rotated, mirrored, tiny, huge, far away,
@@ -90,13 +91,13 @@ pub fn shape_laws_everywhere<P: Plugin<Shapes>>(text: &str, samples: u32) {
 /// # Panics
 ///
 /// If the shape breaks one of these laws; the message says which and where.
-pub fn shape_laws(shape: Shape, samples: u32) {
+pub fn shape_laws(shape: LoweredShape, samples: u32) {
     let broken = first_broken(shape, rays_of_part(samples, 1)).err();
     assert_eq!(broken.map(|broken| broken.law), None);
 }
 
 /// The first law that the shape breaks. Equal `samples` give equal rays.
-pub(crate) fn first_broken(shape: Shape, samples: u32) -> Result<(), Broken> {
+pub(crate) fn first_broken(shape: LoweredShape, samples: u32) -> Result<(), Broken> {
     let bench = Bench::new(shape);
     let mut random = Random::new(u64::from(samples));
     let mut from = 0;
@@ -117,18 +118,18 @@ fn check_batch(bench: &Bench, numbers: std::ops::Range<u32>, random: &mut Random
             let checked = check_solid(solid, &ray, bench.size(), random);
             checked.map_err(|law| Broken::at(&ray, format!("{law}; {ray:?}")))?;
         }
-        queries.push((ray, f64::INFINITY, Skip::NOTHING));
-        let Some(hit) = bench.closest(&ray, Interval::FORWARD, Skip::NOTHING) else {
+        queries.push((ray, f64::INFINITY, SelfHitFilter::NOTHING));
+        let Some(hit) = bench.intersect(&ray, Interval::FORWARD, SelfHitFilter::NOTHING) else {
             continue;
         };
         hits += 1;
         // Shorter, longer, and spawned on the hit.
-        queries.push((ray, hit.t, Skip::NOTHING));
-        queries.push((ray, hit.t.next_up(), Skip::NOTHING));
+        queries.push((ray, hit.t, SelfHitFilter::NOTHING));
+        queries.push((ray, hit.t.next_up(), SelfHitFilter::NOTHING));
         queries.push((
             Ray::new(ray.at(hit.t), ray.direction),
             f64::INFINITY,
-            Skip::leaving(&hit),
+            SelfHitFilter::leaving(&hit),
         ));
         surfaces.push((ray, hit));
         let checked = bench
@@ -148,23 +149,28 @@ fn check_batch(bench: &Bench, numbers: std::ops::Range<u32>, random: &mut Random
 
 /// Calls the stream methods of the shape itself.
 impl Accelerator for Bench {
-    fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
-        Bench::closest(self, ray, interval, skip)
+    fn intersect(
+        &self,
+        ray: &Ray,
+        interval: Interval,
+        skip: SelfHitFilter,
+    ) -> Option<PreliminaryIntersection> {
+        Bench::intersect(self, ray, interval, skip)
     }
 
-    fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
-        Bench::closest(self, ray, interval, skip).is_some()
+    fn occluded(&self, ray: &Ray, interval: Interval, skip: SelfHitFilter) -> bool {
+        Bench::intersect(self, ray, interval, skip).is_some()
     }
 
-    fn closest_stream(&self, rays: &RayStream, hits: &mut HitStream) {
+    fn intersect_stream(&self, rays: &RayStream, hits: &mut HitStream) {
         hits.clear(rays);
         match &self.geometry.shapes()[0] {
-            Shape::Opaque(primitive) => primitive.closest_stream(0, rays, hits),
-            Shape::Instance(instance) => instance.closest_stream(rays, hits),
+            LoweredShape::Opaque(primitive) => primitive.intersect_stream(0, rays, hits),
+            LoweredShape::Instance(instance) => instance.intersect_stream(rays, hits),
             _ => {
                 for lane in 0..rays.len {
                     let (interval, skip) = (rays.interval(lane), rays.skip.skip(lane));
-                    if let Some(hit) = Bench::closest(self, &rays.ray(lane), interval, skip) {
+                    if let Some(hit) = Bench::intersect(self, &rays.ray(lane), interval, skip) {
                         hits.set(lane, &hit);
                     }
                 }
@@ -175,12 +181,12 @@ impl Accelerator for Bench {
     fn occluded_stream(&self, rays: &RayStream, hidden: &mut Lanes<bool>) {
         hidden[..rays.len].fill(false);
         match &self.geometry.shapes()[0] {
-            Shape::Opaque(primitive) => primitive.occluded_stream(0, rays, hidden),
-            Shape::Instance(instance) => instance.occluded_stream(rays, hidden),
+            LoweredShape::Opaque(primitive) => primitive.occluded_stream(0, rays, hidden),
+            LoweredShape::Instance(instance) => instance.occluded_stream(rays, hidden),
             _ => {
                 for (lane, hidden) in hidden.iter_mut().enumerate().take(rays.len) {
                     let (interval, skip) = (rays.interval(lane), rays.skip.skip(lane));
-                    *hidden = Bench::closest(self, &rays.ray(lane), interval, skip).is_some();
+                    *hidden = Bench::intersect(self, &rays.ray(lane), interval, skip).is_some();
                 }
             }
         }
@@ -239,7 +245,7 @@ struct Bench {
 }
 
 impl Bench {
-    fn new(shape: Shape) -> Self {
+    fn new(shape: LoweredShape) -> Self {
         let geometry = Geometry::new(vec![shape]);
         let elements = geometry.elements().map(|element| geometry.bounds(element));
         let bounds = elements.fold(Aabb::EMPTY, Aabb::union);
@@ -250,9 +256,9 @@ impl Bench {
         }
     }
 
-    fn solid(&self) -> Option<&dyn whitstone_core::Primitive> {
+    fn solid(&self) -> Option<&dyn whitstone_core::Shape> {
         match &self.geometry.shapes()[0] {
-            Shape::Opaque(primitive) if primitive.solid() => Some(primitive.as_ref()),
+            LoweredShape::Opaque(primitive) if primitive.solid() => Some(primitive.as_ref()),
             _ => None,
         }
     }
@@ -261,7 +267,12 @@ impl Bench {
         self.aim.size()
     }
 
-    fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
+    fn intersect(
+        &self,
+        ray: &Ray,
+        interval: Interval,
+        skip: SelfHitFilter,
+    ) -> Option<PreliminaryIntersection> {
         let sheared = ShearedRay::new(ray);
         self.geometry
             .elements()
@@ -270,9 +281,11 @@ impl Bench {
     }
 
     /// Checks that the ray gives the same hit in every interval that contains it.
-    fn pure(&self, ray: &Ray, hit: &RawHit) -> Result<(), String> {
-        let ask = |min: f64, max: f64| self.closest(ray, Interval { min, max }, Skip::NOTHING);
-        let same = |found: Option<RawHit>| found.as_ref().is_some_and(|found| same_bits(found, hit));
+    fn pure(&self, ray: &Ray, hit: &PreliminaryIntersection) -> Result<(), String> {
+        let ask = |min: f64, max: f64| self.intersect(ray, Interval { min, max }, SelfHitFilter::NOTHING);
+        let same = |found: Option<PreliminaryIntersection>| {
+            found.as_ref().is_some_and(|found| same_bits(found, hit))
+        };
         let (before, after) = (hit.t.next_down(), hit.t.next_up());
         law(
             same(ask(0.0, f64::INFINITY)),
@@ -294,10 +307,10 @@ impl Bench {
         let end = hit.t + 10.0 * self.size() / ray.direction.length();
         let back = Ray::new(ray.at(end), -ray.direction);
         let last = self
-            .closest(&back, Interval::up_to(end), Skip::NOTHING)
+            .intersect(&back, Interval::up_to(end), SelfHitFilter::NOTHING)
             .map_or(0.0, |back| end - back.t);
         // At grazing incidence, a small error along the normal is a large one along the ray.
-        let point = self.geometry.surface(ray, hit, Needs::NOTHING);
+        let point = self.geometry.surface(ray, hit, SurfaceAttributes::NOTHING);
         let rounding = f64::EPSILON * (point.position.abs().max_element() + self.size());
         let grazing = 2.0 * (point.error + 8.0 * rounding) / point.n_g.dot(ray.direction).abs();
         law(
@@ -307,11 +320,11 @@ impl Bench {
     }
 
     /// Checks that the parameter is in units of the direction's length; powers of two are exact.
-    fn scales(&self, ray: &Ray, hit: &RawHit) -> Result<(), String> {
+    fn scales(&self, ray: &Ray, hit: &PreliminaryIntersection) -> Result<(), String> {
         for scale in [1024.0, 1.0 / (1u64 << 40) as f64] {
             let longer = Ray::new(ray.origin, scale * ray.direction);
             let found = self
-                .closest(&longer, Interval::FORWARD, Skip::NOTHING)
+                .intersect(&longer, Interval::FORWARD, SelfHitFilter::NOTHING)
                 .map(|hit| hit.t * scale);
             let good = found.is_some_and(|t| (t - hit.t).abs() <= 8.0 * f64::EPSILON * hit.t);
             law(
@@ -322,9 +335,18 @@ impl Bench {
         Ok(())
     }
 
-    fn on_surface(&self, ray: &Ray, hit: &RawHit, random: &mut Random) -> Result<(), String> {
-        let point = self.geometry.surface(ray, hit, Needs::SHADING_NORMAL | Needs::UV);
-        let SurfacePoint {
+    fn on_surface(
+        &self,
+        ray: &Ray,
+        hit: &PreliminaryIntersection,
+        random: &mut Random,
+    ) -> Result<(), String> {
+        let point = self.geometry.surface(
+            ray,
+            hit,
+            SurfaceAttributes::SHADING_NORMAL | SurfaceAttributes::UV,
+        );
+        let SurfaceInteraction {
             position,
             error,
             n_g,
@@ -364,7 +386,7 @@ impl Bench {
             // the skipped primitive.
             for origin in [point.leave(d), position] {
                 let away = Ray::new(origin, d);
-                let again = self.closest(&away, Interval::FORWARD, Skip::leaving(hit));
+                let again = self.intersect(&away, Interval::FORWARD, SelfHitFilter::leaving(hit));
                 let near = again.filter(|again| again.t <= 1e3 * slack);
                 if let Some(near) = near.filter(|near| !self.is_behind_an_edge(&away, near, hit, side)) {
                     return Err(format!(
@@ -378,8 +400,8 @@ impl Bench {
 
     /// Checks that the surface that a shape extrapolates near a hit is the surface that a ray finds
     /// there.
-    fn goes_on(&self, ray: &Ray, hit: &RawHit) -> Result<(), String> {
-        let needs = Needs::SHADING_NORMAL | Needs::UV;
+    fn goes_on(&self, ray: &Ray, hit: &PreliminaryIntersection) -> Result<(), String> {
+        let needs = SurfaceAttributes::SHADING_NORMAL | SurfaceAttributes::UV;
         let here = self.geometry.surface(ray, hit, needs);
         let (a, b) = here.n_g.any_orthonormal_pair();
         let along = 0.8 * a - 0.6 * b;
@@ -387,14 +409,14 @@ impl Bench {
         // it.
         let step = self.size() / (1u32 << 20) as f64;
         let q = here.position + step * along;
-        let Some(told) = self.geometry.beside(&here, hit, q, needs) else {
+        let Some(told) = self.geometry.surface_at_offset(&here, hit, q, needs) else {
             return Ok(());
         };
         let above = 1e-3 * self.size();
         let down = Ray::new(q + above * here.n_g, -here.n_g);
-        let found = self.closest(&down, Interval::up_to(2.0 * above), Skip::NOTHING);
+        let found = self.intersect(&down, Interval::up_to(2.0 * above), SelfHitFilter::NOTHING);
         // If the surface bends within the step, the difference says nothing about derivatives.
-        let flat = |found: &RawHit| (found.t - above).abs() <= FLAT * step;
+        let flat = |found: &PreliminaryIntersection| (found.t - above).abs() <= FLAT * step;
         let Some(found) = found.filter(|found| found.id() == hit.id() && flat(found)) else {
             return Ok(());
         };
@@ -406,7 +428,7 @@ impl Bench {
         let moved = |side: f64| {
             let q = q + (side * here.error) * here.n_g;
             self.geometry
-                .beside(&here, hit, q, needs)
+                .surface_at_offset(&here, hit, q, needs)
                 .map_or((DVec2::ZERO, DVec3::ZERO), |told| (told.uv, told.n_s))
         };
         let ((uv, n_s), (other_uv, other_n_s)) = (moved(-4.0), moved(4.0));
@@ -428,8 +450,14 @@ impl Bench {
     /// a tiny distance; among a million rays some start that close. A self-intersection would hit
     /// the same part, or the wrong side: entries and exits alternate, so a ray that leaves to the
     /// outside (`side` is 1) enters next, and a ray that leaves to the inside exits next.
-    fn is_behind_an_edge(&self, ray: &Ray, met: &RawHit, left: &RawHit, side: f64) -> bool {
-        let n = self.geometry.surface(ray, met, Needs::NOTHING).n_g;
+    fn is_behind_an_edge(
+        &self,
+        ray: &Ray,
+        met: &PreliminaryIntersection,
+        left: &PreliminaryIntersection,
+        side: f64,
+    ) -> bool {
+        let n = self.geometry.surface(ray, met, SurfaceAttributes::NOTHING).n_g;
         met.id() != left.id() && side * n.dot(ray.direction) < 0.0
     }
 
@@ -457,7 +485,7 @@ impl Bench {
             min: above - tolerance,
             max: above + tolerance,
         };
-        self.closest(&ray, around, Skip::NOTHING).is_some()
+        self.intersect(&ray, around, SelfHitFilter::NOTHING).is_some()
     }
 }
 
@@ -466,8 +494,8 @@ pub(crate) fn law(holds: bool, text: &str) -> Result<(), String> {
 }
 
 /// Bitwise equality: distinguishes +0 and -0.
-pub(crate) fn same_bits(a: &RawHit, b: &RawHit) -> bool {
-    let bits = |hit: &RawHit| [hit.t, hit.params.x, hit.params.y].map(f64::to_bits);
+pub(crate) fn same_bits(a: &PreliminaryIntersection, b: &PreliminaryIntersection) -> bool {
+    let bits = |hit: &PreliminaryIntersection| [hit.t, hit.prim_uv.x, hit.prim_uv.y].map(f64::to_bits);
     a.id() == b.id() && bits(a) == bits(b)
 }
 
@@ -476,7 +504,7 @@ mod tests {
     use super::*;
     use crate::ball::Ball;
     use std::sync::atomic::{AtomicU32, Ordering};
-    use whitstone_core::{Primitive, PrimitiveHit};
+    use whitstone_core::{Shape, ShapeHit};
 
     /// A correct ball, or one with a deliberate fault.
     struct Faulty {
@@ -501,7 +529,7 @@ mod tests {
         Nowhere,
     }
 
-    impl Primitive for Faulty {
+    impl Shape for Faulty {
         fn bounds(&self) -> Aabb {
             match self.fault {
                 Fault::BoundsTooSmall => self.ball.bounds().padded(-0.02),
@@ -509,30 +537,40 @@ mod tests {
             }
         }
 
-        fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
+        fn intersect(
+            &self,
+            ray: &Ray,
+            interval: Interval,
+            origin_primitive: Option<u32>,
+        ) -> Option<ShapeHit> {
             let calls = self.calls.fetch_add(1, Ordering::Relaxed);
             let asked = match self.fault {
                 Fault::Nowhere => return None,
-                Fault::MeetsItselfAgain => return self.ball.closest(ray, interval, None),
+                Fault::MeetsItselfAgain => return self.ball.intersect(ray, interval, None),
                 Fault::MeetsItselfAsAnother => {
-                    let primitive = u32::from(leaves.is_some());
-                    let hit = self.ball.closest(ray, interval, None);
-                    return hit.map(|hit| PrimitiveHit { primitive, ..hit });
+                    let primitive = u32::from(origin_primitive.is_some());
+                    let hit = self.ball.intersect(ray, interval, None);
+                    return hit.map(|hit| ShapeHit { primitive, ..hit });
                 }
                 Fault::IgnoresTheInterval | Fault::ParameterInMetres => Interval::FORWARD,
                 _ => interval,
             };
-            let mut hit = self.ball.closest(ray, asked, leaves)?;
+            let mut hit = self.ball.intersect(ray, asked, origin_primitive)?;
             match self.fault {
                 Fault::ParameterInMetres => hit.t *= ray.direction.length(),
                 Fault::NearerInNarrowIntervals if interval.max.is_finite() => hit.t = hit.t.next_down(),
-                Fault::Forgetful => hit.params.x = f64::from(calls % 7),
+                Fault::Forgetful => hit.prim_uv.x = f64::from(calls % 7),
                 _ => {}
             }
             (self.fault == Fault::IgnoresTheInterval || interval.contains(hit.t)).then_some(hit)
         }
 
-        fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
+        fn surface(
+            &self,
+            ray: &Ray,
+            hit: &PreliminaryIntersection,
+            needs: SurfaceAttributes,
+        ) -> SurfaceInteraction {
             let mut point = self.ball.surface(ray, hit, needs);
             match self.fault {
                 Fault::PointOffTheSurface => point.position += 1e-12 * point.n_g,
@@ -550,7 +588,7 @@ mod tests {
             radius: 1.5,
         };
         let calls = AtomicU32::new(0);
-        let shape = Shape::Opaque(Box::new(Faulty { ball, fault, calls }));
+        let shape = LoweredShape::Opaque(Box::new(Faulty { ball, fault, calls }));
         first_broken(shape, 400).map_err(|broken| broken.law)
     }
 

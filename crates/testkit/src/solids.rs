@@ -3,7 +3,7 @@
 use crate::random::Random;
 use crate::shapes::law;
 use whitstone_core::{
-    DVec3, InstancePath, Interval, Needs, Primitive, PrimitiveHit, Ray, Span, Spans, solid,
+    DVec3, InstanceId, Interval, Ray, Shape, ShapeHit, Span, Spans, SurfaceAttributes, solid,
 };
 
 /// Checks the spans along a ray: they are ordered and disjoint; normals at their ends point
@@ -11,7 +11,7 @@ use whitstone_core::{
 /// outside along any other line; and a ray spawned at an end is correctly classified as entering
 /// the solid or not. `size` is the extent of the shape.
 pub(crate) fn check_solid(
-    shape: &dyn Primitive,
+    shape: &dyn Shape,
     ray: &Ray,
     size: f64,
     random: &mut Random,
@@ -68,18 +68,18 @@ pub(crate) fn check_solid(
     Ok(())
 }
 
-fn spans_of(shape: &dyn Primitive, ray: &Ray) -> Spans {
+fn spans_of(shape: &dyn Shape, ray: &Ray) -> Spans {
     let mut spans = Spans::new();
     shape.spans(ray, &mut spans);
     spans
 }
 
 /// Checks that the ends in front of the ray are its successive hits.
-fn agree_with_hits(shape: &dyn Primitive, ray: &Ray, spans: &[Span]) -> Result<(), String> {
+fn agree_with_hits(shape: &dyn Shape, ray: &Ray, spans: &[Span]) -> Result<(), String> {
     let mut interval = Interval::FORWARD;
     loop {
         let end = solid::first_end(spans, interval, None);
-        let hit = shape.closest(ray, interval, None);
+        let hit = shape.intersect(ray, interval, None);
         let same = match (&end, &hit) {
             (None, None) => return Ok(()),
             (Some(end), Some(hit)) => same_bits(end, hit),
@@ -94,15 +94,15 @@ fn agree_with_hits(shape: &dyn Primitive, ray: &Ray, spans: &[Span]) -> Result<(
     }
 }
 
-fn same_bits(a: &PrimitiveHit, b: &PrimitiveHit) -> bool {
-    let bits = |hit: &PrimitiveHit| [hit.t, hit.params.x, hit.params.y].map(f64::to_bits);
+fn same_bits(a: &ShapeHit, b: &ShapeHit) -> bool {
+    let bits = |hit: &ShapeHit| [hit.t, hit.prim_uv.x, hit.prim_uv.y].map(f64::to_bits);
     a.primitive == b.primitive && bits(a) == bits(b)
 }
 
 /// Whether the ray only grazes the surface at the hit.
-fn touched(shape: &dyn Primitive, ray: &Ray, hit: &PrimitiveHit) -> bool {
+fn touched(shape: &dyn Shape, ray: &Ray, hit: &ShapeHit) -> bool {
     let (n, d) = (normal(shape, ray, hit), ray.direction.normalize());
-    let next = shape.closest(
+    let next = shape.intersect(
         ray,
         Interval {
             min: hit.t,
@@ -113,13 +113,13 @@ fn touched(shape: &dyn Primitive, ray: &Ray, hit: &PrimitiveHit) -> bool {
     n.dot(d).abs() < 1e-6 || next.is_some_and(|next| next.t - hit.t < 1e-9 * hit.t)
 }
 
-fn normal(shape: &dyn Primitive, ray: &Ray, hit: &PrimitiveHit) -> DVec3 {
-    let hit = hit.of_shape(InstancePath::WORLD, 0);
-    shape.surface(ray, &hit, Needs::NOTHING).n_g
+fn normal(shape: &dyn Shape, ray: &Ray, hit: &ShapeHit) -> DVec3 {
+    let hit = hit.of_shape(InstanceId::TOP_LEVEL, 0);
+    shape.surface(ray, &hit, SurfaceAttributes::NOTHING).n_g
 }
 
 /// `inward` is 1 where the line enters, -1 where it leaves.
-fn check_end(shape: &dyn Primitive, ray: &Ray, end: &PrimitiveHit, inward: f64) -> Result<(), String> {
+fn check_end(shape: &dyn Shape, ray: &Ray, end: &ShapeHit, inward: f64) -> Result<(), String> {
     law(
         end.primitive < shape.primitives(),
         "a solid must have as many sub-primitives as it says",
@@ -132,8 +132,10 @@ fn check_end(shape: &dyn Primitive, ray: &Ray, end: &PrimitiveHit, inward: f64) 
     if n.dot(d).abs() < 1e-3 {
         return Ok(());
     }
-    let hit = end.of_shape(InstancePath::WORLD, 0);
-    let start = shape.surface(ray, &hit, Needs::NOTHING).leave(ray.direction);
+    let hit = end.of_shape(InstanceId::TOP_LEVEL, 0);
+    let start = shape
+        .surface(ray, &hit, SurfaceAttributes::NOTHING)
+        .leave(ray.direction);
     let onward = Ray::new(start, ray.direction);
     law(
         shape.goes_inside(&onward, end.primitive) == (inward > 0.0),
@@ -142,7 +144,7 @@ fn check_end(shape: &dyn Primitive, ray: &Ray, end: &PrimitiveHit, inward: f64) 
 }
 
 /// A ray from a point that must be inside the solid or not.
-fn check_place(shape: &dyn Primitive, ray: &Ray, inside: bool) -> Result<(), String> {
+fn check_place(shape: &dyn Shape, ray: &Ray, inside: bool) -> Result<(), String> {
     let spans = spans_of(shape, ray);
     let around = spans.iter().any(|span| span.enter.t < 0.0 && span.exit.t > 0.0);
     law(
@@ -155,7 +157,7 @@ fn check_place(shape: &dyn Primitive, ray: &Ray, inside: bool) -> Result<(), Str
 mod tests {
     use super::*;
     use crate::ball::Ball;
-    use whitstone_core::{Aabb, RawHit, SurfacePoint};
+    use whitstone_core::{Aabb, PreliminaryIntersection, SurfaceInteraction};
 
     #[derive(Clone, Copy, Debug, PartialEq)]
     enum Fault {
@@ -176,16 +178,26 @@ mod tests {
         fault: Fault,
     }
 
-    impl Primitive for Faulty {
+    impl Shape for Faulty {
         fn bounds(&self) -> Aabb {
             self.ball.bounds()
         }
 
-        fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
-            self.ball.closest(ray, interval, leaves)
+        fn intersect(
+            &self,
+            ray: &Ray,
+            interval: Interval,
+            origin_primitive: Option<u32>,
+        ) -> Option<ShapeHit> {
+            self.ball.intersect(ray, interval, origin_primitive)
         }
 
-        fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
+        fn surface(
+            &self,
+            ray: &Ray,
+            hit: &PreliminaryIntersection,
+            needs: SurfaceAttributes,
+        ) -> SurfaceInteraction {
             let mut point = self.ball.surface(ray, hit, needs);
             if self.fault == Fault::InsideOut {
                 point.n_g = -point.n_g;

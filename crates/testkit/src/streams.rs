@@ -1,18 +1,19 @@
 //! The law of streams: a stream method gives the same bits as the scalar method for every ray.
 
 use whitstone_core::stream::{
-    Colors, HitStream, LANES, Lanes, PointStream, RayStream, SampleStreams, Vectors,
+    Colors, HitStream, LANES, Lanes, RayStream, SampleStreams, SurfaceStream, Vectors,
 };
 use whitstone_core::{
-    Accelerator, Branch, BranchKind, BranchStream, BranchStreams, Branches, Camera, DVec2, DVec3, Geometry,
-    Illumination, Incoming, Integrator, Interval, Light, LightGives, LightSample, Lobes, Material, Needs,
-    RawHit, Ray, Rgb, Scratch, Skip, SurfacePoint, Texture, World,
+    Accelerator, BsdfFlags, Camera, DVec2, DVec3, Geometry, Integrator, Interval, Light, LightFlags,
+    LightLiSample, LightSample, LightSamples, Material, PreliminaryIntersection, Ray, Rgb, Scene, Scratch,
+    SelfHitFilter, SpecularRay, SpecularRayKind, SpecularRayStream, SpecularRayStreams, SpecularRays,
+    SurfaceAttributes, SurfaceInteraction, Texture,
 };
 
 type Checked = Result<(), String>;
 
 /// A ray, the end of its interval and the skipped primitive.
-pub(crate) type Query = (Ray, f64, Skip);
+pub(crate) type Query = (Ray, f64, SelfHitFilter);
 
 fn law(holds: bool, text: impl FnOnce() -> String) -> Checked {
     if holds {
@@ -40,7 +41,11 @@ fn same_colors(a: Rgb, b: Rgb) -> bool {
 fn stream_of(queries: &[Query]) -> RayStream {
     let mut rays = RayStream::default();
     for lane in 0..LANES {
-        let nonsense = (Ray::new(DVec3::NAN, DVec3::ZERO), f64::NAN, Skip::NOTHING);
+        let nonsense = (
+            Ray::new(DVec3::NAN, DVec3::ZERO),
+            f64::NAN,
+            SelfHitFilter::NOTHING,
+        );
         let (ray, limit, skip) = *queries.get(lane).unwrap_or(&nonsense);
         rays.set(lane, ray, limit, skip);
     }
@@ -53,11 +58,11 @@ pub(crate) fn accelerator_streams(accelerator: &dyn Accelerator, queries: &[Quer
     let mut hits = HitStream::default();
     for queries in chunks(queries) {
         let rays = stream_of(queries);
-        accelerator.closest_stream(&rays, &mut hits);
+        accelerator.intersect_stream(&rays, &mut hits);
         let mut hidden: Lanes<bool> = [true; LANES];
         accelerator.occluded_stream(&rays, &mut hidden);
         for (lane, (ray, limit, skip)) in queries.iter().enumerate() {
-            let expected = accelerator.closest(ray, Interval::up_to(*limit), *skip);
+            let expected = accelerator.intersect(ray, Interval::up_to(*limit), *skip);
             let found = hits.get(lane);
             let place = || format!("{ray:?} up to {limit}, {skip:?}: expected {expected:?}, found {found:?}");
             law(same_hits(&expected, &found), place)?;
@@ -69,30 +74,37 @@ pub(crate) fn accelerator_streams(accelerator: &dyn Accelerator, queries: &[Quer
     Ok(())
 }
 
-fn same_hits(a: &Option<RawHit>, b: &Option<RawHit>) -> bool {
+fn same_hits(a: &Option<PreliminaryIntersection>, b: &Option<PreliminaryIntersection>) -> bool {
     match (a, b) {
         (None, None) => true,
         (Some(a), Some(b)) => {
-            a.id() == b.id() && same(a.t, b.t) && same(a.params.x, b.params.x) && same(a.params.y, b.params.y)
+            a.id() == b.id()
+                && same(a.t, b.t)
+                && same(a.prim_uv.x, b.prim_uv.x)
+                && same(a.prim_uv.y, b.prim_uv.y)
         }
         _ => false,
     }
 }
 
 /// Checks the surface points of the only shape of a geometry, at these hits.
-pub(crate) fn surface_streams(geometry: &Geometry, hits: &[(Ray, RawHit)]) -> Checked {
+pub(crate) fn surface_streams(geometry: &Geometry, hits: &[(Ray, PreliminaryIntersection)]) -> Checked {
     for hits in chunks(hits) {
         let queries: Vec<Query> = hits
             .iter()
-            .map(|(ray, _)| (*ray, f64::INFINITY, Skip::NOTHING))
+            .map(|(ray, _)| (*ray, f64::INFINITY, SelfHitFilter::NOTHING))
             .collect();
         let rays = stream_of(&queries);
         let mut stream = HitStream::default();
         for (lane, (_, hit)) in hits.iter().enumerate() {
             stream.set(lane, hit);
         }
-        for needs in [Needs::NOTHING, Needs::SHADING_NORMAL, Needs::UV] {
-            let mut points = PointStream::default();
+        for needs in [
+            SurfaceAttributes::NOTHING,
+            SurfaceAttributes::SHADING_NORMAL,
+            SurfaceAttributes::UV,
+        ] {
+            let mut points = SurfaceStream::default();
             geometry.surface_stream(0, &rays, &stream, needs, &mut points);
             for (lane, (ray, hit)) in hits.iter().enumerate() {
                 let (expected, found) = (geometry.surface(ray, hit, needs), points.get(lane));
@@ -105,12 +117,12 @@ pub(crate) fn surface_streams(geometry: &Geometry, hits: &[(Ray, RawHit)]) -> Ch
     Ok(())
 }
 
-fn same_points(a: &SurfacePoint, b: &SurfacePoint, needs: Needs) -> bool {
+fn same_points(a: &SurfaceInteraction, b: &SurfaceInteraction, needs: SurfaceAttributes) -> bool {
     same_vectors(a.position, b.position)
         && same(a.error, b.error)
         && same_vectors(a.n_g, b.n_g)
         && same_vectors(a.n_s, b.n_s)
-        && (!needs.contains(Needs::UV) || (same(a.uv.x, b.uv.x) && same(a.uv.y, b.uv.y)))
+        && (!needs.contains(SurfaceAttributes::UV) || (same(a.uv.x, b.uv.x) && same(a.uv.y, b.uv.y)))
 }
 
 pub(crate) fn camera_streams(camera: &dyn Camera, raster: &[DVec2]) -> Checked {
@@ -168,7 +180,7 @@ pub(crate) fn light_streams(light: &dyn Light, points: &[DVec3]) -> Checked {
                 format!("at {point}: expected {expected:?}, found {found:?}")
             })?;
             let (expected, found) = (light.background(*point), seen.get(lane));
-            let right = same_colors(expected, found) || !light.gives().contains(LightGives::BACKGROUND);
+            let right = same_colors(expected, found) || !light.flags().contains(LightFlags::BACKGROUND);
             law(right, || {
                 format!("towards {point}: expected {expected:?}, found {found:?}")
             })?;
@@ -177,8 +189,8 @@ pub(crate) fn light_streams(light: &dyn Light, points: &[DVec3]) -> Checked {
     Ok(())
 }
 
-fn points_of(points: &[(SurfacePoint, DVec3)]) -> PointStream {
-    let mut stream = PointStream::default();
+fn points_of(points: &[(SurfaceInteraction, DVec3)]) -> SurfaceStream {
+    let mut stream = SurfaceStream::default();
     for (lane, (point, view)) in points.iter().enumerate() {
         stream.set(lane, point);
         stream.view.set(lane, *view);
@@ -188,7 +200,7 @@ fn points_of(points: &[(SurfacePoint, DVec3)]) -> PointStream {
     stream
 }
 
-pub(crate) fn texture_streams(texture: &dyn Texture, points: &[SurfacePoint]) -> Checked {
+pub(crate) fn texture_streams(texture: &dyn Texture, points: &[SurfaceInteraction]) -> Checked {
     for points in chunks(points) {
         let with_view: Vec<_> = points.iter().map(|point| (*point, DVec3::Z)).collect();
         let mut found = Colors::default();
@@ -205,7 +217,7 @@ pub(crate) fn texture_streams(texture: &dyn Texture, points: &[SurfacePoint]) ->
 
 /// Checks points with directions to their viewers. The light comes from around the shading normal,
 /// in some directions only.
-pub(crate) fn material_streams(material: &dyn Material, points: &[(SurfacePoint, DVec3)]) -> Checked {
+pub(crate) fn material_streams(material: &dyn Material, points: &[(SurfaceInteraction, DVec3)]) -> Checked {
     for points in chunks(points) {
         let stream = points_of(points);
         let mut lights = SampleStreams::default();
@@ -228,31 +240,31 @@ pub(crate) fn material_streams(material: &dyn Material, points: &[(SurfacePoint,
         }
         let ambient = Rgb::new(0.1, 0.0, 0.4);
         let mut local = Colors::default();
-        material.local_stream(&stream, ambient, &lights, &mut local);
+        material.local_illumination_stream(&stream, ambient, &lights, &mut local);
         let mut emission = Colors::default();
         material.emission_stream(&stream, &mut emission);
-        let mut split = BranchStreams::default();
-        material.branches_stream(&stream, &mut split);
+        let mut split = SpecularRayStreams::default();
+        material.specular_rays_stream(&stream, &mut split);
         for (lane, (point, view)) in points.iter().enumerate() {
             let lit = lights.iter().map(|light| light.get(lane));
-            let incoming: Vec<Incoming> = lit
+            let incoming: Vec<LightLiSample> = lit
                 .filter(|sample| !sample.irradiance.is_black())
                 .map(
                     |LightSample {
                          direction,
                          irradiance,
                          ..
-                     }| Incoming {
+                     }| LightLiSample {
                         direction,
                         irradiance,
                     },
                 )
                 .collect();
-            let light = Illumination {
+            let light = LightSamples {
                 ambient,
                 lights: &incoming,
             };
-            let (expected, found) = (material.local(point, *view, &light), local.get(lane));
+            let (expected, found) = (material.local_illumination(point, *view, &light), local.get(lane));
             let place = format!("{point:?}, view {view}");
             law(same_colors(expected, found), || {
                 format!("{place}: expected the local radiance {expected:?}, found {found:?}")
@@ -261,17 +273,17 @@ pub(crate) fn material_streams(material: &dyn Material, points: &[(SurfacePoint,
             law(same_colors(expected, found), || {
                 format!("{place}: expected the emission {expected:?}, found {found:?}")
             })?;
-            let mut branches = Branches::default();
-            material.branches(point, *view, &mut branches);
+            let mut branches = SpecularRays::default();
+            material.specular_rays(point, *view, &mut branches);
             let of = |reflects: bool| {
                 let mut all = branches.iter();
-                all.find(|branch| (branch.kind == BranchKind::Reflection) == reflects)
+                all.find(|branch| (branch.kind == SpecularRayKind::Reflection) == reflects)
                     .copied()
             };
             for (expected, found) in [(of(true), &split.reflection), (of(false), &split.transmission)] {
                 let absorption = split.absorption.get(lane);
                 // Read only for materials that have this lobe.
-                let straight = material.lobes().contains(Lobes::STRAIGHT) && split.straight.0[lane];
+                let straight = material.flags().contains(BsdfFlags::NULL) && split.straight.0[lane];
                 law(same_branch(expected, found, lane, absorption, straight), || {
                     let found = (found.direction.get(lane), found.weight.get(lane), absorption);
                     format!("{place}: expected the branch {expected:?}, found {found:?}")
@@ -283,8 +295,8 @@ pub(crate) fn material_streams(material: &dyn Material, points: &[(SurfacePoint,
 }
 
 fn same_branch(
-    expected: Option<Branch>,
-    found: &BranchStream,
+    expected: Option<SpecularRay>,
+    found: &SpecularRayStream,
     lane: usize,
     absorption: Rgb,
     straight: bool,
@@ -294,26 +306,28 @@ fn same_branch(
         return weight.is_black();
     };
     let medium = match expected.kind {
-        BranchKind::Reflection => true,
-        BranchKind::Transmission { absorption: expected } => !straight && same_colors(expected, absorption),
-        BranchKind::Straight => straight,
+        SpecularRayKind::Reflection => true,
+        SpecularRayKind::Transmission { absorption: expected } => {
+            !straight && same_colors(expected, absorption)
+        }
+        SpecularRayKind::Null => straight,
     };
     same_vectors(expected.direction, found.direction.get(lane))
         && same_colors(expected.weight, weight)
         && medium
 }
 
-pub(crate) fn integrator_streams(integrator: &dyn Integrator, world: &World, rays: &[Ray]) -> Checked {
+pub(crate) fn integrator_streams(integrator: &dyn Integrator, scene: &Scene, rays: &[Ray]) -> Checked {
     let (mut together, mut single) = (Scratch::default(), Scratch::default());
     for rays in chunks(rays) {
         let queries: Vec<Query> = rays
             .iter()
-            .map(|ray| (*ray, f64::INFINITY, Skip::NOTHING))
+            .map(|ray| (*ray, f64::INFINITY, SelfHitFilter::NOTHING))
             .collect();
         let mut found = Colors::default();
-        integrator.radiance_stream(world, &stream_of(&queries), &mut together, &mut found);
+        integrator.radiance_stream(scene, &stream_of(&queries), &mut together, &mut found);
         for (lane, ray) in rays.iter().enumerate() {
-            let (expected, found) = (integrator.radiance(world, ray, &mut single), found.get(lane));
+            let (expected, found) = (integrator.radiance(scene, ray, &mut single), found.get(lane));
             law(same_colors(expected, found), || {
                 format!("{ray:?}: expected {expected:?}, found {found:?}")
             })?;
@@ -340,7 +354,7 @@ fn chunks<T>(items: &[T]) -> impl Iterator<Item = &[T]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::{Aabb, Lobes, Primitive, PrimitiveHit, Shape, Statistics};
+    use whitstone_core::{Aabb, BsdfFlags, LoweredShape, Shape, ShapeHit, Statistics};
 
     /// A plugin of every family whose stream differs from its scalar method in one bit of one lane.
     struct Wrong;
@@ -359,21 +373,21 @@ mod tests {
         fn ray_stream(&self, raster: &Lanes<DVec2>, rays: &mut RayStream) {
             for lane in 0..rays.len {
                 let ray = self.ray(DVec2::new(off(raster[lane].x, lane), raster[lane].y));
-                rays.set(lane, ray, f64::INFINITY, Skip::NOTHING);
+                rays.set(lane, ray, f64::INFINITY, SelfHitFilter::NOTHING);
             }
         }
     }
 
     impl Texture for Wrong {
-        fn needs(&self) -> Needs {
-            Needs::UV
+        fn needs(&self) -> SurfaceAttributes {
+            SurfaceAttributes::UV
         }
 
-        fn value(&self, point: &SurfacePoint) -> Rgb {
+        fn value(&self, point: &SurfaceInteraction) -> Rgb {
             Rgb::splat(point.uv.x)
         }
 
-        fn value_stream(&self, points: &PointStream, out: &mut Colors) {
+        fn value_stream(&self, points: &SurfaceStream, out: &mut Colors) {
             for lane in 0..points.len {
                 out.set(lane, Rgb::splat(off(points.get(lane).uv.x, lane)));
             }
@@ -381,8 +395,8 @@ mod tests {
     }
 
     impl Light for Wrong {
-        fn gives(&self) -> LightGives {
-            LightGives::SAMPLES | LightGives::BACKGROUND
+        fn flags(&self) -> LightFlags {
+            LightFlags::SAMPLES | LightFlags::BACKGROUND
         }
 
         fn background(&self, _: DVec3) -> Rgb {
@@ -400,35 +414,41 @@ mod tests {
     struct WrongMaterial(u8);
 
     impl Material for WrongMaterial {
-        fn lobes(&self) -> Lobes {
-            Lobes::LOCAL | Lobes::TRANSMISSION
+        fn flags(&self) -> BsdfFlags {
+            BsdfFlags::LOCAL | BsdfFlags::TRANSMISSION
         }
 
-        fn needs(&self) -> Needs {
-            Needs::NOTHING
+        fn needs(&self) -> SurfaceAttributes {
+            SurfaceAttributes::NOTHING
         }
 
-        fn local(&self, _: &SurfacePoint, _: DVec3, _: &Illumination<'_>) -> Rgb {
+        fn local_illumination(&self, _: &SurfaceInteraction, _: DVec3, _: &LightSamples<'_>) -> Rgb {
             Rgb::WHITE
         }
 
-        fn branches(&self, _: &SurfacePoint, view: DVec3, out: &mut Branches) {
-            out.push(Branch {
+        fn specular_rays(&self, _: &SurfaceInteraction, view: DVec3, out: &mut SpecularRays) {
+            out.push(SpecularRay {
                 direction: -view,
                 weight: Rgb::WHITE,
-                kind: BranchKind::Transmission {
+                kind: SpecularRayKind::Transmission {
                     absorption: Rgb::WHITE,
                 },
             });
         }
 
-        fn local_stream(&self, points: &PointStream, _: Rgb, _: &SampleStreams, out: &mut Colors) {
+        fn local_illumination_stream(
+            &self,
+            points: &SurfaceStream,
+            _: Rgb,
+            _: &SampleStreams,
+            out: &mut Colors,
+        ) {
             for lane in 0..points.len {
                 out.set(lane, Rgb::splat(if self.0 == 0 { off(1.0, lane) } else { 1.0 }));
             }
         }
 
-        fn branches_stream(&self, points: &PointStream, out: &mut BranchStreams) {
+        fn specular_rays_stream(&self, points: &SurfaceStream, out: &mut SpecularRayStreams) {
             for lane in 0..points.len {
                 out.clear(lane);
                 out.transmission.direction.set(lane, -points.view.get(lane));
@@ -442,11 +462,11 @@ mod tests {
     }
 
     impl Accelerator for Wrong {
-        fn closest(&self, _: &Ray, _: Interval, _: Skip) -> Option<RawHit> {
+        fn intersect(&self, _: &Ray, _: Interval, _: SelfHitFilter) -> Option<PreliminaryIntersection> {
             None
         }
 
-        fn occluded(&self, _: &Ray, _: Interval, _: Skip) -> bool {
+        fn occluded(&self, _: &Ray, _: Interval, _: SelfHitFilter) -> bool {
             false
         }
 
@@ -460,28 +480,39 @@ mod tests {
         }
     }
 
-    impl Primitive for Wrong {
+    impl Shape for Wrong {
         fn bounds(&self) -> Aabb {
             Aabb::EVERYTHING
         }
 
-        fn closest(&self, _: &Ray, _: Interval, _: Option<u32>) -> Option<PrimitiveHit> {
-            Some(PrimitiveHit {
+        fn intersect(&self, _: &Ray, _: Interval, _: Option<u32>) -> Option<ShapeHit> {
+            Some(ShapeHit {
                 t: 1.0,
                 primitive: 0,
-                params: DVec2::ZERO,
+                prim_uv: DVec2::ZERO,
             })
         }
 
-        fn surface(&self, ray: &Ray, _: &RawHit, _: Needs) -> SurfacePoint {
-            SurfacePoint::new(ray.origin, 0.0, DVec3::Z)
+        fn surface(
+            &self,
+            ray: &Ray,
+            _: &PreliminaryIntersection,
+            _: SurfaceAttributes,
+        ) -> SurfaceInteraction {
+            SurfaceInteraction::new(ray.origin, 0.0, DVec3::Z)
         }
 
-        fn surface_stream(&self, rays: &RayStream, _: &HitStream, _: Needs, points: &mut PointStream) {
+        fn surface_stream(
+            &self,
+            rays: &RayStream,
+            _: &HitStream,
+            _: SurfaceAttributes,
+            points: &mut SurfaceStream,
+        ) {
             for lane in 0..rays.len {
                 points.set(
                     lane,
-                    &SurfacePoint::new(rays.ray(lane).origin, off(0.0, lane), DVec3::Z),
+                    &SurfaceInteraction::new(rays.ray(lane).origin, off(0.0, lane), DVec3::Z),
                 );
             }
         }
@@ -492,29 +523,29 @@ mod tests {
             false
         }
 
-        fn radiance(&self, _: &World, _: &Ray, scratch: &mut Scratch) -> Rgb {
+        fn radiance(&self, _: &Scene, _: &Ray, scratch: &mut Scratch) -> Rgb {
             scratch.counters.closest += 1;
             Rgb::WHITE
         }
 
-        fn radiance_stream(&self, _: &World, rays: &RayStream, _: &mut Scratch, out: &mut Colors) {
+        fn radiance_stream(&self, _: &Scene, rays: &RayStream, _: &mut Scratch, out: &mut Colors) {
             out.fill(rays.len, Rgb::WHITE);
         }
     }
 
     #[test]
     fn one_bit_of_one_lane_is_found() {
-        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
         let ray = Ray::new(DVec3::ZERO, DVec3::Z);
-        let hit = PrimitiveHit {
+        let hit = ShapeHit {
             t: 1.0,
             primitive: 0,
-            params: DVec2::ZERO,
+            prim_uv: DVec2::ZERO,
         };
-        let hit = hit.of_shape(whitstone_core::InstancePath::WORLD, 0);
-        let geometry = Geometry::new(vec![Shape::Opaque(Box::new(Wrong))]);
+        let hit = hit.of_shape(whitstone_core::InstanceId::TOP_LEVEL, 0);
+        let geometry = Geometry::new(vec![LoweredShape::Opaque(Box::new(Wrong))]);
         let views = [(point, DVec3::Z); 50];
-        let world = crate::world_of_walls(&[], crate::Lamp::default());
+        let scene = crate::world_of_walls(&[], crate::Lamp::default());
         let found = [
             camera_streams(&Wrong, &[DVec2::ONE; 50]),
             texture_streams(&Wrong, &[point; 50]),
@@ -522,9 +553,9 @@ mod tests {
             material_streams(&WrongMaterial(0), &views),
             material_streams(&WrongMaterial(1), &views),
             material_streams(&WrongMaterial(2), &views),
-            accelerator_streams(&Wrong, &[(ray, f64::INFINITY, Skip::NOTHING); 50]),
+            accelerator_streams(&Wrong, &[(ray, f64::INFINITY, SelfHitFilter::NOTHING); 50]),
             surface_streams(&geometry, &[(ray, hit); 50]),
-            integrator_streams(&Wrong, &world, &[ray; 50]),
+            integrator_streams(&Wrong, &scene, &[ray; 50]),
         ];
         for (number, found) in found.into_iter().enumerate() {
             assert!(found.is_err(), "check {number} lets a wrong lane through");

@@ -1,7 +1,9 @@
 //! Laws of textures.
 
 use crate::streams::texture_streams;
-use whitstone_core::{DVec2, DVec3, Footprint, Needs, Rgb, SurfacePoint, Texture, Vec2, Vec3};
+use whitstone_core::{
+    DVec2, DVec3, Footprint, Rgb, SurfaceAttributes, SurfaceInteraction, Texture, Vec2, Vec3,
+};
 
 /// Checks the laws of textures: for all texture coordinates and positions, values are finite, not
 /// negative, deterministic and identical in streams. They depend on the coordinates only if the
@@ -41,18 +43,18 @@ pub fn texture_laws(texture: &dyn Texture) {
         f64::NAN,
     ];
     let at = |u: f64, v: f64| {
-        let mut point = SurfacePoint::new(DVec3::new(0.3, -1.0, 2.0), 0.0, DVec3::Z);
+        let mut point = SurfaceInteraction::new(DVec3::new(0.3, -1.0, 2.0), 0.0, DVec3::Z);
         point.uv = DVec2::new(u, v);
         point
     };
     let value = |u: f64, v: f64| texture.value(&at(u, v));
-    let points: Vec<SurfacePoint> = coordinates
+    let points: Vec<SurfaceInteraction> = coordinates
         .into_iter()
         .flat_map(|u| coordinates.map(|v| at(u, v)))
         .collect();
     let broken = texture_streams(texture, &points).err();
     assert_eq!(broken, None, "values of a stream");
-    let reads_uv = texture.needs().contains(Needs::UV);
+    let reads_uv = texture.needs().contains(SurfaceAttributes::UV);
     let elsewhere = value(0.7, 0.2);
     for u in coordinates {
         for v in coordinates {
@@ -73,7 +75,7 @@ pub fn texture_laws(texture: &dyn Texture) {
         }
     }
     // Footprints may be arbitrary, and affect only textures that read them.
-    let reads_footprints = texture.needs().contains(Needs::FOOTPRINT);
+    let reads_footprints = texture.needs().contains(SurfaceAttributes::FOOTPRINT);
     let steps = [
         0.0,
         1e-9,
@@ -85,7 +87,7 @@ pub fn texture_laws(texture: &dyn Texture) {
         f32::NEG_INFINITY,
         f32::NAN,
     ];
-    let footprints: Vec<SurfacePoint> = (0..steps.len().pow(3))
+    let footprints: Vec<SurfaceInteraction> = (0..steps.len().pow(3))
         .map(|number| {
             let step = |place: u32| steps[number / steps.len().pow(place) % steps.len()];
             let mut point = at(0.7, 0.2);
@@ -110,7 +112,7 @@ pub fn texture_laws(texture: &dyn Texture) {
         );
     }
     // For solid textures: a third coordinate from elsewhere in the list.
-    let places: Vec<SurfacePoint> = (0..coordinates.len())
+    let places: Vec<SurfaceInteraction> = (0..coordinates.len())
         .flat_map(|i| coordinates.map(|y| (i, y)))
         .enumerate()
         .map(|(number, (i, y))| {
@@ -149,41 +151,41 @@ pub(crate) fn is_colour(color: Rgb) -> bool {
 mod tests {
     use super::*;
 
-    struct Made<F>(Needs, F);
+    struct Made<F>(SurfaceAttributes, F);
 
     impl<F: Fn(DVec2) -> f64 + Send + Sync> Texture for Made<F> {
-        fn needs(&self) -> Needs {
+        fn needs(&self) -> SurfaceAttributes {
             self.0
         }
-        fn value(&self, point: &SurfacePoint) -> Rgb {
+        fn value(&self, point: &SurfaceInteraction) -> Rgb {
             Rgb::splat((self.1)(point.uv))
         }
     }
 
     #[test]
     fn a_right_texture_passes() {
-        texture_laws(&Made(Needs::UV, |uv: DVec2| f64::from(uv.x > 0.5)));
+        texture_laws(&Made(SurfaceAttributes::UV, |uv: DVec2| f64::from(uv.x > 0.5)));
     }
 
     #[test]
     #[should_panic(expected = "finite and not negative")]
     fn a_value_that_is_no_number_is_found() {
-        texture_laws(&Made(Needs::UV, |uv: DVec2| uv.x.abs().fract()));
+        texture_laws(&Made(SurfaceAttributes::UV, |uv: DVec2| uv.x.abs().fract()));
     }
 
     #[test]
     #[should_panic(expected = "finite and not negative")]
     fn a_negative_value_is_found() {
-        texture_laws(&Made(Needs::NOTHING, |_| -0.1));
+        texture_laws(&Made(SurfaceAttributes::NOTHING, |_| -0.1));
     }
 
     struct InSpace;
 
     impl Texture for InSpace {
-        fn needs(&self) -> Needs {
-            Needs::NOTHING
+        fn needs(&self) -> SurfaceAttributes {
+            SurfaceAttributes::NOTHING
         }
-        fn value(&self, point: &SurfacePoint) -> Rgb {
+        fn value(&self, point: &SurfaceInteraction) -> Rgb {
             Rgb::splat(point.position.z.abs().fract())
         }
     }
@@ -197,16 +199,18 @@ mod tests {
     #[test]
     #[should_panic(expected = "says that it needs it")]
     fn a_hidden_need_is_found() {
-        texture_laws(&Made(Needs::NOTHING, |uv: DVec2| f64::from(uv.x > 0.5)));
+        texture_laws(&Made(SurfaceAttributes::NOTHING, |uv: DVec2| {
+            f64::from(uv.x > 0.5)
+        }));
     }
 
     struct Wide;
 
     impl Texture for Wide {
-        fn needs(&self) -> Needs {
-            Needs::NOTHING
+        fn needs(&self) -> SurfaceAttributes {
+            SurfaceAttributes::NOTHING
         }
-        fn value(&self, point: &SurfacePoint) -> Rgb {
+        fn value(&self, point: &SurfaceInteraction) -> Rgb {
             Rgb::splat(f64::from(point.footprint.uv[0].x.abs().min(1.0)))
         }
     }
@@ -220,10 +224,10 @@ mod tests {
     struct Claims;
 
     impl Texture for Claims {
-        fn needs(&self) -> Needs {
-            Needs::UV
+        fn needs(&self) -> SurfaceAttributes {
+            SurfaceAttributes::UV
         }
-        fn value(&self, point: &SurfacePoint) -> Rgb {
+        fn value(&self, point: &SurfaceInteraction) -> Rgb {
             Rgb::splat(f64::from(point.uv.x > 0.5))
         }
         fn constant(&self) -> Option<Rgb> {

@@ -3,7 +3,7 @@
 //! - Twin: Mitsuba `checkerboard` (native).
 //! - Example: `scenes/textures/checker.toml`.
 
-use crate::mapping::{Mapping, Pattern, Projection};
+use crate::mapping::{Mapping, Projection, TextureFunction};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -71,7 +71,7 @@ impl Plugin<Textures> for Checker {
     }
 }
 
-impl Pattern for Checker {
+impl TextureFunction for Checker {
     #[inline(always)]
     fn at(&self, q: DVec3) -> Rgb {
         let cell = (q.truncate() * self.scale + self.offset).floor();
@@ -85,7 +85,7 @@ impl Pattern for Checker {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::SurfacePoint;
+    use whitstone_core::SurfaceInteraction;
     use whitstone_testkit::build;
 
     whitstone_testkit::texture_laws!(
@@ -97,7 +97,7 @@ mod tests {
     );
 
     fn at(text: &str, u: f64, v: f64) -> f64 {
-        let mut point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let mut point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
         point.uv = DVec2::new(u, v);
         build::<Textures, Checker>(text, ()).unwrap().value(&point).g
     }

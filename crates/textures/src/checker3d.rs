@@ -4,7 +4,7 @@
 //! - Example: `scenes/textures/checker3d.toml`.
 
 use crate::cells::odd;
-use crate::mapping::{Mapping, Pattern, Projection};
+use crate::mapping::{Mapping, Projection, TextureFunction};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -71,7 +71,7 @@ impl Plugin<Textures> for Checker3d {
     }
 }
 
-impl Pattern for Checker3d {
+impl TextureFunction for Checker3d {
     #[inline(always)]
     fn at(&self, q: DVec3) -> Rgb {
         let p = q * self.scale + self.offset;
@@ -89,7 +89,7 @@ impl Pattern for Checker3d {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::SurfacePoint;
+    use whitstone_core::SurfaceInteraction;
     use whitstone_testkit::build;
 
     whitstone_testkit::texture_laws!(
@@ -101,7 +101,7 @@ mod tests {
     );
 
     fn at(text: &str, position: [f64; 3]) -> f64 {
-        let point = SurfacePoint::new(position.into(), 0.0, DVec3::Z);
+        let point = SurfaceInteraction::new(position.into(), 0.0, DVec3::Z);
         build::<Textures, Checker3d>(text, ()).unwrap().value(&point).g
     }
 

@@ -7,7 +7,9 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::Color;
-use whitstone_core::{Context, Needs, Plugin, Rgb, SceneErrors, SurfacePoint, Texture, Textures};
+use whitstone_core::{
+    Context, Plugin, Rgb, SceneErrors, SurfaceAttributes, SurfaceInteraction, Texture, Textures,
+};
 
 /// A constant colour.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -34,11 +36,11 @@ impl Plugin<Textures> for Constant {
 }
 
 impl Texture for Constant {
-    fn needs(&self) -> Needs {
-        Needs::NOTHING
+    fn needs(&self) -> SurfaceAttributes {
+        SurfaceAttributes::NOTHING
     }
 
-    fn value(&self, _: &SurfacePoint) -> Rgb {
+    fn value(&self, _: &SurfaceInteraction) -> Rgb {
         self.value
     }
 
@@ -57,7 +59,7 @@ mod tests {
     fn laws() {
         let texture = build::<Textures, Constant>("value = [0.1, 0.2, 3]", ()).unwrap();
         texture_laws(&*texture);
-        let point = SurfacePoint::new(DVec3::ONE, 0.0, DVec3::X);
+        let point = SurfaceInteraction::new(DVec3::ONE, 0.0, DVec3::X);
         assert_eq!(texture.value(&point), Rgb::new(0.1, 0.2, 3.0));
         assert_eq!(texture.constant(), Some(Rgb::new(0.1, 0.2, 3.0)));
     }

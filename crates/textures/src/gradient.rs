@@ -4,7 +4,7 @@
 //! - Example: `scenes/textures/gradient.toml`.
 
 use crate::cells::cell;
-use crate::mapping::{Mapping, Pattern, Projection};
+use crate::mapping::{Mapping, Projection, TextureFunction};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -124,7 +124,7 @@ impl Plugin<Textures> for Gradient {
     }
 }
 
-impl Pattern for Gradient {
+impl TextureFunction for Gradient {
     fn at(&self, q: DVec3) -> Rgb {
         let x = q.x * self.scale + self.offset;
         let t = match self.wrap {
@@ -152,7 +152,7 @@ impl Pattern for Gradient {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::SurfacePoint;
+    use whitstone_core::SurfaceInteraction;
     use whitstone_testkit::build;
 
     const THREE: &str = "stops = [{ at = 0.25, color = 1 }, { at = 0.5, color = 3 }, { at = 1, color = 0 }]";
@@ -167,7 +167,7 @@ mod tests {
     );
 
     fn at(text: &str, x: f64) -> f64 {
-        let point = SurfacePoint::new(DVec3::new(x, 5.0, -3.0), 0.0, DVec3::Z);
+        let point = SurfaceInteraction::new(DVec3::new(x, 5.0, -3.0), 0.0, DVec3::Z);
         build::<Textures, Gradient>(text, ()).unwrap().value(&point).g
     }
 

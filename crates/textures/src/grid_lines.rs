@@ -3,7 +3,7 @@
 //! - Twin: Mitsuba, hosted: a Python texture.
 //! - Example: `scenes/textures/grid_lines.toml`.
 
-use crate::mapping::{Mapping, Pattern, Projection};
+use crate::mapping::{Mapping, Projection, TextureFunction};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -87,7 +87,7 @@ impl Plugin<Textures> for GridLines {
     }
 }
 
-impl Pattern for GridLines {
+impl TextureFunction for GridLines {
     #[inline(always)]
     fn at(&self, q: DVec3) -> Rgb {
         let uv = q.truncate() * self.scale + self.offset;
@@ -103,11 +103,11 @@ impl Pattern for GridLines {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::SurfacePoint;
+    use whitstone_core::SurfaceInteraction;
     use whitstone_testkit::{build, texture_laws};
 
     fn at(text: &str, u: f64, v: f64) -> f64 {
-        let mut point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let mut point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
         point.uv = DVec2::new(u, v);
         build::<Textures, GridLines>(text, ()).unwrap().value(&point).g
     }

@@ -144,7 +144,7 @@ impl Plugin<Textures> for Image {
 mod tests {
     use super::*;
     use crate::wrap::Wrap;
-    use whitstone_core::{DVec2, DVec3, Rgb, SurfacePoint};
+    use whitstone_core::{DVec2, DVec3, Rgb, SurfaceInteraction};
     use whitstone_image::planes;
     use whitstone_image::png;
     use whitstone_image::tone::srgb_to_linear;
@@ -163,7 +163,7 @@ mod tests {
     }
 
     fn at(texture: &dyn Texture, u: f64, v: f64) -> Rgb {
-        let mut point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let mut point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
         point.uv = DVec2::new(u, v);
         texture.value(&point)
     }
@@ -423,8 +423,8 @@ mod tests {
     }
 
     /// The value of a sample with these steps to its neighbours.
-    fn over(texture: &dyn Texture, at: [f64; 2], steps: [[f64; 2]; 2]) -> Rgb {
-        let mut point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+    fn filtered(texture: &dyn Texture, at: [f64; 2], steps: [[f64; 2]; 2]) -> Rgb {
+        let mut point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
         point.uv = at.into();
         point.footprint.uv = steps.map(|step| DVec2::from(step).as_vec2());
         texture.value(&point)
@@ -449,7 +449,7 @@ mod tests {
                 let texture = build(folder.path(), &text).unwrap();
                 for step in [0.0, 1e-3, 0.05, 0.3, 1.7, 50.0] {
                     for other in [1e-4, 0.1, 3.0] {
-                        let found = over(&*texture, [0.3, 2.6], [[step, 0.2 * step], [-0.1 * other, other]]);
+                        let found = filtered(&*texture, [0.3, 2.6], [[step, 0.2 * step], [-0.1 * other, other]]);
                         // At most one single-precision rounding per texel of the longest ellipse.
                         let most = 1024.0 * f64::from(f32::EPSILON);
                         assert!(
@@ -468,12 +468,12 @@ mod tests {
         for k in 0..40 {
             let at = [0.07 * f64::from(k), 0.31 * f64::from(k)];
             let steps = [[0.9 / 16.0, 0.01], [-0.03, 0.8 / 16.0]];
-            let [plain, trilinear, ewa] = [0, 1, 2].map(|i| over(&*pictures[i], at, steps));
+            let [plain, trilinear, ewa] = [0, 1, 2].map(|i| filtered(&*pictures[i], at, steps));
             assert_eq!((plain, plain), (trilinear, ewa), "{k}");
         }
         // For larger steps they differ.
         let wide = [[3.0 / 16.0, 0.0], [0.0, 3.0 / 16.0]];
-        let [plain, trilinear, ewa] = [0, 1, 2].map(|i| over(&*pictures[i], [0.2, 0.4], wide));
+        let [plain, trilinear, ewa] = [0, 1, 2].map(|i| filtered(&*pictures[i], [0.2, 0.4], wide));
         assert!(plain != trilinear && plain != ewa && trilinear != ewa);
     }
 
@@ -490,7 +490,7 @@ mod tests {
                 let part = |k: i32| (f64::from(k) + 0.5) / f64::from(points) - 0.5;
                 let (a, b) = (part(k % points), part(k / points));
                 let at = [at[0] + a * s[0] + b * t[0], at[1] + a * s[1] + b * t[1]];
-                sum += over(&*plain, at, [[0.0; 2]; 2]);
+                sum += filtered(&*plain, at, [[0.0; 2]; 2]);
             }
             sum * (1.0 / f64::from(points * points))
         };
@@ -501,7 +501,7 @@ mod tests {
             let of = |texture: &dyn Texture| {
                 let square = |k: i32| {
                     let at = [0.013 + 0.17 * f64::from(k), 0.029 + 0.11 * f64::from(k)];
-                    distance(over(texture, at, steps), mean(at, steps)).powi(2)
+                    distance(filtered(texture, at, steps), mean(at, steps)).powi(2)
                 };
                 ((0..24).map(square).sum::<f64>() / 24.0).sqrt()
             };
@@ -539,7 +539,7 @@ mod tests {
             for filter in ["trilinear", "ewa"] {
                 let texture = noise(width, height, &format!("filter = \"{filter}\""));
                 for far in [1e4, 1e30, f64::INFINITY] {
-                    let found = over(&*texture, [0.2, 0.9], [[far, 0.0], [0.0, far]]);
+                    let found = filtered(&*texture, [0.2, 0.9], [[far, 0.0], [0.0, far]]);
                     assert!(
                         distance(found, mean) < 1e-6,
                         "{filter} {width} x {height}, {far}: {found:?}"
@@ -554,15 +554,15 @@ mod tests {
         let [one, sixteen] =
             ["1", "16"].map(|n| noise(64, 64, &format!("filter = \"ewa\"\nmax_anisotropy = {n}")));
         let steps = [[0.5, 0.0], [0.0, 1.0 / 64.0]];
-        assert!(over(&*one, [0.3, 0.3], steps) != over(&*sixteen, [0.3, 0.3], steps));
+        assert!(filtered(&*one, [0.3, 0.3], steps) != filtered(&*sixteen, [0.3, 0.3], steps));
         let usual = noise(64, 64, "filter = \"ewa\"");
         assert_eq!(
-            over(&*usual, [0.3, 0.3], steps),
-            over(&*sixteen, [0.3, 0.3], steps)
+            filtered(&*usual, [0.3, 0.3], steps),
+            filtered(&*sixteen, [0.3, 0.3], steps)
         );
         // Both steps along one line: the ellipse has zero width.
         let flat = [[0.5, 0.25], [1.0, 0.5]];
-        assert!(is_colour(over(&*usual, [0.3, 0.3], flat)));
+        assert!(is_colour(filtered(&*usual, [0.3, 0.3], flat)));
         let folder = tempfile::tempdir().unwrap();
         png::Raster::from_fn(2, 2, |_, _| [0; 3])
             .write_png(folder.path().join("a.png"))

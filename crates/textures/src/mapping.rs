@@ -1,6 +1,6 @@
 //! Texture mapping: the point of texture space for a surface point.
 //!
-//! A texture is a [`Pattern`], a function of a point of texture space only. A [`Mapping`] computes
+//! A texture is a [`TextureFunction`], a function of a point of texture space only. A [`Mapping`] computes
 //! that point from the surface's (u, v) or from its world-space position. Each texture is therefore
 //! written once and works with every mapping, and only a mapping that reads (u, v) makes shapes
 //! compute it. The solid textures of Peachey 1985 and Perlin 1985 are patterns that use all three
@@ -13,20 +13,20 @@ use serde::Deserialize;
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 use toml::Spanned;
-use whitstone_core::config::{Positive, Steps};
-use whitstone_core::stream::{Colors, LANES, PointStream};
+use whitstone_core::config::{Positive, TransformSteps};
+use whitstone_core::stream::{Colors, LANES, SurfaceStream};
 use whitstone_core::{
-    DAffine3, DMat3, DVec3, Needs, Rgb, SceneError, SceneErrors, SurfacePoint, Texture, TextureBytes,
-    Transform, simd,
+    DAffine3, DMat3, DVec3, Rgb, SceneError, SceneErrors, SurfaceAttributes, SurfaceInteraction, Texture,
+    TextureBytes, Transform, simd,
 };
 
 /// A texture function: a colour for each point of texture space.
-pub(crate) trait Pattern: Send + Sync {
+pub(crate) trait TextureFunction: Send + Sync {
     /// The linear value at a point; finite and not negative for every point. Mark branchless
     /// implementations `#[inline(always)]`.
     fn at(&self, q: DVec3) -> Rgb;
 
-    /// Whether [`Self::over`] filters over the footprint of a sample.
+    /// Whether [`Self::filtered`] filters over the footprint of a sample.
     #[inline(always)]
     fn filters(&self) -> bool {
         false
@@ -34,7 +34,7 @@ pub(crate) trait Pattern: Send + Sync {
 
     /// The filtered value of a sample with these steps to its neighbours; the value at the point if
     /// the steps are zero. Finite and not negative for all steps.
-    fn over(&self, q: DVec3, steps: [DVec3; 2]) -> Rgb {
+    fn filtered(&self, q: DVec3, steps: [DVec3; 2]) -> Rgb {
         let _ = steps;
         self.at(q)
     }
@@ -62,15 +62,15 @@ pub(crate) struct Mapping {
     /// Transform from (u, v, 0) of the shape, or from world space, to the space of the texture or
     /// of the projection: one step, or steps in the order in which they are applied.
     #[serde(default = "none")]
-    transform: Steps,
+    transform: TransformSteps,
     /// For "triplanar": exponent of the normal's components in the weights of the projections; 4 if
     /// omitted.
     #[schemars(with = "Option<Positive>")]
     sharpness: Option<Spanned<Positive>>,
 }
 
-const fn none() -> Steps {
-    Steps::NONE
+const fn none() -> TransformSteps {
+    TransformSteps::NONE
 }
 
 /// Projection to texture space; see [`Mapping`].
@@ -97,7 +97,7 @@ impl Default for Mapping {
     fn default() -> Self {
         Self {
             projection: None,
-            transform: Steps::NONE,
+            transform: TransformSteps::NONE,
             sharpness: None,
         }
     }
@@ -109,7 +109,7 @@ impl Mapping {
     /// # Errors
     ///
     /// If a key has no effect.
-    pub(crate) fn put<P: Pattern + 'static>(
+    pub(crate) fn put<P: TextureFunction + 'static>(
         self,
         usual: Projection,
         pattern: P,
@@ -146,9 +146,9 @@ struct Mapped<P> {
     sharpness: f64,
 }
 
-impl<P: Pattern> Mapped<P> {
+impl<P: TextureFunction> Mapped<P> {
     #[inline(always)]
-    fn place(&self, point: &SurfacePoint) -> DVec3 {
+    fn place(&self, point: &SurfaceInteraction) -> DVec3 {
         let source = match self.projection {
             Projection::Uv => point.uv.extend(0.0),
             _ => point.position,
@@ -165,7 +165,7 @@ impl<P: Pattern> Mapped<P> {
     }
 
     /// The steps to the neighbours of a point, transformed but not projected.
-    fn steps(&self, point: &SurfacePoint) -> [DVec3; 2] {
+    fn steps(&self, point: &SurfaceInteraction) -> [DVec3; 2] {
         let step = |side: usize| {
             let step = match self.projection {
                 Projection::Uv => point.footprint.uv[side].as_dvec2().extend(0.0),
@@ -177,7 +177,7 @@ impl<P: Pattern> Mapped<P> {
     }
 
     /// The filtered value over the footprint of a point.
-    fn filtered(&self, point: &SurfacePoint) -> Rgb {
+    fn filtered(&self, point: &SurfaceInteraction) -> Rgb {
         let source = match self.projection {
             Projection::Uv => point.uv.extend(0.0),
             _ => point.position,
@@ -185,17 +185,17 @@ impl<P: Pattern> Mapped<P> {
         let q = self.moved(source);
         let [right, below] = self.steps(point);
         let steps = [self.projection.step(q, right), self.projection.step(q, below)];
-        self.pattern.over(self.projection.project(q), steps)
+        self.pattern.filtered(self.projection.project(q), steps)
     }
 
     /// The weighted mean of the projections along the axes.
-    fn triplanar(&self, point: &SurfacePoint) -> Rgb {
+    fn triplanar(&self, point: &SurfaceInteraction) -> Rgb {
         let q = self.moved(point.position);
         let plane = |q: DVec3, a: usize| DVec3::new(q[(a + 1) % 3], q[(a + 2) % 3], 0.0);
         let along = |a: usize| {
             if self.pattern.filters() {
                 let steps = self.steps(point).map(|step| plane(step, a));
-                self.pattern.over(plane(q, a), steps)
+                self.pattern.filtered(plane(q, a), steps)
             } else {
                 self.pattern.at(plane(q, a))
             }
@@ -223,7 +223,7 @@ impl<P: Pattern> Mapped<P> {
 
     /// The values at the points of a stream, with `place` mapping each point to texture space.
     #[inline(always)]
-    fn stream(&self, points: &PointStream, out: &mut Colors, place: impl Fn(&SurfacePoint) -> DVec3) {
+    fn stream(&self, points: &SurfaceStream, out: &mut Colors, place: impl Fn(&SurfaceInteraction) -> DVec3) {
         simd::dispatch(
             #[inline(always)]
             || {
@@ -307,17 +307,17 @@ fn turn(q: DVec3) -> f64 {
     (if phi < 0.0 { phi + TAU } else { phi }) / TAU
 }
 
-impl<P: Pattern> Texture for Mapped<P> {
-    fn needs(&self) -> Needs {
+impl<P: TextureFunction> Texture for Mapped<P> {
+    fn needs(&self) -> SurfaceAttributes {
         let of_filter = if self.pattern.filters() {
-            Needs::FOOTPRINT
+            SurfaceAttributes::FOOTPRINT
         } else {
-            Needs::NOTHING
+            SurfaceAttributes::NOTHING
         };
         let of_place = match self.projection {
-            Projection::Uv => Needs::UV,
-            Projection::Triplanar => Needs::SHADING_NORMAL,
-            _ => Needs::NOTHING,
+            Projection::Uv => SurfaceAttributes::UV,
+            Projection::Triplanar => SurfaceAttributes::SHADING_NORMAL,
+            _ => SurfaceAttributes::NOTHING,
         };
         of_filter | of_place
     }
@@ -330,7 +330,7 @@ impl<P: Pattern> Texture for Mapped<P> {
         self.pattern.size()
     }
 
-    fn value(&self, point: &SurfacePoint) -> Rgb {
+    fn value(&self, point: &SurfaceInteraction) -> Rgb {
         match self.projection {
             Projection::Triplanar => self.triplanar(point),
             _ if self.pattern.filters() => self.filtered(point),
@@ -338,7 +338,7 @@ impl<P: Pattern> Texture for Mapped<P> {
         }
     }
 
-    fn value_stream(&self, points: &PointStream, out: &mut Colors) {
+    fn value_stream(&self, points: &SurfaceStream, out: &mut Colors) {
         if self.pattern.filters() {
             for lane in 0..points.len.min(LANES) {
                 out.set(lane, self.value(&points.get(lane)));
@@ -370,7 +370,7 @@ mod tests {
     /// A pattern that shows the magnitudes of its point's coordinates as a colour.
     struct Place;
 
-    impl Pattern for Place {
+    impl TextureFunction for Place {
         fn at(&self, q: DVec3) -> Rgb {
             let keep = |x: f64| if x.is_finite() { x.abs() } else { 0.0 };
             Rgb::new(keep(q.x), keep(q.y), keep(q.z))
@@ -383,7 +383,7 @@ mod tests {
     }
 
     fn at(text: &str, position: [f64; 3]) -> DVec3 {
-        let mut point = SurfacePoint::new(position.into(), 0.0, DVec3::Z);
+        let mut point = SurfaceInteraction::new(position.into(), 0.0, DVec3::Z);
         point.uv = DVec2::new(0.25, 0.75);
         put(text).value(&point).to_array().into()
     }
@@ -410,15 +410,18 @@ mod tests {
 
     #[test]
     fn only_what_reads_uv_needs_it() {
-        assert_eq!(put("").needs(), Needs::UV);
-        assert_eq!(put("projection = \"spherical\"").needs(), Needs::NOTHING);
+        assert_eq!(put("").needs(), SurfaceAttributes::UV);
+        assert_eq!(
+            put("projection = \"spherical\"").needs(),
+            SurfaceAttributes::NOTHING
+        );
     }
 
     #[test]
     fn three_projections_count_by_the_normal() {
         let seen = |text: &str, normal: [f64; 3]| -> DVec3 {
             let normal = DVec3::from_array(normal).normalize();
-            let point = SurfacePoint::new(DVec3::new(1.0, 2.0, 4.0), 0.0, normal);
+            let point = SurfaceInteraction::new(DVec3::new(1.0, 2.0, 4.0), 0.0, normal);
             put(&format!("projection = \"triplanar\"\n{text}"))
                 .value(&point)
                 .to_array()
@@ -437,7 +440,10 @@ mod tests {
         let long = "sharpness = 1\ntransform = { scale = [1, 1, 2] }";
         let y2 = DVec3::new(8.0, 1.0, 0.0);
         near(seen(long, [0.0, 1.0, 2.0]), (y2 + z) / 2.0);
-        assert_eq!(put("projection = \"triplanar\"").needs(), Needs::SHADING_NORMAL);
+        assert_eq!(
+            put("projection = \"triplanar\"").needs(),
+            SurfaceAttributes::SHADING_NORMAL
+        );
     }
 
     #[test]

@@ -8,7 +8,7 @@
 //! - Twin: Mitsuba, hosted: a Python texture, written from the model.
 //! - Example: `scenes/textures/noise.toml`.
 
-use crate::mapping::{Mapping, Pattern, Projection};
+use crate::mapping::{Mapping, Projection, TextureFunction};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::f64::consts::TAU;
@@ -192,7 +192,7 @@ impl Noise {
     }
 }
 
-impl Pattern for Noise {
+impl TextureFunction for Noise {
     #[inline(always)]
     fn at(&self, q: DVec3) -> Rgb {
         let q = q * self.scale;
@@ -287,7 +287,7 @@ const PERLIN: [u8; 256] = [
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::SurfacePoint;
+    use whitstone_core::SurfaceInteraction;
     use whitstone_testkit::{build, texture_laws};
 
     #[test]
@@ -334,7 +334,7 @@ mod tests {
     #[test]
     fn octaves_are_a_mean_and_colours_lie_between_both() {
         let value = |text: &str, x: f64| {
-            let point = SurfacePoint::new(DVec3::new(x, 0.4, 0.7), 0.0, DVec3::Z);
+            let point = SurfaceInteraction::new(DVec3::new(x, 0.4, 0.7), 0.0, DVec3::Z);
             let texture = build::<Textures, Noise>(&format!("a = 0\nb = 1\n{text}"), ()).unwrap();
             texture.value(&point).g
         };

@@ -4,7 +4,7 @@
 //! lookup. The linear value is therefore exact in double precision, and a texel of an 8-bit file
 //! needs 3 bytes.
 
-use crate::mapping::Pattern;
+use crate::mapping::TextureFunction;
 use crate::pyramid::{Ellipse, Grid, Pyramid, elliptical};
 use crate::wrap::Wrap;
 use schemars::JsonSchema;
@@ -349,7 +349,7 @@ fn bilinear(
     mean(row) * (1.0 - down) + mean(row + 1.0) * down
 }
 
-impl Pattern for Raster {
+impl TextureFunction for Raster {
     fn at(&self, q: DVec3) -> Rgb {
         let place = self.place(q);
         if self.lookup.filter != Filter::Nearest {
@@ -368,7 +368,7 @@ impl Pattern for Raster {
         !matches!(self.coarse, Coarse::None)
     }
 
-    fn over(&self, q: DVec3, steps: [DVec3; 2]) -> Rgb {
+    fn filtered(&self, q: DVec3, steps: [DVec3; 2]) -> Rgb {
         let place = self.place(q);
         // Rows go down while v goes up.
         let scale = self.lookup.scale * DVec2::new(1.0, -1.0);

@@ -5,7 +5,7 @@
 //! - Twin: Mitsuba, hosted: a Python texture, written from the model.
 //! - Example: `scenes/textures/solid.toml`.
 
-use crate::mapping::{Mapping, Pattern, Projection};
+use crate::mapping::{Mapping, Projection, TextureFunction};
 use crate::wrap::Wrap;
 use schemars::JsonSchema;
 use serde::de::{Error, SeqAccess, Visitor};
@@ -267,7 +267,7 @@ impl Solid {
     }
 }
 
-impl Pattern for Solid {
+impl TextureFunction for Solid {
     fn at(&self, q: DVec3) -> Rgb {
         let p = q * DVec3::from_array(self.size.map(|n| n as f64));
         if self.filter == Filter::Nearest {
@@ -296,14 +296,14 @@ impl Pattern for Solid {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::SurfacePoint;
+    use whitstone_core::SurfaceInteraction;
     use whitstone_testkit::{TestContext, build, build_in, texture_laws};
 
     const VALUES: &str = "size = [2, 3, 1]\nvalues = [0, 1, 2, 3, 4, 5]\n";
 
     fn at(texture: &dyn Texture, position: [f64; 3]) -> f64 {
         texture
-            .value(&SurfacePoint::new(position.into(), 0.0, DVec3::Z))
+            .value(&SurfaceInteraction::new(position.into(), 0.0, DVec3::Z))
             .g
     }
 

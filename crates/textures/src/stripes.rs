@@ -4,7 +4,7 @@
 //! - Example: `scenes/textures/stripes.toml`.
 
 use crate::cells::odd;
-use crate::mapping::{Mapping, Pattern, Projection};
+use crate::mapping::{Mapping, Projection, TextureFunction};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -71,7 +71,7 @@ impl Plugin<Textures> for Stripes {
     }
 }
 
-impl Pattern for Stripes {
+impl TextureFunction for Stripes {
     #[inline(always)]
     fn at(&self, q: DVec3) -> Rgb {
         // If the cell is NaN, the colour is b.
@@ -86,7 +86,7 @@ impl Pattern for Stripes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::SurfacePoint;
+    use whitstone_core::SurfaceInteraction;
     use whitstone_testkit::build;
 
     whitstone_testkit::texture_laws!(
@@ -98,7 +98,7 @@ mod tests {
     );
 
     fn at(text: &str, position: [f64; 3]) -> f64 {
-        let point = SurfacePoint::new(position.into(), 0.0, DVec3::Z);
+        let point = SurfaceInteraction::new(position.into(), 0.0, DVec3::Z);
         build::<Textures, Stripes>(text, ()).unwrap().value(&point).g
     }
 

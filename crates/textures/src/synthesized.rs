@@ -105,7 +105,7 @@ struct Optimize {
 impl Optimize {
     /// Validates the optimisation of an image of this size. It is an error if its steps and the
     /// `before` previous ones exceed [`MOST_STEPS`].
-    fn over(
+    fn filtered(
         &self,
         sample: &Codes,
         size: [usize; 2],
@@ -213,11 +213,12 @@ impl Plugin<Textures> for Synthesized {
         }
         let optimization = match &config.optimize {
             None => None,
-            Some(optimize) => Some(
-                optimize
-                    .get_ref()
-                    .over(&sample, quilt.size, steps, optimize.span())?,
-            ),
+            Some(optimize) => Some(optimize.get_ref().filtered(
+                &sample,
+                quilt.size,
+                steps,
+                optimize.span(),
+            )?),
         };
         context.reserve(quilt.bytes())?;
         if let Some(optimization) = &optimization {

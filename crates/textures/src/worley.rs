@@ -6,7 +6,7 @@
 //! - Twin: Mitsuba, hosted: a Python texture, written from the model.
 //! - Example: `scenes/textures/worley.toml`.
 
-use crate::mapping::{Mapping, Pattern, Projection};
+use crate::mapping::{Mapping, Projection, TextureFunction};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -180,7 +180,7 @@ impl Worley {
     }
 }
 
-impl Pattern for Worley {
+impl TextureFunction for Worley {
     fn at(&self, q: DVec3) -> Rgb {
         let [first, second] = self.nearest(q * self.scale);
         let t = match self.value {

@@ -99,11 +99,11 @@ fn worst_offset(geometry: &Geometry, k: f64) -> Option<Offset> {
 mod tests {
     use super::*;
     use crate::floor;
-    use whitstone_core::{DVec3, Shape, TriangleMesh};
+    use whitstone_core::{DVec3, LoweredShape, TriangleMesh};
 
-    fn triangle(at: f64, size: f64) -> Shape {
+    fn triangle(at: f64, size: f64) -> LoweredShape {
         let corner = |direction: DVec3| DVec3::new(at, 0.0, 0.0) + direction * size;
-        Shape::Triangles(TriangleMesh {
+        LoweredShape::Triangles(TriangleMesh {
             positions: vec![corner(DVec3::ZERO), corner(DVec3::X), corner(DVec3::Y)],
             normals: Vec::new(),
             uvs: Vec::new(),
@@ -112,7 +112,7 @@ mod tests {
         })
     }
 
-    fn found(shapes: Vec<Shape>, change: impl Fn(&mut CaseResult)) -> Vec<String> {
+    fn found(shapes: Vec<LoweredShape>, change: impl Fn(&mut CaseResult)) -> Vec<String> {
         let mut case = CaseResult {
             explained_limit: 8,
             moved: Some(8),

@@ -9,7 +9,7 @@ use crate::result::{CaseResult, LayerResult, Reference, WorstPixel};
 use crate::stored::Stored;
 use crate::validator::{Against, EXPLAINED_PIXELS, Ours, Validator};
 use crate::{floor, inexact, tree, vacuous};
-use whitstone_core::Needs;
+use whitstone_core::SurfaceAttributes;
 use whitstone_image::{CompareError, CompareOptions, Image, Mask, Tolerance, compare, layers, metrics};
 
 /// Number of worst pixels that a result lists.
@@ -84,7 +84,7 @@ impl Validator<'_> {
         case.floor = meta.floor;
         case.moved = meta.moved;
         case.reference_s = Some(meta.seconds);
-        let textured = ours.pipeline.world.needs().contains(Needs::UV);
+        let textured = ours.pipeline.scene.needs().contains(SurfaceAttributes::UV);
         let cap = floor::cap(self.options.renderer, textured);
         if case.limit == 0.0 {
             case.limit = floor::limit(meta.floor, cap);
@@ -119,7 +119,7 @@ impl Validator<'_> {
         case.notes.extend(meta.notes.iter().cloned());
         case.coincident = vacuous::coincident(&ours.pipeline);
         if case.ambiguous > 0 || !case.broken_limits().is_empty() {
-            case.inexact = inexact::notes(case, &ours.pipeline.world.geometry, self.options.renderer, cap);
+            case.inexact = inexact::notes(case, &ours.pipeline.scene.geometry, self.options.renderer, cap);
         }
         Ok(judged)
     }

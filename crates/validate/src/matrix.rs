@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use settings::{Facts, Sweep};
 use std::collections::BTreeMap;
 use std::path::Path;
-use whitstone_core::{FamilyName, Lobes};
+use whitstone_core::{BsdfFlags, FamilyName};
 use whitstone_scene::{Description, Film, Pipeline, Plan, PluginTable, RenderOptions, Sources};
 
 /// The comparison for settings that must not change the picture.
@@ -191,7 +191,7 @@ impl Validator<'_> {
         let sources = Sources::load(path, &overrides).map_err(|error| error.to_string())?;
         let pipeline = self.build(&sources, None)?;
         let film = self.picture(&pipeline, self.options.threads);
-        let world = &pipeline.world;
+        let world = &pipeline.scene;
         let facts = Facts {
             elements: world.geometry.elements().count(),
             rays: film.counters.total(),
@@ -202,7 +202,7 @@ impl Validator<'_> {
             branches: world
                 .materials
                 .iter()
-                .any(|material| material.lobes().intersects(Lobes::BRANCHES)),
+                .any(|material| material.flags().intersects(BsdfFlags::SPECULAR)),
             accelerator: pipeline.accelerator.0.clone(),
             textures: used(&pipeline, FamilyName::Texture),
             flattened: crate::flatten(path, &overrides)?.text,
@@ -245,8 +245,8 @@ impl Validator<'_> {
         };
         // This accelerator does not promise identical images: its own validation measures the
         // difference.
-        if let Some(caveat) = pipeline.world.accelerator.caveat() {
-            return (Outcome::Skipped, format!("{caveat}: the image depends on it"));
+        if let Some(approximation_note) = pipeline.scene.accelerator.approximation_note() {
+            return (Outcome::Skipped, format!("{approximation_note}: the image depends on it"));
         }
         match differing(&own.film, &self.picture(&pipeline, threads)) {
             0 => (Outcome::Pass, "the same bytes".to_owned()),

@@ -238,7 +238,7 @@ pub struct CaseResult {
     pub other_reference: Option<String>,
     /// For an accelerator that affects the image: its name, and how the image differs from the
     /// exact one.
-    pub caveat: Option<String>,
+    pub approximation_note: Option<String>,
     /// The command that runs this case alone.
     pub command: String,
     /// The result of the comparison with a noisy reference.

@@ -4,7 +4,7 @@
 
 use toml::{Table, Value};
 use whitstone_core::DVec3;
-use whitstone_core::config::Steps;
+use whitstone_core::config::TransformSteps;
 
 /// Maximum difference between the images of unit vectors under both methods, relative to the
 /// largest coordinate.
@@ -39,7 +39,7 @@ fn is_image(path: &str) -> bool {
 /// Whether the steps map the origin and the unit vectors to the same points as quaternions do,
 /// applied step by step.
 fn agrees(steps: &Value) -> bool {
-    let Ok(known) = steps.clone().try_into::<Steps>() else {
+    let Ok(known) = steps.clone().try_into::<TransformSteps>() else {
         // Both sides reject it.
         return true;
     };

@@ -45,8 +45,8 @@ pub fn ours(pipeline: &Pipeline, pixel: [usize; 2], sample: u32) -> Vec<TreeNode
     let mut scratch = Scratch::recording();
     let pixel = pixel.map(|p| p as u32);
     let ray = pipeline.camera_ray(pixel, sample);
-    scratch.spread = pipeline.camera_spread(pixel, sample);
-    pipeline.integrator.radiance(&pipeline.world, &ray, &mut scratch);
+    scratch.differential = pipeline.camera_differential(pixel, sample);
+    pipeline.integrator.radiance(&pipeline.scene, &ray, &mut scratch);
     scratch.record.unwrap_or_default()
 }
 

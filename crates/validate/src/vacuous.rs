@@ -14,7 +14,7 @@ pub(crate) fn notes(ours: &Image, reference: &Image, pipeline: &Pipeline) -> Vec
     if is_vacuous(ours, reference).unwrap_or(false) {
         notes.push("each image shows one colour: nothing but this colour was compared".to_owned());
     }
-    for (shape, defects) in pipeline.world.open_refracting_meshes() {
+    for (shape, defects) in pipeline.scene.open_refracting_meshes() {
         notes.push(format!(
             "shape {shape} refracts and is not a closed mesh: it has {defects}"
         ));

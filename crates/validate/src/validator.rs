@@ -259,7 +259,7 @@ impl<'a> Validator<'a> {
             threads: self.options.threads,
             progress: Some(&|done, all| stage(&format!("ours, {}%", 100 * done / all.max(1)))),
         });
-        if let Some(caveat) = pipeline.world.accelerator.caveat() {
+        if let Some(approximation_note) = pipeline.scene.accelerator.approximation_note() {
             let mut description = Description::parse(&sources).map_err(report)?;
             description.accelerator = PluginTable::named("auto");
             let plan = Plan::new(&description, self.registry).map_err(report)?;
@@ -268,7 +268,7 @@ impl<'a> Validator<'a> {
                 threads: self.options.threads,
                 progress: None,
             });
-            case.caveat = Some(format!("{caveat}: {}", departure(&film.rgb, &exact.rgb)));
+            case.approximation_note = Some(format!("{approximation_note}: {}", departure(&film.rgb, &exact.rgb)));
         }
         let image = film
             .to_image(&pipeline.scene_hash)

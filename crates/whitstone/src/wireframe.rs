@@ -1,7 +1,7 @@
 //! Wireframe pictures of the bounds of an accelerator, drawn over the dimmed picture of the scene.
 
 use crate::terminal::Failure;
-use whitstone_core::{DMat4, DVec2, DVec3, DVec4, Outline};
+use whitstone_core::{DMat4, DVec2, DVec3, DVec4, DebugBounds};
 use whitstone_image::{Raster, ToneMap};
 use whitstone_scene::{Pipeline, RenderOptions};
 
@@ -26,7 +26,7 @@ const DIM: f64 = 0.4;
 /// If the accelerator has no outlines, or the camera cannot project points into its image.
 pub fn picture(pipeline: &Pipeline, deepest: usize) -> Result<Raster, Failure> {
     let kind = &pipeline.accelerator.0;
-    let outlines = pipeline.world.accelerator.outlines(deepest).ok_or_else(|| {
+    let outlines = pipeline.scene.accelerator.debug_bounds(deepest).ok_or_else(|| {
         Failure::usage(format!(
             "\"{kind}\" has no boxes to draw; choose another accelerator, such as with `--set accelerator.type=bvh2`"
         ))
@@ -48,13 +48,13 @@ fn color(depth: usize) -> [u8; 3] {
 
 /// Draws lines over the dimmed picture. Deeper levels are drawn first, so that they do not hide the
 /// larger volumes around them.
-fn draw(picture: &Raster, projection: &DMat4, outlines: &[Outline]) -> Raster {
+fn draw(picture: &Raster, projection: &DMat4, outlines: &[DebugBounds]) -> Raster {
     let mut drawn = Raster::from_fn(picture.width(), picture.height(), |x, y| {
         let pixel = picture.pixel(x, y).unwrap_or_default();
         pixel.map(|value| (f64::from(value) * DIM) as u8)
     });
     let size = DVec2::new(picture.width() as f64, picture.height() as f64);
-    let mut order: Vec<&Outline> = outlines.iter().collect();
+    let mut order: Vec<&DebugBounds> = outlines.iter().collect();
     order.sort_by_key(|outline| std::cmp::Reverse(outline.depth));
     for outline in order {
         for &segment in &outline.segments {
@@ -187,7 +187,7 @@ mod tests {
     }
 
     fn drawn(segments: &[[DVec3; 2]]) -> Raster {
-        let outline = Outline {
+        let outline = DebugBounds {
             depth: 0,
             segments: segments.to_vec(),
         };
@@ -244,7 +244,7 @@ mod tests {
     #[test]
     fn levels_have_their_colours_and_the_whole_is_on_top() {
         let segments = vec![[DVec3::new(-1.0, -0.3, 2.0), DVec3::new(1.0, -0.3, 2.0)]];
-        let outlines = [0, 1, 2].map(|depth| Outline {
+        let outlines = [0, 1, 2].map(|depth| DebugBounds {
             depth,
             segments: segments.clone(),
         });

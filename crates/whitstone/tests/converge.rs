@@ -147,11 +147,11 @@ impl Plugin<Accelerators> for Leaky {
 }
 
 impl Accelerator for Leaky {
-    fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
-        let lost = |hit: &RawHit| hit.primitive.is_multiple_of(128);
-        self.0.closest(ray, interval, skip).filter(|hit| !lost(hit))
+    fn intersect(&self, ray: &Ray, interval: Interval, skip: SelfHitFilter) -> Option<PreliminaryIntersection> {
+        let lost = |hit: &PreliminaryIntersection| hit.primitive.is_multiple_of(128);
+        self.0.intersect(ray, interval, skip).filter(|hit| !lost(hit))
     }
-    fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
+    fn occluded(&self, ray: &Ray, interval: Interval, skip: SelfHitFilter) -> bool {
         self.0.occluded(ray, interval, skip)
     }
     fn statistics(&self) -> Statistics {

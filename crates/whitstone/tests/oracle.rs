@@ -4,7 +4,7 @@
 //! some microseconds to milliseconds.
 
 use std::path::Path;
-use whitstone::core::{Aabb, DVec3, Interval, Needs, Ray, Skip};
+use whitstone::core::{Aabb, DVec3, Interval, Ray, SelfHitFilter, SurfaceAttributes};
 use whitstone_oracle::Oracle;
 use whitstone_oracle::agreement::{Agreement, Error, MOST_ULPS, Subject};
 use whitstone_oracle::cases::CASES;
@@ -33,7 +33,7 @@ fn agrees(shape: &str) {
                     continue;
                 }
             };
-            let geometry = &subject.pipeline.world.geometry;
+            let geometry = &subject.pipeline.scene.geometry;
             let elements = geometry.elements().map(|element| geometry.bounds(element));
             let bounds = elements.fold(Aabb::EMPTY, Aabb::union);
             let aim = Aim::at(bounds);
@@ -41,11 +41,12 @@ fn agrees(shape: &str) {
             let mut agreement = Agreement::default();
             for number in 0..rays() {
                 let ray = aim.ray(number, &mut random);
-                let hit = subject
-                    .pipeline
-                    .world
-                    .accelerator
-                    .closest(&ray, Interval::FORWARD, Skip::NOTHING);
+                let hit =
+                    subject
+                        .pipeline
+                        .scene
+                        .accelerator
+                        .intersect(&ray, Interval::FORWARD, SelfHitFilter::NOTHING);
                 agreement.add(&subject.oracle, &ray, hit.map(|hit| hit.t), &bounds);
             }
             println!(
@@ -125,8 +126,8 @@ fn what_leaves_a_cap_beside_its_rim_meets_the_side_where_it_is() {
         let case = CASES.iter().find(|case| case.shape == shape).expect("it is one");
         let scene = case.scene(far.world_from_object());
         let Subject { pipeline, oracle, .. } = Subject::new(&scene, scenes(), &registry).unwrap();
-        let world = &pipeline.world;
-        let closest = |ray: &Ray, skip| world.accelerator.closest(ray, Interval::FORWARD, skip);
+        let world = &pipeline.scene;
+        let intersect = |ray: &Ray, skip| world.accelerator.intersect(ray, Interval::FORWARD, skip);
         let mut random = Random::new(8);
         let mut near = 0;
         for number in 0..2_000 {
@@ -136,11 +137,11 @@ fn what_leaves_a_cap_beside_its_rim_meets_the_side_where_it_is() {
             let origin = target + DVec3::new(0.0, 0.0, if height > 0.0 { 2.0 } else { -2.0 });
             let [target, origin] = [target, origin].map(|p| far.world_from_object().transform_point3(p));
             let ray = Ray::new(origin, target - origin);
-            let hit = closest(&ray, Skip::NOTHING).expect("the cap is there");
-            let point = world.geometry.surface(&ray, &hit, Needs::NOTHING);
+            let hit = intersect(&ray, SelfHitFilter::NOTHING).expect("the cap is there");
+            let point = world.geometry.surface(&ray, &hit, SurfaceAttributes::NOTHING);
             let inward = (-point.n_g + 3.0 * point.n_g.cross(random.direction())).normalize();
             let away = Ray::new(point.leave(inward), inward);
-            let again = closest(&away, Skip::leaving(&hit));
+            let again = intersect(&away, SelfHitFilter::leaving(&hit));
             let truth = oracle.nearest(&away, Interval::FORWARD);
             let error = Error::of(&truth, again.map(|again| again.t));
             let small = error.is_some_and(|error| error.by_condition <= MOST_ULPS);

@@ -18,8 +18,8 @@ use std::f64::consts::{PI, TAU};
 use toml::Spanned;
 use whitstone_core::config::{Finite, Positive};
 use whitstone_core::{
-    Aabb, Context, DAffine3, DMat3, DVec2, DVec3, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit,
-    Ray, SceneError, SceneErrors, Shape, Shapes, Spans, SurfacePoint, Transform, solid,
+    Aabb, Context, DAffine3, DMat3, DVec2, DVec3, Interval, SurfaceAttributes, Plugin, Shape, ShapeHit, PreliminaryIntersection,
+    Ray, SceneError, SceneErrors, LoweredShape, Shapes, Spans, SurfaceInteraction, Transform, solid,
 };
 
 /// A superellipsoid centred at the origin of its object space, with poles on the z axis. The normal
@@ -80,7 +80,7 @@ impl Plugin<Shapes> for Superquadric {
     const TYPE: &'static str = "superquadric";
     type Config = Config;
 
-    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<Shape, SceneErrors> {
+    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<LoweredShape, SceneErrors> {
         let mut errors = SceneErrors::default();
         let p = errors.take(power(config.east_west, "east_west").map_err(SceneErrors::from));
         let q = errors.take(power(config.north_south, "north_south").map_err(SceneErrors::from));
@@ -91,7 +91,7 @@ impl Plugin<Shapes> for Superquadric {
         });
         let transform = errors.take(transform);
         match (p, q, transform) {
-            (Some(p), Some(q), Some(transform)) => Ok(Shape::Opaque(Box::new(Self::new(transform, p, q)))),
+            (Some(p), Some(q), Some(transform)) => Ok(LoweredShape::Opaque(Box::new(Self::new(transform, p, q)))),
             _ => Err(errors),
         }
     }
@@ -128,12 +128,12 @@ impl Line {
         self.middle + s * self.d
     }
 
-    fn hit(&self, s: f64) -> PrimitiveHit {
-        PrimitiveHit {
+    fn hit(&self, s: f64) -> ShapeHit {
+        ShapeHit {
             t: (self.start + s) * self.scale,
             primitive: 0,
             // Parameter on the line, which is more accurate than t for distant origins.
-            params: DVec2::new(s, 0.0),
+            prim_uv: DVec2::new(s, 0.0),
         }
     }
 
@@ -258,16 +258,16 @@ impl Superquadric {
     }
 }
 
-impl Primitive for Superquadric {
+impl Shape for Superquadric {
     fn bounds(&self) -> Aabb {
         self.bounds
     }
 
-    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
+    fn intersect(&self, ray: &Ray, interval: Interval, origin_primitive: Option<u32>) -> Option<ShapeHit> {
         let line = self.line(ray);
         // The shape is convex: rays that leave it outwards do not hit it again, and rays that go
         // inside hit the exit only.
-        let leaving = leaves.is_some();
+        let leaving = origin_primitive.is_some();
         if leaving && self.slope_at_start(&line) >= 0.0 {
             return None;
         }
@@ -277,8 +277,8 @@ impl Primitive for Superquadric {
         interval.contains(hit.t).then_some(hit)
     }
 
-    fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
-        let met = self.line(ray).at(hit.params.x);
+    fn surface(&self, ray: &Ray, hit: &PreliminaryIntersection, needs: SurfaceAttributes) -> SurfaceInteraction {
+        let met = self.line(ray).at(hit.prim_uv.x);
         let (n, gradient) = self.value(met);
         let p = met / n;
         let forward = self.transform.world_from_object();
@@ -291,8 +291,8 @@ impl Primitive for Superquadric {
         let slack = (gradient.abs().dot(self.slant * p.abs()) + SLACK) / length;
         let terms = forward.translation.abs() + forward.matrix3.abs() * p.abs();
         let error = slack + 5.0 * UNIT * normal.abs().dot(terms);
-        let mut point = SurfacePoint::new(position, error, normal);
-        if needs.contains(Needs::UV) {
+        let mut point = SurfaceInteraction::new(position, error, normal);
+        if needs.contains(SurfaceAttributes::UV) {
             let around = p.y.atan2(p.x);
             let around = if around < 0.0 { around + TAU } else { around };
             let down = p.truncate().length().atan2(p.z);
@@ -332,9 +332,9 @@ mod tests {
         "north_south = 0.1..2\neast_west = 0.1..2",
     );
 
-    fn shape(text: &str) -> Box<dyn Primitive> {
+    fn shape(text: &str) -> Box<dyn Shape> {
         match build::<Shapes, Superquadric>(text, Transform::IDENTITY) {
-            Ok(Shape::Opaque(shape)) => shape,
+            Ok(LoweredShape::Opaque(shape)) => shape,
             _ => panic!("it is opaque"),
         }
     }
@@ -372,7 +372,7 @@ mod tests {
             let shape = shape(&format!("north_south = {north_south}\neast_west = {east_west}"));
             let mut hits = 0;
             for ray in rays(500) {
-                let ours = shape.closest(&ray, Interval::FORWARD, None).map(|hit| hit.t);
+                let ours = shape.intersect(&ray, Interval::FORWARD, None).map(|hit| hit.t);
                 let Some(expected) = by_bisection(&ray, exponents) else {
                     // The steps may miss a corner.
                     continue;
@@ -388,14 +388,14 @@ mod tests {
     #[test]
     fn becomes_a_sphere_and_an_octahedron() {
         for ray in rays(500) {
-            let round = shape("").closest(&ray, Interval::FORWARD, None);
+            let round = shape("").intersect(&ray, Interval::FORWARD, None);
             let b = ray.origin.dot(ray.direction);
             let discriminant = b * b - ray.origin.length_squared() + 1.0;
             assert_eq!(round.is_some(), discriminant > 0.0);
             if let Some(hit) = round {
                 assert!((hit.t - (-b - discriminant.sqrt())).abs() < 1e-12 / discriminant.sqrt());
             }
-            let pointed = shape("north_south = 2\neast_west = 2").closest(&ray, Interval::FORWARD, None);
+            let pointed = shape("north_south = 2\neast_west = 2").intersect(&ray, Interval::FORWARD, None);
             if let Some(hit) = pointed {
                 let sum = ray.at(hit.t).abs().element_sum();
                 assert!((sum - 1.0).abs() < 1e-14, "{sum}");

@@ -13,7 +13,7 @@ use clap::Args;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::sync::Arc;
-use whitstone::core::{Accelerator, Accelerators, Element, FamilyName, Geometry, Registry, Shape};
+use whitstone::core::{Accelerator, Accelerators, Element, FamilyName, Geometry, LoweredShape, Registry};
 use whitstone::{Exit, Failure};
 use whitstone_testkit::TestContext;
 
@@ -185,7 +185,7 @@ impl<'a> Bench<'a> {
         let mesh = data::mesh(&self.folder.join(format!("{name}.tri")))?;
         let triangles = mesh.triangles.len();
         println!("\n{name}: {triangles} triangles");
-        let geometry = Arc::new(Geometry::new(vec![Shape::Triangles(mesh)]));
+        let geometry = Arc::new(Geometry::new(vec![LoweredShape::Triangles(mesh)]));
         let built = self
             .choices
             .iter()
@@ -227,7 +227,7 @@ impl<'a> Bench<'a> {
                 let ratio = figures
                     .ratio
                     .map_or("    -".to_owned(), |ratio| format!("{ratio:5.3}"));
-                let exact = one.accelerator.caveat().is_none();
+                let exact = one.accelerator.approximation_note().is_none();
                 let difference = &figures.difference;
                 let differ = if exact {
                     format!("{} of {} differ", difference.mismatches, rays.len())

@@ -50,7 +50,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         let description = Description::parse(&sources).map_err(report)?;
         let plan = Plan::new(&description, registry).map_err(report)?;
         let mut built = Pipeline::build(&plan, registry).map_err(report)?;
-        built.world.culls_lights &= culls;
+        built.scene.culls_lights &= culls;
         Ok(built)
     };
     let pipelines = [pipeline(true)?, pipeline(false)?];
@@ -79,7 +79,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     let (rays, shadow) = (culled.counters.total(), culled.counters.shadow);
     println!(
         "{size} x {size}, 380,192 triangles, {} lights, {rays} rays, {shadow} of them to lights; load {:.1}",
-        pipelines[0].world.lights.len(),
+        pipelines[0].scene.lights.len(),
         load(),
         size = arguments.size,
     );

@@ -7,8 +7,8 @@ use std::f64::consts::TAU;
 use std::path::Path;
 use std::sync::Arc;
 use whitstone::core::{
-    Aabb, DVec3, Geometry, Interval, Needs, RawHit, Ray, Registry, Shape, Shapes, Skip, Transform,
-    TriangleMesh,
+    Aabb, DVec3, Geometry, Interval, LoweredShape, PreliminaryIntersection, Ray, Registry, SelfHitFilter,
+    Shapes, SurfaceAttributes, Transform, TriangleMesh,
 };
 use whitstone_testkit::TestContext;
 
@@ -75,7 +75,7 @@ fn read(path: &Path, registry: &Registry) -> Result<TriangleMesh, String> {
         .build::<Shapes>("mesh", &table, Transform::IDENTITY, &mut TestContext::default())
         .map_err(|error| format!("{}: {error}", path.display()))?;
     match shape {
-        Shape::Triangles(mesh) => Ok(mesh),
+        LoweredShape::Triangles(mesh) => Ok(mesh),
         _ => Err(format!("{}: no triangles", path.display())),
     }
 }
@@ -185,7 +185,7 @@ fn write_rays(folder: &Path, name: &str, registry: &Registry) -> Result<(), Stri
     let corners = mesh.triangles.as_flattened().iter();
     let bounds = Aabb::around(corners.map(|&i| mesh.positions[i as usize]));
     let size = bounds.extent().length();
-    let geometry = Arc::new(Geometry::new(vec![Shape::Triangles(mesh)]));
+    let geometry = Arc::new(Geometry::new(vec![LoweredShape::Triangles(mesh)]));
     let accelerator = build(registry, &Choice::parse("bvh2"), &geometry)?;
     let View {
         eye,
@@ -203,7 +203,7 @@ fn write_rays(folder: &Path, name: &str, registry: &Registry) -> Result<(), Stri
         let ray = Ray::new(eye, (w + place(i % SIZE) * u - place(i / SIZE) * v).normalize());
         let (ray, interval) = rounded(&(ray, Interval::FORWARD));
         primary.push((ray, interval));
-        let Some(hit) = accelerator.closest(&ray, interval, Skip::NOTHING) else {
+        let Some(hit) = accelerator.intersect(&ray, interval, SelfHitFilter::NOTHING) else {
             continue;
         };
         let (p, n) = surface(&geometry, &ray, &hit, size);
@@ -241,8 +241,8 @@ fn on_ball(i: usize) -> DVec3 {
 }
 
 /// A point a little above the surface, and its normal on that side.
-fn surface(geometry: &Geometry, ray: &Ray, hit: &RawHit, size: f64) -> (DVec3, DVec3) {
-    let point = geometry.surface(ray, hit, Needs::NOTHING);
+fn surface(geometry: &Geometry, ray: &Ray, hit: &PreliminaryIntersection, size: f64) -> (DVec3, DVec3) {
+    let point = geometry.surface(ray, hit, SurfaceAttributes::NOTHING);
     let n = -point.n_g * point.n_g.dot(ray.direction).signum();
     (point.position + 1e-5 * size * n, n)
 }

@@ -4,7 +4,7 @@ use super::data::{self, Query};
 use rayon::prelude::*;
 use std::path::Path;
 use whitstone::core::stream::{HitStream, LANES, RayStream};
-use whitstone::core::{Accelerator, InstancePath, RawHit, Skip};
+use whitstone::core::{Accelerator, InstanceId, PreliminaryIntersection, SelfHitFilter};
 
 /// How rays are passed to an accelerator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,7 +38,7 @@ pub(super) struct Rays {
 /// hit, or whether there is any hit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Answer {
-    Nearest(Option<((InstancePath, u32, u32), [u64; 3])>),
+    Nearest(Option<((InstanceId, u32, u32), [u64; 3])>),
     Any(bool),
 }
 
@@ -53,9 +53,9 @@ pub(super) struct Difference {
     pub(super) distance: f64,
 }
 
-fn nearest(hit: Option<RawHit>) -> Answer {
+fn nearest(hit: Option<PreliminaryIntersection>) -> Answer {
     Answer::Nearest(hit.map(|hit| {
-        let numbers = [hit.t, hit.params.x, hit.params.y];
+        let numbers = [hit.t, hit.prim_uv.x, hit.prim_uv.y];
         (hit.id(), numbers.map(f64::to_bits))
     }))
 }
@@ -73,7 +73,7 @@ impl Rays {
                 ..RayStream::default()
             };
             for (lane, (ray, interval)) in rays.iter().enumerate() {
-                stream.set(lane, *ray, interval.max, Skip::NOTHING);
+                stream.set(lane, *ray, interval.max, SelfHitFilter::NOTHING);
             }
             stream
         });
@@ -105,9 +105,11 @@ impl Rays {
     fn count_single(&self, accelerator: &dyn Accelerator, rays: &[Query]) -> usize {
         let hits = rays.iter().filter(|(ray, interval)| {
             if self.any {
-                accelerator.occluded(ray, *interval, Skip::NOTHING)
+                accelerator.occluded(ray, *interval, SelfHitFilter::NOTHING)
             } else {
-                accelerator.closest(ray, *interval, Skip::NOTHING).is_some()
+                accelerator
+                    .intersect(ray, *interval, SelfHitFilter::NOTHING)
+                    .is_some()
             }
         });
         hits.count()
@@ -119,7 +121,7 @@ impl Rays {
             accelerator.occluded_stream(stream, &mut hidden);
             hidden.iter().filter(|&&hidden| hidden).count()
         } else {
-            accelerator.closest_stream(stream, hits);
+            accelerator.intersect_stream(stream, hits);
             (0..stream.len).filter(|&lane| hits.get(lane).is_some()).count()
         }
     }
@@ -129,8 +131,8 @@ impl Rays {
         match mode {
             Mode::Single => {
                 let answer = |&(ray, interval): &Query| match self.any {
-                    true => Answer::Any(accelerator.occluded(&ray, interval, Skip::NOTHING)),
-                    false => nearest(accelerator.closest(&ray, interval, Skip::NOTHING)),
+                    true => Answer::Any(accelerator.occluded(&ray, interval, SelfHitFilter::NOTHING)),
+                    false => nearest(accelerator.intersect(&ray, interval, SelfHitFilter::NOTHING)),
                 };
                 self.single.iter().map(answer).collect()
             }
@@ -143,7 +145,7 @@ impl Rays {
                         accelerator.occluded_stream(stream, &mut hidden);
                         answers.extend(hidden[..stream.len].iter().map(|&hidden| Answer::Any(hidden)));
                     } else {
-                        accelerator.closest_stream(stream, &mut hits);
+                        accelerator.intersect_stream(stream, &mut hits);
                         answers.extend((0..stream.len).map(|lane| nearest(hits.get(lane))));
                     }
                 }
@@ -202,24 +204,24 @@ mod tests {
     /// An accelerator whose single rays and streams disagree.
     struct Torn;
 
-    const HIT: RawHit = RawHit {
+    const HIT: PreliminaryIntersection = PreliminaryIntersection {
         t: 1.0,
-        params: DVec2::ZERO,
-        instance: InstancePath::WORLD,
+        prim_uv: DVec2::ZERO,
+        instance: InstanceId::TOP_LEVEL,
         shape: 0,
         primitive: 0,
     };
 
     impl Accelerator for Torn {
-        fn closest(&self, ray: &Ray, _: Interval, _: Skip) -> Option<RawHit> {
+        fn intersect(&self, ray: &Ray, _: Interval, _: SelfHitFilter) -> Option<PreliminaryIntersection> {
             (ray.origin.x < 300.0).then_some(HIT)
         }
 
-        fn occluded(&self, ray: &Ray, _: Interval, _: Skip) -> bool {
+        fn occluded(&self, ray: &Ray, _: Interval, _: SelfHitFilter) -> bool {
             ray.origin.x < 300.0
         }
 
-        fn closest_stream(&self, rays: &RayStream, hits: &mut HitStream) {
+        fn intersect_stream(&self, rays: &RayStream, hits: &mut HitStream) {
             hits.clear(rays);
             hits.set(0, &HIT);
         }

@@ -5,7 +5,7 @@ use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
-use whitstone::core::{Geometry, Registry, Shape};
+use whitstone::core::{Geometry, LoweredShape, Registry};
 use whitstone::scene::{BuildOptions, Description, Pipeline, Plan, RenderOptions, Sources, all_errors_with};
 use whitstone::{Exit, Failure, image::atomic};
 
@@ -85,7 +85,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         let image = film.to_image(&pipeline.scene_hash).map_err(Failure::usage)?;
         whitstone::image::exr_io::write(path, &image).map_err(Failure::environment)?;
     }
-    let (copies, quads) = quads(&pipeline.world.geometry);
+    let (copies, quads) = quads(&pipeline.scene.geometry);
     let rays = film.counters.total();
     let total_s = start.elapsed().as_secs_f64();
     let peak = memory("VmHWM:");
@@ -153,8 +153,8 @@ fn quads(geometry: &Geometry) -> (u64, u64) {
     let mut sums = (0, 0);
     for shape in geometry.shapes() {
         match shape {
-            Shape::Triangles(mesh) => sums.1 += mesh.triangles.len() as u64 / 2,
-            Shape::Instance(instance) => {
+            LoweredShape::Triangles(mesh) => sums.1 += mesh.triangles.len() as u64 / 2,
+            LoweredShape::Instance(instance) => {
                 let inside = quads(instance.group().geometry());
                 sums = (sums.0 + 1 + inside.0, sums.1 + inside.1);
             }

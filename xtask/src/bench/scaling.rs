@@ -17,7 +17,7 @@ use serde_json::json;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
-use whitstone::core::{Geometry, Registry, Shape};
+use whitstone::core::{Geometry, LoweredShape, Registry};
 use whitstone::{Exit, Failure};
 
 /// Benchmark an accelerator's build and traversal with one thread and with several, interleaved, in
@@ -55,7 +55,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     let name = names.iter().find(|name| *name == "dragon").or(names.last());
     let name = name.ok_or_else(|| Failure::usage("there is no mesh"))?;
     let mesh = data::mesh(&folder.join(format!("{name}.tri"))).map_err(Failure::environment)?;
-    let geometry = Arc::new(Geometry::new(vec![Shape::Triangles(mesh)]));
+    let geometry = Arc::new(Geometry::new(vec![LoweredShape::Triangles(mesh)]));
     let rays = folder.join(format!("{name}_{}.rays", arguments.set));
     let rays = Rays::read(&rays, 1, &arguments.set).map_err(Failure::environment)?;
     let choice = Choice::parse(&arguments.accelerator);

@@ -13,7 +13,9 @@ use std::hint::black_box;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 use whitstone::core::triangle::ShearedRay;
-use whitstone::core::{Aabb, DAffine3, DVec3, FamilyName, Geometry, Interval, Ray, Registry, Shape, Skip};
+use whitstone::core::{
+    Aabb, DAffine3, DVec3, FamilyName, Geometry, Interval, LoweredShape, Ray, Registry, SelfHitFilter,
+};
 use whitstone::image::atomic;
 use whitstone::{Exit, Failure};
 use whitstone_oracle::agreement::{Agreement, Errors, MOST_ULPS, Subject};
@@ -207,7 +209,7 @@ fn measure(
 ) -> Result<[Row; 2], Failure> {
     let scene = case.scene(&DAffine3::IDENTITY);
     let subject = Subject::new(&scene, Path::new("scenes"), registry).map_err(Failure::usage)?;
-    let geometry = &*subject.pipeline.world.geometry;
+    let geometry = &*subject.pipeline.scene.geometry;
     let elements = geometry.elements().map(|element| geometry.bounds(element));
     let bounds = elements.fold(Aabb::EMPTY, Aabb::union);
     let kinds = rays_of(geometry, &bounds, arguments.rays);
@@ -215,8 +217,8 @@ fn measure(
     let mut times = [const { [const { Vec::new() }; 2] }; 2];
     for round in 0..=arguments.rounds {
         for (kind, rays) in kinds.iter().enumerate() {
-            let ours = per_ray(rays, |both| closest(geometry, &both.ray).is_some());
-            let theirs = per_ray(rays, |both| textbook.closest(both.o, both.d).is_some());
+            let ours = per_ray(rays, |both| intersect(geometry, &both.ray).is_some());
+            let theirs = per_ray(rays, |both| textbook.intersect(both.o, both.d).is_some());
             // The first round is a warm-up.
             if round > 0 {
                 times[kind][0].push(ours);
@@ -229,8 +231,13 @@ fn measure(
         let (mut ours, mut theirs) = (Agreement::default(), Errors::default());
         let checked = &rays[..arguments.checked.min(rays.len())];
         for both in checked {
-            ours.add(&subject.oracle, &both.ray, closest(geometry, &both.ray), &bounds);
-            let found = textbook.closest(both.o, both.d).map(f64::from);
+            ours.add(
+                &subject.oracle,
+                &both.ray,
+                intersect(geometry, &both.ray),
+                &bounds,
+            );
+            let found = textbook.intersect(both.o, both.d).map(f64::from);
             theirs.add(&subject.oracle.nearest(&both.ray, Interval::FORWARD), found);
         }
         let [ns, ns_textbook] = times.each_mut().map(|times| median(times));
@@ -257,7 +264,7 @@ fn rays_of(geometry: &Geometry, bounds: &Aabb, count: usize) -> [Vec<Both>; 2] {
     // A shape that almost every ray hits, or misses, has fewer rays of the other kind.
     for number in 0..64 * count as u32 {
         let both = Both::new(&aim.ray(number, &mut random));
-        let kind = &mut kinds[usize::from(closest(geometry, &both.ray).is_none())];
+        let kind = &mut kinds[usize::from(intersect(geometry, &both.ray).is_none())];
         if kind.len() < count {
             kind.push(both);
         }
@@ -269,18 +276,18 @@ fn rays_of(geometry: &Geometry, bounds: &Aabb, count: usize) -> [Vec<Both>; 2] {
 }
 
 /// The nearest hit, by the scalar code, without an accelerator.
-fn closest(geometry: &Geometry, ray: &Ray) -> Option<f64> {
+fn intersect(geometry: &Geometry, ray: &Ray) -> Option<f64> {
     match &geometry.shapes()[0] {
-        Shape::Opaque(primitive) => primitive.closest(ray, Interval::FORWARD, None).map(|hit| hit.t),
-        Shape::Triangles(mesh) => {
+        LoweredShape::Opaque(primitive) => primitive.intersect(ray, Interval::FORWARD, None).map(|hit| hit.t),
+        LoweredShape::Triangles(mesh) => {
             let sheared = ShearedRay::new(ray);
             let all = 0..mesh.triangles.len() as u32;
             let hits = all.filter_map(|triangle| mesh.intersect(&sheared, triangle));
             let ahead = hits.map(|hit| hit.t).filter(|t| *t > 0.0);
             ahead.reduce(f64::min)
         }
-        Shape::Instance(instance) => {
-            let hit = instance.closest(ray, Interval::FORWARD, Skip::NOTHING);
+        LoweredShape::Instance(instance) => {
+            let hit = instance.intersect(ray, Interval::FORWARD, SelfHitFilter::NOTHING);
             hit.map(|hit| hit.t)
         }
         _ => None,

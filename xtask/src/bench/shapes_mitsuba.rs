@@ -31,7 +31,7 @@ impl Peer {
         let all: Vec<Ray> = rays.iter().map(|both| both.ray).collect();
         let found = self
             .0
-            .closest(&format!("{camera}{scene}"), Path::new("scenes"), &all);
+            .intersect(&format!("{camera}{scene}"), Path::new("scenes"), &all);
         let found = found
             .map_err(|_| "Mitsuba failed")?
             .ok_or("Mitsuba has no such shape")?;

@@ -137,7 +137,7 @@ impl Cutter for Builder {
         let copy = |fragment: &Fragment, points: Vec<DVec3>| Fragment { points, ..*fragment };
         for fragment in fragments {
             let whole = || copy(fragment, fragment.points.clone());
-            match self.reaches(fragment, plane) {
+            match self.affects_bounds(fragment, plane) {
                 [true, true] if fragment.polygon => {
                     let parts = cut_polygon(&fragment.points, plane, self.margin);
                     for (side, part) in sides.iter_mut().zip(parts) {
@@ -160,7 +160,7 @@ impl Cutter for Builder {
 
 impl Builder {
     /// Whether a fragment reaches below and above a plane.
-    fn reaches(&self, fragment: &Fragment, plane: &Plane) -> [bool; 2] {
+    fn affects_bounds(&self, fragment: &Fragment, plane: &Plane) -> [bool; 2] {
         let (low, high) = fragment.heights(plane);
         [low < -self.margin, high > self.margin]
     }
@@ -170,7 +170,7 @@ impl Builder {
     fn counts(&self, fragments: &[Fragment], plane: &Plane) -> ([usize; 2], usize) {
         let (mut counts, mut flat) = ([0; 2], 0);
         for fragment in fragments {
-            let reaches = self.reaches(fragment, plane);
+            let reaches = self.affects_bounds(fragment, plane);
             flat += usize::from(reaches == [false; 2]);
             counts = [0, 1].map(|side| counts[side] + usize::from(reaches[side]));
         }

@@ -8,7 +8,7 @@
 use crate::elements::{Item, Mailbox, Structure, Visitor, WideRay, bounds};
 use crate::partition::{Content, Cut, MAX_DEPTH, Tree};
 use crate::polyhedron::{Plane, Polyhedron};
-use whitstone_core::{Aabb, Element, Outline, Statistics};
+use whitstone_core::{Aabb, DebugBounds, Element, Statistics};
 
 /// The tree.
 pub(super) struct Partition {
@@ -74,8 +74,15 @@ impl Partition {
         };
     }
 
-    fn outline(&self, node: u32, cell: &Polyhedron, depth: usize, deepest: usize, found: &mut Vec<Outline>) {
-        found.push(Outline {
+    fn outline(
+        &self,
+        node: u32,
+        cell: &Polyhedron,
+        depth: usize,
+        deepest: usize,
+        found: &mut Vec<DebugBounds>,
+    ) {
+        found.push(DebugBounds {
             depth,
             segments: cell.edges(),
         });
@@ -172,7 +179,7 @@ impl Structure for Partition {
         ])
     }
 
-    fn outlines(&self, deepest: usize) -> Vec<Outline> {
+    fn debug_bounds(&self, deepest: usize) -> Vec<DebugBounds> {
         let mut found = Vec::new();
         if !self.elements.is_empty() {
             self.outline(0, &Polyhedron::of_box(&self.bounds), 0, deepest, &mut found);

@@ -10,11 +10,11 @@ use crate::leaves::frame::{Alone, LocalLane, LocalRays};
 use crate::leaves::state::{State, Streamed};
 use whitstone_core::stream::{GROUP, HitStream, LANES, Lanes as RayLanes, RayStream};
 use whitstone_core::triangle::{ShearedStream, TriangleHit};
-use whitstone_core::{DVec2, DVec3, InstancePath, PrimitiveHit, RawHit};
+use whitstone_core::{DVec2, DVec3, InstanceId, PreliminaryIntersection, ShapeHit};
 use whitstone_simd::{Kernel, Level, Machine, with_lanes};
 
 /// Finds the nearest hits of a stream; `hits` must be clear.
-pub(super) fn closest(bvh: &Bvh, rays: &RayStream, hits: &mut HitStream) {
+pub(super) fn intersect(bvh: &Bvh, rays: &RayStream, hits: &mut HitStream) {
     search::<false>(bvh, rays, hits)
 }
 
@@ -26,13 +26,13 @@ pub(super) fn occluded(bvh: &Bvh, rays: &RayStream, hidden: &mut RayLanes<bool>)
 /// Destination of the results.
 trait Answers {
     /// Stores the final result of a ray.
-    fn set(&mut self, lane: usize, hit: Option<RawHit>);
+    fn set(&mut self, lane: usize, hit: Option<PreliminaryIntersection>);
     fn hits(&mut self) -> Option<&mut HitStream>;
 }
 
 impl Answers for HitStream {
     #[inline(always)]
-    fn set(&mut self, lane: usize, hit: Option<RawHit>) {
+    fn set(&mut self, lane: usize, hit: Option<PreliminaryIntersection>) {
         if let Some(hit) = hit {
             HitStream::set(self, lane, &hit);
         }
@@ -45,7 +45,7 @@ impl Answers for HitStream {
 
 impl Answers for RayLanes<bool> {
     #[inline(always)]
-    fn set(&mut self, lane: usize, hit: Option<RawHit>) {
+    fn set(&mut self, lane: usize, hit: Option<PreliminaryIntersection>) {
         self[lane] = hit.is_some();
     }
     #[inline(always)]
@@ -192,12 +192,12 @@ impl Candidates {
             for k in 0..GROUP {
                 let (lane, t) = (start + k, found[0][k]);
                 if t > 0.0 && t < rays.limit[lane] {
-                    let hit = PrimitiveHit {
+                    let hit = ShapeHit {
                         t,
                         primitive: slots[k].triangle,
-                        params: DVec2::new(found[1][k], found[2][k]),
+                        prim_uv: DVec2::new(found[1][k], found[2][k]),
                     };
-                    hits.set(lane, &hit.of_shape(InstancePath::WORLD, slots[k].shape));
+                    hits.set(lane, &hit.of_shape(InstanceId::TOP_LEVEL, slots[k].shape));
                 }
             }
         }

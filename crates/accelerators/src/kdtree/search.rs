@@ -15,7 +15,7 @@ use crate::leaves::state::{Asked, State, Walk};
 use crate::partition::MAX_DEPTH;
 use std::cell::Cell;
 use std::ops::Range;
-use whitstone_core::Effort;
+use whitstone_core::TraversalStatistics;
 use whitstone_simd::Lanes;
 
 /// A node in 8 bytes (Pharr, Jakob, Humphreys, *Physically based rendering*, 3rd edition, 2016,
@@ -124,8 +124,8 @@ impl<'a, const COUNT: bool> Traversal<'a, COUNT> {
         }
     }
 
-    pub(super) fn effort(&self) -> Effort {
-        Effort {
+    pub(super) fn traversal_statistics(&self) -> TraversalStatistics {
+        TraversalStatistics {
             steps: self.steps.get(),
             tests: self.tests.get(),
         }

@@ -6,7 +6,7 @@ use super::frame::{Frame, ROUNDING};
 use crate::vast::vast;
 use glam::{Vec3A, Vec4, Vec4Swizzles};
 use rayon::prelude::*;
-use whitstone_core::{Aabb, DVec3, Element, Geometry, Shape, TriangleMesh};
+use whitstone_core::{Aabb, DVec3, Element, Geometry, LoweredShape, TriangleMesh};
 
 /// Minimum number of elements per parallel task.
 pub(crate) const PARALLEL: usize = 4096;
@@ -156,7 +156,7 @@ impl<'a> Items<'a> {
         let mut parts = Vec::new();
         for (part, shape) in geometry.shapes().iter().zip(0..) {
             let (count, part) = match part {
-                Shape::Triangles(mesh) => (mesh.triangles.len() as u32, Extent::of_mesh(mesh)),
+                LoweredShape::Triangles(mesh) => (mesh.triangles.len() as u32, Extent::of_mesh(mesh)),
                 _ => {
                     let aabb = geometry.bounds(Element::Opaque { shape });
                     (1, Extent::default().including(&aabb))
@@ -221,7 +221,7 @@ impl<'a> Items<'a> {
     fn element(&self, number: u32) -> Element {
         let shape = self.starts.partition_point(|&start| start <= number) - 1;
         match &self.geometry.shapes()[shape] {
-            Shape::Triangles(_) => Element::Triangle {
+            LoweredShape::Triangles(_) => Element::Triangle {
                 shape: shape as u32,
                 triangle: number - self.starts[shape],
             },
@@ -233,7 +233,9 @@ impl<'a> Items<'a> {
     #[inline(always)]
     fn triangle(&self, element: Element) -> Option<[DVec3; 3]> {
         match (element, &self.geometry.shapes()[element.shape() as usize]) {
-            (Element::Triangle { triangle, .. }, Shape::Triangles(mesh)) => Some(mesh.corners(triangle)),
+            (Element::Triangle { triangle, .. }, LoweredShape::Triangles(mesh)) => {
+                Some(mesh.corners(triangle))
+            }
             _ => None,
         }
     }
@@ -331,7 +333,7 @@ impl<'a> Items<'a> {
     #[inline(always)]
     fn source(&self, element: Element) -> (&[DVec3], [u32; 3]) {
         match (element, &self.geometry.shapes()[element.shape() as usize]) {
-            (Element::Triangle { triangle, .. }, Shape::Triangles(mesh)) => {
+            (Element::Triangle { triangle, .. }, LoweredShape::Triangles(mesh)) => {
                 (&mesh.positions, mesh.triangles[triangle as usize])
             }
             _ => (ORIGIN, [0; 3]),
@@ -517,7 +519,7 @@ impl Extent {
 fn in_single_precision(geometry: &Geometry) -> bool {
     let exact = |x: f64| f64::from(x as f32) == x && (x == 0.0 || x.abs() > 1e-18);
     geometry.shapes().iter().all(|shape| match shape {
-        Shape::Triangles(mesh) => {
+        LoweredShape::Triangles(mesh) => {
             let all = mesh.positions.par_iter().with_min_len(PARALLEL);
             all.all(|p| p.to_array().into_iter().all(exact))
         }

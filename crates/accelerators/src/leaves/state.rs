@@ -6,7 +6,9 @@ use super::frame::{LocalRay, Reach};
 use super::{Leaves, Slot};
 use whitstone_core::stream::RayStream;
 use whitstone_core::triangle::{Axis, ShearedRay, TriangleHit};
-use whitstone_core::{DVec2, Element, InstancePath, Interval, PrimitiveHit, RawHit, Ray, Skip};
+use whitstone_core::{
+    DVec2, Element, InstanceId, Interval, PreliminaryIntersection, Ray, SelfHitFilter, ShapeHit,
+};
 use whitstone_simd::{Kernel, Lanes, Machine};
 
 /// A structure over leaves, with its traversal.
@@ -28,10 +30,10 @@ pub(crate) trait Walk {
 pub(crate) struct Search<'a, const ANY: bool, W>(pub(crate) &'a W, pub(crate) &'a Query<'a>);
 
 impl<const ANY: bool, W: Walk> Kernel for Search<'_, ANY, W> {
-    type Output = Option<RawHit>;
+    type Output = Option<PreliminaryIntersection>;
 
     #[inline(always)]
-    fn run<M: Machine>(self, l: M) -> Option<RawHit> {
+    fn run<M: Machine>(self, l: M) -> Option<PreliminaryIntersection> {
         let Self(walk, query) = self;
         let leaves = walk.leaves();
         let mut state = State::new(leaves, query);
@@ -54,7 +56,7 @@ impl<const ANY: bool, W: Walk> Kernel for Search<'_, ANY, W> {
 pub(crate) struct Query<'a> {
     pub(crate) ray: &'a Ray,
     pub(crate) interval: Interval,
-    pub(crate) skip: Skip,
+    pub(crate) skip: SelfHitFilter,
 }
 
 /// A query for a ray of a stream, read in place: few of its values are needed during traversal.
@@ -68,7 +70,7 @@ pub(crate) struct Streamed<'a> {
 pub(crate) trait Asked {
     fn ray(&self) -> Ray;
     fn interval(&self) -> Interval;
-    fn skip(&self) -> Skip;
+    fn skip(&self) -> SelfHitFilter;
 }
 
 impl Asked for &Query<'_> {
@@ -81,7 +83,7 @@ impl Asked for &Query<'_> {
         self.interval
     }
     #[inline(always)]
-    fn skip(&self) -> Skip {
+    fn skip(&self) -> SelfHitFilter {
         self.skip
     }
 }
@@ -96,7 +98,7 @@ impl Asked for Streamed<'_> {
         self.rays.interval(self.lane)
     }
     #[inline(always)]
-    fn skip(&self) -> Skip {
+    fn skip(&self) -> SelfHitFilter {
         self.rays.skip.skip(self.lane)
     }
 }
@@ -117,7 +119,7 @@ pub(crate) struct State<'a, Q> {
     leaves: &'a Leaves,
     query: Q,
     sheared: Option<ShearedRay>,
-    pub(crate) best: Option<RawHit>,
+    pub(crate) best: Option<PreliminaryIntersection>,
     /// Certain hits that are not yet known in double precision: lower bound, leaf, place in it.
     pending: [(f32, Child, u32); 8],
     count: usize,
@@ -143,9 +145,9 @@ impl<'a, Q: Asked> State<'a, Q> {
     #[inline(always)]
     fn skips(&self, slot: usize) -> bool {
         let skip = self.query.skip();
-        skip != Skip::NOTHING && {
+        skip != SelfHitFilter::NOTHING && {
             let Slot { shape, triangle } = self.leaves.slots[slot];
-            skip.of_shape(InstancePath::WORLD, shape) == Some(triangle)
+            skip.of_shape(InstanceId::TOP_LEVEL, shape) == Some(triangle)
         }
     }
 
@@ -176,18 +178,18 @@ impl<'a, Q: Asked> State<'a, Q> {
             && t < interval.max
         {
             let Slot { shape, triangle } = self.leaves.slots[first + lane];
-            let hit = PrimitiveHit {
+            let hit = ShapeHit {
                 t,
                 primitive: triangle,
-                params: DVec2::new(u, v),
+                prim_uv: DVec2::new(u, v),
             };
-            self.offer(&hit.of_shape(InstancePath::WORLD, shape));
+            self.offer(&hit.of_shape(InstanceId::TOP_LEVEL, shape));
         }
     }
 
     /// Keeps a hit if it is the nearest so far.
     #[inline(always)]
-    fn offer(&mut self, hit: &RawHit) {
+    fn offer(&mut self, hit: &PreliminaryIntersection) {
         if self.best.is_none_or(|best| hit.beats(&best)) {
             self.best = Some(*hit);
         }
@@ -318,10 +320,10 @@ impl<Q: Asked> State<'_, Q> {
         }
         if ANY {
             // Any hit will do: this one exists, although it is not known in double precision.
-            self.best = Some(RawHit {
+            self.best = Some(PreliminaryIntersection {
                 t: 0.0,
-                params: Default::default(),
-                instance: InstancePath::WORLD,
+                prim_uv: Default::default(),
+                instance: InstanceId::TOP_LEVEL,
                 shape: 0,
                 primitive: 0,
             });

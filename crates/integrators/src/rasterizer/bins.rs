@@ -2,7 +2,7 @@
 //! be drawn independently by any thread.
 
 use super::fill::{Projected, outline};
-use whitstone_core::{DVec2, FilmSize, Geometry, Shape};
+use whitstone_core::{DVec2, FilmSize, Geometry, LoweredShape};
 
 /// Side of a tile in pixels.
 const SIDE: f64 = 16.0;
@@ -78,7 +78,9 @@ fn each(
     mut tell: impl FnMut(DVec2, DVec2, (u32, u32)),
 ) {
     for (shape, number) in geometry.shapes().iter().zip(0..) {
-        let Shape::Triangles(mesh) = shape else { continue };
+        let LoweredShape::Triangles(mesh) = shape else {
+            continue;
+        };
         for triangle in 0..mesh.triangles.len() as u32 {
             if let Some([low, high]) = outline(projected.corners(mesh, number, triangle), size) {
                 tell(low, high, (number, triangle));

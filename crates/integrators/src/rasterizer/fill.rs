@@ -9,7 +9,9 @@
 use whitstone_core::simd::{self, select};
 use whitstone_core::stream::{GROUP, HitStream, LANES, Lanes, NO_SHAPE, RayStream};
 use whitstone_core::triangle::ShearedRay;
-use whitstone_core::{DMat4, DVec2, DVec3, DVec4, Geometry, InstancePath, RawHit, Shape, TriangleMesh};
+use whitstone_core::{
+    DMat4, DVec2, DVec3, DVec4, Geometry, InstanceId, LoweredShape, PreliminaryIntersection, TriangleMesh,
+};
 
 /// Margin of clipping around the image in pixels, for rounding errors.
 const MARGIN: f64 = 1.0;
@@ -22,8 +24,8 @@ pub(super) struct Projected(Vec<Vec<DVec4>>);
 
 /// Projects every vertex once.
 pub(super) fn project(geometry: &Geometry, to_image: &DMat4) -> Projected {
-    let vertices = |shape: &Shape| match shape {
-        Shape::Triangles(mesh) => {
+    let vertices = |shape: &LoweredShape| match shape {
+        LoweredShape::Triangles(mesh) => {
             let all = mesh.positions.iter();
             all.map(|position| *to_image * position.extend(1.0)).collect()
         }
@@ -193,7 +195,7 @@ impl Depths {
     /// Draws triangles. Of several at the same depth, the first stays.
     pub(super) fn draw(
         &mut self,
-        shapes: &[Shape],
+        shapes: &[LoweredShape],
         projected: &Projected,
         film: DVec2,
         names: &[(u32, u32)],
@@ -202,7 +204,7 @@ impl Depths {
             #[inline(always)]
             || {
                 for &(shape, triangle) in names {
-                    let Shape::Triangles(mesh) = &shapes[shape as usize] else {
+                    let LoweredShape::Triangles(mesh) = &shapes[shape as usize] else {
                         continue;
                     };
                     let corners = projected.corners(mesh, shape, triangle);
@@ -244,7 +246,7 @@ impl Depths {
         hits.clear(rays);
         for lane in 0..self.len {
             let (shape, primitive) = (self.shape[lane], self.triangle[lane]);
-            let Some(Shape::Triangles(mesh)) = geometry.shapes().get(shape as usize) else {
+            let Some(LoweredShape::Triangles(mesh)) = geometry.shapes().get(shape as usize) else {
                 continue;
             };
             let ray = rays.ray(lane);
@@ -264,10 +266,10 @@ impl Depths {
             };
             hits.set(
                 lane,
-                &RawHit {
+                &PreliminaryIntersection {
                     t,
-                    params: DVec2::new(u, v),
-                    instance: InstancePath::WORLD,
+                    prim_uv: DVec2::new(u, v),
+                    instance: InstanceId::TOP_LEVEL,
                     shape,
                     primitive,
                 },
@@ -318,7 +320,7 @@ mod tests {
     }
 
     fn geometry(positions: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Geometry {
-        Geometry::new(vec![Shape::Triangles(TriangleMesh {
+        Geometry::new(vec![LoweredShape::Triangles(TriangleMesh {
             positions,
             triangles,
             orientation: 1.0,
@@ -367,7 +369,7 @@ mod tests {
                 *vertex = change(*vertex);
             }
             let mut depths = Depths::new(&self.raster, &self.rays, to_image);
-            let Shape::Triangles(mesh) = &geometry.shapes()[0] else {
+            let LoweredShape::Triangles(mesh) = &geometry.shapes()[0] else {
                 unreachable!()
             };
             let names: Vec<(u32, u32)> = (0..mesh.triangles.len() as u32).map(|k| (0, k)).collect();
@@ -376,13 +378,13 @@ mod tests {
         }
 
         /// The hits found by ray casting.
-        fn cast(&self, geometry: &Geometry) -> Vec<Option<RawHit>> {
-            let Shape::Triangles(mesh) = &geometry.shapes()[0] else {
+        fn cast(&self, geometry: &Geometry) -> Vec<Option<PreliminaryIntersection>> {
+            let LoweredShape::Triangles(mesh) = &geometry.shapes()[0] else {
                 unreachable!()
             };
             let mut hits = Box::<HitStream>::default();
             hits.clear(&self.rays);
-            mesh.closest_stream(0, &self.rays, &mut hits);
+            mesh.intersect_stream(0, &self.rays, &mut hits);
             (0..LANES).map(|lane| hits.get(lane)).collect()
         }
     }
@@ -467,7 +469,7 @@ mod tests {
                 let triangle = if reversed { [8, b, a] } else { [8, a, b] };
                 let geometry = geometry(positions.clone(), vec![triangle]);
                 let projected = project(&geometry, &to_image);
-                let Shape::Triangles(mesh) = &geometry.shapes()[0] else {
+                let LoweredShape::Triangles(mesh) = &geometry.shapes()[0] else {
                     unreachable!()
                 };
                 let filled = Filled::new(projected.corners(mesh, 0, 0)).unwrap();

@@ -3,42 +3,59 @@
 //! Gouraud, *Continuous shading of curved surfaces*, 1971, with perspective-correct weights: those
 //! of the point in world space.
 
-use crate::shadows::Shadows;
-use whitstone_core::{DVec2, Lobes, Medium, PathState, RawHit, Ray, Rgb, Scratch, Shape, Skip, World};
+use crate::local_illumination::local_illumination;
+use whitstone_core::{
+    BsdfFlags, DVec2, LoweredShape, MediumState, PathState, PreliminaryIntersection, Ray, Rgb, Scene,
+    Scratch, SelfHitFilter, ShadowMode,
+};
 
 /// Radiance along a camera ray that starts at the viewer.
-pub(super) fn radiance(world: &World, ray: &Ray, hit: Option<RawHit>, scratch: &mut Scratch) -> Rgb {
+pub(super) fn radiance(
+    scene: &Scene,
+    ray: &Ray,
+    hit: Option<PreliminaryIntersection>,
+    scratch: &mut Scratch,
+) -> Rgb {
     let path = PathState::camera(*ray);
     let Some(hit) = hit else {
-        let background = world.background(ray.direction);
+        let background = scene.background(ray.direction);
         scratch.note(&path, None, Rgb::WHITE, background);
         return background;
     };
     // Other shapes have no corners and are shaded at the hit.
     let triangle = matches!(
-        world.geometry.shapes().get(hit.shape as usize),
-        Some(Shape::Triangles(_))
+        scene.geometry.shapes().get(hit.shape as usize),
+        Some(LoweredShape::Triangles(_))
     );
-    let DVec2 { x: u, y: v } = hit.params;
+    let DVec2 { x: u, y: v } = hit.prim_uv;
     let corners = [(1.0 - u - v, DVec2::ZERO), (u, DVec2::X), (v, DVec2::Y)];
-    let here = [(1.0, hit.params)];
+    let here = [(1.0, hit.prim_uv)];
     let mut sum = Rgb::BLACK;
-    for &(weight, params) in if triangle { &corners[..] } else { &here[..] } {
-        let corner = RawHit { params, ..hit };
-        let point = world.surface(ray, &corner);
+    for &(weight, prim_uv) in if triangle { &corners[..] } else { &here[..] } {
+        let corner = PreliminaryIntersection { prim_uv, ..hit };
+        let point = scene.surface(ray, &corner);
         let view = if triangle {
             (ray.origin - point.position).normalize()
         } else {
             -ray.direction
         };
         let point = point.seen_from(view);
-        world.count_shaded(hit.shape, 1, &mut scratch.counters);
-        if world.lobes_of(hit.shape).intersects(Lobes::SHOWN) {
-            let (skip, medium) = (Skip::leaving(&hit), Medium::absorbing(Rgb::BLACK));
-            sum += Shadows::None.local(world, hit.shape, &point, view, skip, medium, scratch) * weight;
+        scene.count_shaded(hit.shape, 1, &mut scratch.counters);
+        if scene.flags_of(hit.shape).intersects(BsdfFlags::LOCAL_OR_EMISSIVE) {
+            let (skip, medium) = (SelfHitFilter::leaving(&hit), MediumState::absorbing(Rgb::BLACK));
+            sum += local_illumination(
+                ShadowMode::None,
+                scene,
+                hit.shape,
+                &point,
+                view,
+                skip,
+                medium,
+                scratch,
+            ) * weight;
         }
     }
-    let point = world.surface(ray, &hit).seen_from(-ray.direction);
+    let point = scene.surface(ray, &hit).seen_from(-ray.direction);
     scratch.note(&path, Some((&hit, &point)), Rgb::WHITE, sum);
     sum
 }
@@ -56,14 +73,19 @@ mod tests {
     struct One(Arc<Geometry>);
 
     impl Accelerator for One {
-        fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
+        fn intersect(
+            &self,
+            ray: &Ray,
+            interval: Interval,
+            skip: SelfHitFilter,
+        ) -> Option<PreliminaryIntersection> {
             let element = self.0.elements().next()?;
             self.0
                 .intersect(element, ray, &ShearedRay::new(ray), interval, skip)
         }
 
-        fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
-            self.closest(ray, interval, skip).is_some()
+        fn occluded(&self, ray: &Ray, interval: Interval, skip: SelfHitFilter) -> bool {
+            self.intersect(ray, interval, skip).is_some()
         }
 
         fn statistics(&self) -> Statistics {
@@ -84,7 +106,7 @@ mod tests {
         let lamp = DVec3::new(1.0, 0.5, 0.0);
         let cosine = |p: &DVec3| (lamp - *p).normalize().y;
         let mean = positions.iter().map(cosine).sum::<f64>() / 3.0;
-        let geometry = Arc::new(Geometry::new(vec![Shape::Triangles(TriangleMesh {
+        let geometry = Arc::new(Geometry::new(vec![LoweredShape::Triangles(TriangleMesh {
             positions,
             triangles: vec![[0, 1, 2]],
             orientation: 1.0,
@@ -98,7 +120,7 @@ mod tests {
             lamp: Some((lamp, 2.0)),
             ..Lamp::default()
         };
-        let world = World::new(
+        let scene = Scene::new(
             geometry.clone(),
             Box::new(One(geometry)),
             vec![material],
@@ -106,8 +128,10 @@ mod tests {
         );
         let eye = DVec3::new(0.0, 5.0, 1.0);
         let ray = Ray::new(eye, (middle - eye).normalize());
-        let hit = world.accelerator.closest(&ray, Interval::FORWARD, Skip::NOTHING);
-        let found = radiance(&world, &ray, hit, &mut Scratch::default());
+        let hit = scene
+            .accelerator
+            .intersect(&ray, Interval::FORWARD, SelfHitFilter::NOTHING);
+        let found = radiance(&scene, &ray, hit, &mut Scratch::default());
         assert!((found.g - 2.0 * mean).abs() < 1e-14, "{found:?} {mean}");
         // Shaded directly, the middle would be bright.
         assert!(2.0 * cosine(&middle) > 3.0 * found.g, "{}", cosine(&middle));

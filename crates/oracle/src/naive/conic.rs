@@ -129,7 +129,7 @@ impl<R: Real> Conic<R> {
 }
 
 impl<R: Real> Textbook<R> for Conic<R> {
-    fn closest(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
+    fn intersect(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
         let mut best: Option<R> = None;
         self.each(o, d, |t| {
             if t > R::of(0.0) && best.is_none_or(|best| t < best) {

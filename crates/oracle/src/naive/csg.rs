@@ -36,7 +36,7 @@ impl<R: Real> Csg<R> {
 }
 
 impl<R: Real> Textbook<R> for Csg<R> {
-    fn closest(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
+    fn intersect(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
         let mut best = None;
         self.each(o, d, |t| {
             best = (t > R::of(0.0)).then_some(t);

@@ -12,7 +12,7 @@ fn meet<R: Real>(o: Vector<R>, d: Vector<R>) -> Option<(R, Vector<R>)> {
 }
 
 impl<R: Real> Textbook<R> for Plane {
-    fn closest(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
+    fn intersect(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
         meet(o, d).map(|(t, _)| t)
     }
 
@@ -28,7 +28,7 @@ impl<R: Real> Textbook<R> for Plane {
 pub(super) struct Rectangle;
 
 impl<R: Real> Textbook<R> for Rectangle {
-    fn closest(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
+    fn intersect(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
         let (t, p) = meet(o, d)?;
         let one = R::of(1.0);
         (p[0].abs() <= one && p[1].abs() <= one).then_some(t)
@@ -38,7 +38,7 @@ impl<R: Real> Textbook<R> for Rectangle {
 pub(super) struct Disk;
 
 impl<R: Real> Textbook<R> for Disk {
-    fn closest(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
+    fn intersect(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
         let (t, p) = meet(o, d)?;
         (p[0] * p[0] + p[1] * p[1] <= R::of(1.0)).then_some(t)
     }
@@ -55,7 +55,7 @@ impl<R: Real> Triangles<R> {
 }
 
 impl<R: Real> Textbook<R> for Triangles<R> {
-    fn closest(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
+    fn intersect(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
         let (zero, one) = (R::of(0.0), R::of(1.0));
         let mut best: Option<R> = None;
         for [a, b, c] in &self.0 {
@@ -107,7 +107,7 @@ impl<R: Real> Polygon<R> {
 }
 
 impl<R: Real> Textbook<R> for Polygon<R> {
-    fn closest(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
+    fn intersect(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
         let t = dot(self.normal, minus(self.vertices[0], o)) / dot(self.normal, d);
         let ahead = t > R::of(0.0);
         if !ahead {

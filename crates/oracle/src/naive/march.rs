@@ -86,7 +86,7 @@ impl<L: Level> March<L> {
 }
 
 impl<R: Real, L: Level> Textbook<R> for March<L> {
-    fn closest(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
+    fn intersect(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
         let reach = R::of(self.0.reach()?);
         let square = dot(d, d);
         let middle = -dot(o, d) / square;

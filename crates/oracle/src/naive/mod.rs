@@ -128,12 +128,12 @@ type Roots<R> = SmallVec<[R; 8]>;
 /// A textbook intersection routine.
 pub trait Textbook<R: Real>: Send + Sync {
     /// The least positive ray parameter of a hit.
-    fn closest(&self, o: Vector<R>, d: Vector<R>) -> Option<R>;
+    fn intersect(&self, o: Vector<R>, d: Vector<R>) -> Option<R>;
 
     /// All roots on the line in ascending order, entries and exits by turns. Only solids need to
     /// implement it.
     fn roots(&self, o: Vector<R>, d: Vector<R>) -> SmallVec<[R; 8]> {
-        self.closest(o, d).into_iter().collect()
+        self.intersect(o, d).into_iter().collect()
     }
 
     /// Whether the line is inside the solid at t = -infinity.
@@ -186,9 +186,9 @@ struct Placed<R, S> {
 }
 
 impl<R: Real, S: Textbook<R>> Textbook<R> for Placed<R, S> {
-    fn closest(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
+    fn intersect(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
         let (o, d) = self.into.ray(o, d);
-        self.shape.closest(o, d)
+        self.shape.intersect(o, d)
     }
 
     fn roots(&self, o: Vector<R>, d: Vector<R>) -> SmallVec<[R; 8]> {
@@ -317,8 +317,8 @@ fn of_table<R: Real>(
 struct Several<R>(Vec<Box<dyn Textbook<R>>>);
 
 impl<R: Real> Textbook<R> for Several<R> {
-    fn closest(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
-        let hits = self.0.iter().filter_map(|shape| shape.closest(o, d));
+    fn intersect(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
+        let hits = self.0.iter().filter_map(|shape| shape.intersect(o, d));
         hits.reduce(|a, b| if b < a { b } else { a })
     }
 }

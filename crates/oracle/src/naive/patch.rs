@@ -46,7 +46,7 @@ fn surface<R: Real>(net: &[Vector<R>; 16], u: R, v: R) -> [Vector<R>; 3] {
 }
 
 impl<R: Real> Textbook<R> for Patches<R> {
-    fn closest(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
+    fn intersect(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
         let (zero, one) = (R::of(0.0), R::of(1.0));
         let starts = [0.2, 0.5, 0.8];
         let mut best: Option<R> = None;

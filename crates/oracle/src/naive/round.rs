@@ -33,7 +33,7 @@ impl<R: Real> Sphere<R> {
 }
 
 impl<R: Real> Textbook<R> for Sphere<R> {
-    fn closest(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
+    fn intersect(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
         let [first, second] = self.both(o, d)?;
         first_positive(first, second)
     }
@@ -59,7 +59,7 @@ impl<R: Real> Torus<R> {
 }
 
 impl<R: Real> Textbook<R> for Torus<R> {
-    fn closest(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
+    fn intersect(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
         self.roots(o, d).into_iter().find(|t| *t > R::of(0.0))
     }
 

@@ -21,7 +21,7 @@ impl Cuboid {
 }
 
 impl<R: Real> Textbook<R> for Cuboid {
-    fn closest(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
+    fn intersect(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
         let [enter, exit] = Self::both(o, d)?;
         first_positive(enter, exit)
     }

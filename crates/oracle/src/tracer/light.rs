@@ -7,7 +7,7 @@ use crate::shapes::mesh;
 use serde::Deserialize;
 use std::f64::consts::{PI, TAU};
 use whitstone_core::config::{Color, FilePath, TextureRef, decode};
-use whitstone_core::steps::Steps;
+use whitstone_core::transform_steps::TransformSteps;
 use whitstone_core::{DAffine3, DVec2, DVec3, Rgb, SceneError, SceneErrors};
 use whitstone_scene::Description;
 
@@ -53,7 +53,7 @@ struct Uniform {
 struct Area {
     shape: Option<String>,
     file: Option<FilePath>,
-    transform: Option<Steps>,
+    transform: Option<TransformSteps>,
     radiance: Color,
     samples: Option<u32>,
 }

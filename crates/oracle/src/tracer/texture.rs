@@ -10,7 +10,7 @@ use super::synthesized::{SynthesizedConfig, synthesized};
 use serde::Deserialize;
 use std::f64::consts::{PI, TAU};
 use whitstone_core::config::{Color, PluginRef, TextureRef, TextureValue, decode};
-use whitstone_core::steps::Steps;
+use whitstone_core::transform_steps::TransformSteps;
 use whitstone_core::{DAffine3, DVec2, DVec3, Rgb, SceneError, SceneErrors};
 use whitstone_scene::{Description, PluginTable};
 
@@ -65,7 +65,7 @@ struct Constant {
 #[serde(deny_unknown_fields)]
 pub(super) struct MappingConfig {
     projection: Option<String>,
-    transform: Option<Steps>,
+    transform: Option<TransformSteps>,
     sharpness: Option<f64>,
 }
 

@@ -322,7 +322,7 @@ impl Scene {
     }
 
     #[inline]
-    pub(super) fn closest(&self, ray: &SingleRay) -> Option<SingleHit> {
+    pub(super) fn intersect(&self, ray: &SingleRay) -> Option<SingleHit> {
         let mut query = RayHit {
             ray: RawRay::new(ray),
             normal: [0.0; 3],
@@ -355,11 +355,11 @@ impl Scene {
     pub(super) fn occluded(&self, ray: &SingleRay) -> bool {
         let mut ray = RawRay::new(ray);
         match self.embree.queries {
-            // SAFETY: as in `closest`.
+            // SAFETY: as in `intersect`.
             Queries::Three { occluded, .. } => unsafe {
                 occluded(self.scene, &mut Context::new(), &mut ray);
             },
-            // SAFETY: as in `closest`.
+            // SAFETY: as in `intersect`.
             Queries::Four { occluded, .. } => unsafe {
                 occluded(self.scene, &mut ray, ptr::null());
             },

@@ -20,8 +20,8 @@ use contact::Contact;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use whitstone_core::{
-    Camera, DAffine3, DVec2, DVec3, Element, FilmSize, Geometry, Interval, Light, LightGives, Needs, Ray,
-    Shape, Skip, Transform, triangle::ShearedRay,
+    Camera, DAffine3, DVec2, DVec3, Element, FilmSize, Geometry, Interval, Light, LightFlags, LoweredShape,
+    Ray, SelfHitFilter, SurfaceAttributes, Transform, triangle::ShearedRay,
 };
 
 use fit::Change;
@@ -107,7 +107,7 @@ pub(crate) fn eyes(camera: &dyn Camera, film: FilmSize) -> Vec<DVec3> {
 pub(crate) fn draw_apart(
     geometry: Geometry,
     seen: &Seen<'_>,
-    anew: impl FnMut(usize, &dyn Fn(&Transform) -> Option<Transform>) -> Option<Shape>,
+    anew: impl FnMut(usize, &dyn Fn(&Transform) -> Option<Transform>) -> Option<LoweredShape>,
 ) -> (Geometry, Found) {
     let mut found = find(&geometry, seen);
     if found.changes.is_empty() {
@@ -216,12 +216,12 @@ impl Found {
     /// Applies the changes to the shapes.
     fn apply(
         &mut self,
-        shapes: &mut [Shape],
-        mut anew: impl FnMut(usize, &dyn Fn(&Transform) -> Option<Transform>) -> Option<Shape>,
+        shapes: &mut [LoweredShape],
+        mut anew: impl FnMut(usize, &dyn Fn(&Transform) -> Option<Transform>) -> Option<LoweredShape>,
     ) {
         let mut stuck = BTreeSet::new();
         for (number, change) in &self.changes {
-            if let Shape::Triangles(mesh) = &mut shapes[*number] {
+            if let LoweredShape::Triangles(mesh) = &mut shapes[*number] {
                 for p in &mut mesh.positions {
                     *p += change.of(*p);
                 }
@@ -270,7 +270,7 @@ struct Errors(BTreeMap<usize, f64>);
 impl Errors {
     /// The offset from the surface of the rays that leave a shape near a point.
     fn near(&mut self, geometry: &Geometry, shape: usize, p: DVec3, n: DVec3, reach: f64) -> f64 {
-        if let Shape::Triangles(mesh) = &geometry.shapes()[shape] {
+        if let LoweredShape::Triangles(mesh) = &geometry.shapes()[shape] {
             let largest = || {
                 mesh.positions
                     .iter()
@@ -281,7 +281,7 @@ impl Errors {
         }
         let hit = meet(geometry, shape, p, n, 1e-3 * reach);
         hit.map_or(0.0, |(ray, hit)| {
-            geometry.surface(&ray, &hit, Needs::NOTHING).error
+            geometry.surface(&ray, &hit, SurfaceAttributes::NOTHING).error
         })
     }
 }
@@ -293,11 +293,11 @@ fn meet(
     p: DVec3,
     n: DVec3,
     far: f64,
-) -> Option<(Ray, whitstone_core::RawHit)> {
+) -> Option<(Ray, whitstone_core::PreliminaryIntersection)> {
     let ray = Ray::new(p + far * n, -n);
     let element = Element::Opaque { shape: shape as u32 };
     let sheared = ShearedRay::new(&ray);
-    let hit = geometry.intersect(element, &ray, &sheared, Interval::FORWARD, Skip::NOTHING)?;
+    let hit = geometry.intersect(element, &ray, &sheared, Interval::FORWARD, SelfHitFilter::NOTHING)?;
     Some((ray, hit))
 }
 
@@ -309,7 +309,7 @@ fn holds_light(contact: &Contact, seen: &Seen<'_>) -> bool {
     for light in seen
         .lights
         .iter()
-        .filter(|light| light.gives().contains(LightGives::SAMPLES))
+        .filter(|light| light.flags().contains(LightFlags::SAMPLES))
     {
         for above in [p + 0.7 * reach * n, p - 0.7 * reach * n] {
             samples.clear();

@@ -2,7 +2,7 @@
 
 use std::cell::OnceCell;
 use std::collections::BTreeMap;
-use whitstone_core::{Aabb, DVec3, Element, Geometry, Shape, SurfacePart, Transform, TriangleMesh};
+use whitstone_core::{Aabb, DVec3, Element, Geometry, LoweredShape, SurfacePart, Transform, TriangleMesh};
 
 /// Maximum number of parts near other shapes that are compared.
 const MOST: usize = 10_000;
@@ -125,7 +125,7 @@ pub(super) fn collect(geometry: &Geometry) -> Result<Parts<'_>, String> {
     let mut bodies = Vec::new();
     for (shape, number) in shapes.iter().zip(0..) {
         let mut planes = Vec::new();
-        if let Shape::Opaque(primitive) = shape {
+        if let LoweredShape::Opaque(primitive) = shape {
             let parts = primitive.parts();
             if parts.is_empty() {
                 continue;
@@ -171,11 +171,11 @@ const MOST_COUNTED: usize = 50_000;
 const SHAPE_COST: usize = 64;
 
 /// Number of elements, including those of instances, of at most [`MOST_COUNTED`] shapes.
-fn size(shape: &Shape, visited: &mut usize) -> usize {
+fn size(shape: &LoweredShape, visited: &mut usize) -> usize {
     *visited += 1;
     match shape {
-        Shape::Triangles(mesh) => mesh.triangles.len(),
-        Shape::Instance(instance) => {
+        LoweredShape::Triangles(mesh) => mesh.triangles.len(),
+        LoweredShape::Instance(instance) => {
             let mut sum = 0_usize;
             for inside in instance.group().geometry().shapes() {
                 if *visited > MOST_COUNTED {
@@ -240,12 +240,12 @@ impl<'a> Collected<'a> {
     fn add(
         &mut self,
         number: usize,
-        shape: &'a Shape,
+        shape: &'a LoweredShape,
         placed: Option<&Transform>,
         others: &Others,
     ) -> Result<(), String> {
         let visited = match shape {
-            Shape::Triangles(mesh) if placed.is_some() => mesh.triangles.len(),
+            LoweredShape::Triangles(mesh) if placed.is_some() => mesh.triangles.len(),
             _ if placed.is_some() => SHAPE_COST,
             _ => 1,
         };
@@ -256,7 +256,7 @@ impl<'a> Collected<'a> {
             ));
         }
         match shape {
-            Shape::Triangles(mesh) => {
+            LoweredShape::Triangles(mesh) => {
                 let place = |p: DVec3| placed.map_or(p, |placed| placed.point_to_world(p));
                 let mirrors =
                     placed.is_some_and(|placed| placed.world_from_object().matrix3.determinant() < 0.0);
@@ -287,7 +287,7 @@ impl<'a> Collected<'a> {
                     })?;
                 }
             }
-            Shape::Opaque(primitive) => {
+            LoweredShape::Opaque(primitive) => {
                 let solid = primitive.solid() && primitive.bounds().is_finite();
                 for part in primitive.parts() {
                     let surface = match placed {
@@ -308,7 +308,7 @@ impl<'a> Collected<'a> {
                     }
                 }
             }
-            Shape::Instance(instance) => {
+            LoweredShape::Instance(instance) => {
                 let own = match placed {
                     None => Some(*instance.transform()),
                     Some(placed) => placed.after(instance.transform()),

@@ -13,7 +13,9 @@ use serde::Deserialize;
 use std::ops::Range;
 use toml::Spanned;
 use whitstone_core::config::{Finite, TextureRef};
-use whitstone_core::{ColorSource, Context, DVec2, DVec3, Needs, SceneError, SceneErrors, SurfacePoint};
+use whitstone_core::{
+    ColorSource, Context, DVec2, DVec3, SceneError, SceneErrors, SurfaceAttributes, SurfaceInteraction,
+};
 
 /// Moves each vertex along its unit normal by scale times (height - offset).
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -57,7 +59,7 @@ pub(super) fn displace(
 ) -> Result<(), SceneErrors> {
     let place = how.height.span.clone().unwrap_or(0..0);
     let height = context.texture(&how.height)?;
-    let by_uv = height.needs().contains(Needs::UV);
+    let by_uv = height.needs().contains(SurfaceAttributes::UV);
     if by_uv && surface.uvs.is_empty() {
         let error = SceneError::at(
             place,
@@ -165,7 +167,7 @@ impl Relief<'_> {
         if normal == DVec3::ZERO {
             return 0.0;
         }
-        let mut there = SurfacePoint::new(position, 0.0, normal);
+        let mut there = SurfaceInteraction::new(position, 0.0, normal);
         there.uv = uv;
         self.height.value(&there).r
     }
@@ -187,20 +189,20 @@ mod tests {
     use std::sync::atomic::{AtomicU32, Ordering};
     use whitstone_core::config::decode;
     use whitstone_core::{
-        Context, DVec3, Needs, Plugin, Rgb, SceneError, SceneErrors, Shape, Shapes, SurfacePoint, Texture,
-        Transform, TriangleMesh,
+        Context, DVec3, LoweredShape, Plugin, Rgb, SceneError, SceneErrors, Shapes, SurfaceAttributes,
+        SurfaceInteraction, Texture, Transform, TriangleMesh,
     };
     use whitstone_testkit::{TestContext, build_in, shape_laws};
 
     /// An arbitrary height function.
-    struct Height(fn(&SurfacePoint) -> f64, Needs);
+    struct Height(fn(&SurfaceInteraction) -> f64, SurfaceAttributes);
 
     impl Texture for Height {
-        fn needs(&self) -> Needs {
+        fn needs(&self) -> SurfaceAttributes {
             self.1
         }
 
-        fn value(&self, point: &SurfacePoint) -> Rgb {
+        fn value(&self, point: &SurfaceInteraction) -> Rgb {
             // Only the first channel counts.
             Rgb::new((self.0)(point), 77.0, 77.0)
         }
@@ -217,15 +219,21 @@ mod tests {
         std::fs::create_dir_all(&folder).unwrap();
         std::fs::write(folder.join("a.obj"), file).unwrap();
         let mut context = TestContext::in_folder(&folder)
-            .with_texture("up", Height(|p| p.position.z, Needs::NOTHING))
-            .with_texture("out", Height(|p| p.n_s.z.abs(), Needs::SHADING_NORMAL))
-            .with_texture("u", Height(|p| p.uv.x, Needs::UV))
-            .with_texture("nan", Height(|p| 1.0 / p.position.x.min(0.0), Needs::NOTHING));
+            .with_texture("up", Height(|p| p.position.z, SurfaceAttributes::NOTHING))
+            .with_texture(
+                "out",
+                Height(|p| p.n_s.z.abs(), SurfaceAttributes::SHADING_NORMAL),
+            )
+            .with_texture("u", Height(|p| p.uv.x, SurfaceAttributes::UV))
+            .with_texture(
+                "nan",
+                Height(|p| 1.0 / p.position.x.min(0.0), SurfaceAttributes::NOTHING),
+            );
         let text = format!("file = \"a.obj\"\n{more}");
         let built = build_in::<Shapes, Mesh>(&text, Transform::IDENTITY, &mut context);
         std::fs::remove_dir_all(&folder).unwrap();
         match built? {
-            Shape::Triangles(mesh) => Ok(mesh),
+            LoweredShape::Triangles(mesh) => Ok(mesh),
             _ => Err(SceneError::anywhere("a mesh is triangles").into()),
         }
     }
@@ -249,7 +257,7 @@ mod tests {
             "{}",
             mesh.normals[0]
         );
-        shape_laws(Shape::Triangles(mesh), 4_000);
+        shape_laws(LoweredShape::Triangles(mesh), 4_000);
     }
 
     #[test]

@@ -51,9 +51,9 @@ fn text(points: &[DVec3; 16]) -> String {
     text + "]"
 }
 
-fn patch(points: &[DVec3; 16]) -> Box<dyn Primitive> {
+fn patch(points: &[DVec3; 16]) -> Box<dyn Shape> {
     match build::<Shapes, Patch>(&text(points), Transform::IDENTITY) {
-        Ok(Shape::Opaque(patch)) => patch,
+        Ok(LoweredShape::Opaque(patch)) => patch,
         Ok(_) => unreachable!("a patch is opaque"),
         Err(error) => panic!("{error}"),
     }
@@ -63,10 +63,10 @@ fn size(points: &[DVec3; 16]) -> f64 {
     Aabb::around(*points).extent().length()
 }
 
-fn hit_of(patch: &dyn Primitive, ray: &Ray, around: Interval) -> Option<(PrimitiveHit, SurfacePoint)> {
-    let hit = patch.closest(ray, around, None)?;
-    let raw = hit.of_shape(whitstone_core::InstancePath::WORLD, 0);
-    Some((hit, patch.surface(ray, &raw, Needs::UV)))
+fn hit_of(patch: &dyn Shape, ray: &Ray, around: Interval) -> Option<(ShapeHit, SurfaceInteraction)> {
+    let hit = patch.intersect(ray, around, None)?;
+    let raw = hit.of_shape(whitstone_core::InstanceId::TOP_LEVEL, 0);
+    Some((hit, patch.surface(ray, &raw, SurfaceAttributes::UV)))
 }
 
 /// The examples that must pass the shape laws.
@@ -92,14 +92,14 @@ fn a_flat_patch_is_where_its_points_say() {
     // In its plane, from outside and from inside: any answer is allowed, but the search must end.
     for x in [-3.0, 0.1] {
         let ray = Ray::new(DVec3::new(x, 0.1, 0.0), DVec3::new(1.0, 0.3, 0.0));
-        let _ = flat.closest(&ray, Interval::FORWARD, None);
+        let _ = flat.intersect(&ray, Interval::FORWARD, None);
     }
 }
 
 /// Newton's method from nine starting points, without the guarantees of the plugin.
 fn naive(net: &Net<DVec3>, ray: &Ray, near: f64) -> Vec<f64> {
     let sheared = ShearedRay::new(ray);
-    let seen = net.map(|p| sheared.beside(p).truncate());
+    let seen = net.map(|p| sheared.shear(p).truncate());
     let places = [0.2, 0.5, 0.8];
     let starts = places
         .iter()
@@ -160,7 +160,7 @@ fn no_root_is_missed_and_residuals_are_small() {
             let residual = beside.cross(ray.direction.normalize()).length() / size;
             let rounding = 1e-16 * distance / size;
             worst = worst.max(residual - 4.0 * rounding);
-            assert!((point.n_g.length() - 1.0).abs() < 1e-14 && hit.params.is_finite());
+            assert!((point.n_g.length() - 1.0).abs() < 1e-14 && hit.prim_uv.is_finite());
             let close = naive(&net, &ray, 2.0 * NEAR * size)
                 .into_iter()
                 .any(|found| (found - t).abs() <= slack);
@@ -215,7 +215,7 @@ fn of_two_patches_that_share_an_edge_one_is_hit_at_least() {
         let side = DVec3::new(random.signed(), random.signed(), 2.0);
         let origin = target + [1.0, 30.0, 1e5][i % 3] * side;
         let ray = Ray::new(origin, target - origin);
-        let hits = [&left, &right].map(|patch| patch.closest(&ray, Interval::FORWARD, None));
+        let hits = [&left, &right].map(|patch| patch.intersect(&ray, Interval::FORWARD, None));
         assert!(hits.iter().any(Option::is_some), "{ray:?}");
     }
 }
@@ -228,7 +228,7 @@ fn several_patches_are_numbered_and_mirrors_keep_the_outside() {
         patches = [[0,1,2,3,4,5,6,7,8,9,10,11,12,13,14,15], [0,1,2,3,0,1,2,3,16,17,18,19,16,17,18,19]]";
     for (scale, sign) in [(DVec3::ONE, 1.0), (DVec3::new(1.0, 1.0, -1.0), -1.0)] {
         let transform = Transform::new(whitstone_core::DAffine3::from_scale(scale)).unwrap();
-        let Ok(Shape::Opaque(both)) = build::<Shapes, Patch>(shared, transform) else {
+        let Ok(LoweredShape::Opaque(both)) = build::<Shapes, Patch>(shared, transform) else {
             panic!("patches are opaque")
         };
         let down = Ray::new(DVec3::new(1.5, 1.0, 0.5), DVec3::new(0.0, 0.0, -1.0));

@@ -33,7 +33,7 @@ struct Node {
 }
 
 pub(super) struct Tree {
-    leaves: Vec<Leaf>,
+    origin_primitive: Vec<Leaf>,
     nodes: Vec<Node>,
 }
 
@@ -110,14 +110,14 @@ pub(super) fn parts(net: &Net<DVec3>, patch: u32) -> Vec<Leaf> {
 
 impl Tree {
     /// Builds a tree over parts; each box is padded by `padding`.
-    pub(super) fn new(leaves: Vec<Leaf>, padding: f64) -> Self {
-        let boxes: Vec<Aabb> = leaves
+    pub(super) fn new(origin_primitive: Vec<Leaf>, padding: f64) -> Self {
+        let boxes: Vec<Aabb> = origin_primitive
             .iter()
             .map(|leaf| Aabb::around(leaf.net.0).padded(padding))
             .collect();
-        let mut order: Vec<u32> = (0..leaves.len() as u32).collect();
+        let mut order: Vec<u32> = (0..origin_primitive.len() as u32).collect();
         let mut tree = Self {
-            leaves,
+            origin_primitive,
             nodes: Vec::with_capacity(2 * boxes.len()),
         };
         tree.build(&mut order, &boxes);
@@ -159,8 +159,9 @@ impl Tree {
     /// first. The return value is the new far end.
     pub(super) fn walk(&self, ray: &Slabs, near: f64, far: f64, mut visit: impl FnMut(&Leaf) -> f64) {
         let mut far = far;
-        let meets =
-            |(enters, leaves): (f64, f64), far: f64| enters <= leaves && leaves >= near && enters <= far;
+        let meets = |(enters, origin_primitive): (f64, f64), far: f64| {
+            enters <= origin_primitive && origin_primitive >= near && enters <= far
+        };
         // Median splits give a tree of at most 32 levels.
         let mut waiting = [(0u32, f64::NEG_INFINITY); 40];
         let mut count = usize::from(meets(ray.cut(&self.nodes[0].bounds), far));
@@ -172,7 +173,7 @@ impl Tree {
             }
             let node = &self.nodes[number as usize];
             if node.leaf != NONE {
-                far = visit(&self.leaves[node.leaf as usize]);
+                far = visit(&self.origin_primitive[node.leaf as usize]);
                 continue;
             }
             let mut children = [number + 1, node.second].map(|child| {

@@ -67,7 +67,7 @@ fn walk<R: Real>(ball: &dyn Textbook<R>, ray: &Ray, bounces: f64) -> [f64; 3] {
         if bounce > 0 {
             origin = [0, 1, 2].map(|i| origin[i] + R::of(1e-4) * direction[i]);
         }
-        let Some(t) = ball.closest(origin, direction) else {
+        let Some(t) = ball.intersect(origin, direction) else {
             break;
         };
         origin = [0, 1, 2].map(|i| origin[i] + t * direction[i]);

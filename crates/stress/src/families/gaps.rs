@@ -5,7 +5,7 @@ use crate::lab::{rows, single, textbook_of, tree};
 use crate::{About, Answer, Engine, Family, Lab, Sample, decades};
 use rayon::prelude::*;
 use serde_json::json;
-use whitstone_core::{DVec3, Interval, Ray, Shape, Skip};
+use whitstone_core::{DVec3, Interval, LoweredShape, Ray, SelfHitFilter};
 use whitstone_oracle::naive::{Real, Textbook};
 use whitstone_oracle::optics::power;
 use whitstone_scene::Pipeline;
@@ -114,7 +114,7 @@ impl Family for ShadowGap {
 /// Whether a ray straight up from `place`, with a constant offset, hits the blocker.
 fn shaded<R: Real>(blocker: &dyn Textbook<R>, place: DVec3) -> bool {
     let origin = (place + EPSILON * DVec3::Z).to_array().map(R::of);
-    blocker.closest(origin, [0.0, 0.0, 1.0].map(R::of)).is_some()
+    blocker.intersect(origin, [0.0, 0.0, 1.0].map(R::of)).is_some()
 }
 
 /// A triangle at height `z`, a few metres wide, whose outside is above or below.
@@ -207,7 +207,7 @@ fn faces_met<R: Real>(shape: &dyn Textbook<R>, ray: &Ray) -> u64 {
     let mut origin = ray.origin.to_array().map(R::of);
     let direction = ray.direction.to_array().map(R::of);
     let mut faces = 0;
-    while let Some(t) = shape.closest(origin, direction).filter(|_| faces < 8) {
+    while let Some(t) = shape.intersect(origin, direction).filter(|_| faces < 8) {
         faces += 1;
         let on = t + R::of(EPSILON);
         origin = [0, 1, 2].map(|i| origin[i] + on * direction[i]);
@@ -291,7 +291,7 @@ fn reflections<R: Real>(scene: &str, ray: &Ray) -> Result<u64, String> {
     while count <= u64::from(BOUNCES) {
         let hits = mirrors
             .iter()
-            .filter_map(|mirror| mirror.closest(origin, direction));
+            .filter_map(|mirror| mirror.intersect(origin, direction));
         let Some(t) = hits.reduce(|a, b| if b < a { b } else { a }) else {
             break;
         };
@@ -367,9 +367,9 @@ impl Family for Leaks {
         let few = &aimed[..aimed.len().min(2000)];
         let (double, single) = (textbook_of::<f64>(&mesh, 0)?, textbook_of::<f32>(&mesh, 0)?);
         let numbers = |ray: &Ray| [ray.origin, ray.direction].map(|v| v.to_array());
-        let of_double = |[o, d]: [[f64; 3]; 2]| double.closest(o, d).is_some();
+        let of_double = |[o, d]: [[f64; 3]; 2]| double.intersect(o, d).is_some();
         let to_single = |v: [f64; 3]| v.map(|x| x as f32);
-        let of_single = |[o, d]: [[f64; 3]; 2]| single.closest(to_single(o), to_single(d)).is_some();
+        let of_single = |[o, d]: [[f64; 3]; 2]| single.intersect(to_single(o), to_single(d)).is_some();
         let mut answers = vec![
             (Engine::Whitstone, Ok(ours)),
             (Engine::Mitsuba, theirs),
@@ -389,10 +389,10 @@ impl Family for Leaks {
 
 /// Number of rays that hit nothing.
 fn leaks(pipeline: &Pipeline, rays: &[Ray]) -> u64 {
-    let accelerator = &pipeline.world.accelerator;
+    let accelerator = &pipeline.scene.accelerator;
     let leaves = |ray: &&Ray| {
         accelerator
-            .closest(ray, Interval::FORWARD, Skip::NOTHING)
+            .intersect(ray, Interval::FORWARD, SelfHitFilter::NOTHING)
             .is_none()
     };
     rays.par_iter().filter(leaves).count() as u64
@@ -401,7 +401,7 @@ fn leaks(pipeline: &Pipeline, rays: &[Ray]) -> u64 {
 /// Rays that start in the tube of a torus with the radius 0.7. One third aims at vertices, one
 /// third at points on edges, one third at points inside triangles.
 fn aim(pipeline: &Pipeline, center: DVec3, count: usize, random: &mut Random) -> Result<Vec<Ray>, String> {
-    let Some(Shape::Triangles(mesh)) = pipeline.world.geometry.shapes().first() else {
+    let Some(LoweredShape::Triangles(mesh)) = pipeline.scene.geometry.shapes().first() else {
         return Err("the mesh is none".to_owned());
     };
     let rays = (0..count).map(|_| {

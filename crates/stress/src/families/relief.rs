@@ -4,7 +4,7 @@
 //! `crates/shapes/src/mesh/displacement.rs` tests that their normals are right at any amplitude.
 
 use crate::{About, Answer, Engine, Family, Lab, Sample, decades};
-use whitstone_core::{Branches, DVec3, SurfacePoint};
+use whitstone_core::{DVec3, SpecularRays, SurfaceInteraction};
 use whitstone_oracle::naive::Real;
 use whitstone_testkit::Random;
 
@@ -74,9 +74,9 @@ impl Family for Relief {
                     }
                 };
                 let place = DVec3::new(0.5 + 0.2 * random.signed(), 0.1, 0.0);
-                let mut branches = Branches::default();
-                let point = SurfacePoint::new(place, 0.0, DVec3::Z);
-                pipeline.world.materials[0].branches(&point, view, &mut branches);
+                let mut branches = SpecularRays::default();
+                let point = SurfaceInteraction::new(place, 0.0, DVec3::Z);
+                pipeline.scene.materials[0].specular_rays(&point, view, &mut branches);
                 // A viewer above the surface who sees the bent surface from behind sees the plain
                 // surface.
                 let seen = if towards * view.z > 0.0 { normal } else { DVec3::Z };

@@ -129,9 +129,9 @@ fn lit<R: Real>(scale: f64) -> Result<Vec<f64>, String> {
     let shapes: Vec<Box<dyn Textbook<R>>> = (0..SHAPES)
         .map(|number| textbook_of(&text, number))
         .collect::<Result<_, _>>()?;
-    let closest = |ray: &Ray| {
+    let intersect = |ray: &Ray| {
         let [o, d] = [ray.origin, ray.direction].map(|v| v.to_array().map(R::of));
-        let hits = shapes.iter().filter_map(|shape| shape.closest(o, d));
+        let hits = shapes.iter().filter_map(|shape| shape.intersect(o, d));
         hits.reduce(|a, b| if b < a { b } else { a }).map(R::to_f64)
     };
     let lamp = scale * DVec3::new(2.0, 4.0, 2.0);
@@ -141,10 +141,10 @@ fn lit<R: Real>(scale: f64) -> Result<Vec<f64>, String> {
                 [(x, WIDTH), (y, HEIGHT)].map(|(k, of)| f64::from(k) + 0.5 - 0.5 * f64::from(of));
             let direction = DVec3::new(across, -down, -1.2 * f64::from(WIDTH)).normalize();
             let ray = Ray::new(scale * DVec3::new(0.0, 1.0, 4.0), direction);
-            let Some(t) = closest(&ray) else { return 0.0 };
+            let Some(t) = intersect(&ray) else { return 0.0 };
             let place = ray.at(t);
             let to = (lamp - place).normalize();
-            f64::from(u8::from(closest(&Ray::new(place + 1e-4 * to, to)).is_none()))
+            f64::from(u8::from(intersect(&Ray::new(place + 1e-4 * to, to)).is_none()))
         })
         .collect())
 }

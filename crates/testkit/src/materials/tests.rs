@@ -1,26 +1,26 @@
 use super::*;
-use whitstone_core::Distribution;
+use whitstone_core::GlossyLobe;
 
 struct Made {
-    lobes: Lobes,
-    needs: Needs,
-    local: fn(&SurfacePoint, DVec3, &Illumination<'_>) -> f64,
-    branches: fn(&SurfacePoint, DVec3) -> Vec<Branch>,
+    lobes: BsdfFlags,
+    needs: SurfaceAttributes,
+    local: fn(&SurfaceInteraction, DVec3, &LightSamples<'_>) -> f64,
+    branches: fn(&SurfaceInteraction, DVec3) -> Vec<SpecularRay>,
     lobe: &'static [DVec3],
     reflections: u32,
 }
 
 impl Material for Made {
-    fn lobes(&self) -> Lobes {
+    fn flags(&self) -> BsdfFlags {
         self.lobes
     }
-    fn needs(&self) -> Needs {
+    fn needs(&self) -> SurfaceAttributes {
         self.needs
     }
-    fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
+    fn local_illumination(&self, point: &SurfaceInteraction, view: DVec3, light: &LightSamples<'_>) -> Rgb {
         Rgb::splat((self.local)(point, view, light))
     }
-    fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
+    fn specular_rays(&self, point: &SurfaceInteraction, view: DVec3, out: &mut SpecularRays) {
         for branch in (self.branches)(point, view) {
             out.push(branch);
         }
@@ -28,40 +28,40 @@ impl Material for Made {
     fn reflections(&self) -> u32 {
         self.reflections
     }
-    fn distribution(&self, point: &SurfacePoint, view: DVec3) -> Option<Distribution<'_>> {
+    fn glossy_lobe(&self, point: &SurfaceInteraction, view: DVec3) -> Option<GlossyLobe<'_>> {
         let n = point.n_towards(view);
-        (!self.lobe.is_empty()).then_some(Distribution { n, lobe: self.lobe })
+        (!self.lobe.is_empty()).then_some(GlossyLobe { n, lobe: self.lobe })
     }
 }
 
-fn lambert(point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> f64 {
+fn lambert(point: &SurfaceInteraction, view: DVec3, light: &LightSamples<'_>) -> f64 {
     let n = point.n_towards(view);
-    let term = |light: &Incoming| light.irradiance.g * n.dot(light.direction).max(0.0);
+    let term = |light: &LightLiSample| light.irradiance.g * n.dot(light.direction).max(0.0);
     light.ambient.g + light.lights.iter().map(term).sum::<f64>()
 }
 
-fn mirrored(point: &SurfacePoint, view: DVec3) -> Branch {
+fn mirrored(point: &SurfaceInteraction, view: DVec3) -> SpecularRay {
     let n = point.n_towards(view);
-    Branch {
+    SpecularRay {
         direction: (2.0 * n.dot(view) * n - view).normalize(),
         weight: Rgb::splat(0.5),
-        kind: BranchKind::Reflection,
+        kind: SpecularRayKind::Reflection,
     }
 }
 
-fn straight(view: DVec3) -> Branch {
-    Branch {
+fn straight(view: DVec3) -> SpecularRay {
+    SpecularRay {
         direction: -view,
         weight: Rgb::splat(0.5),
-        kind: BranchKind::Transmission {
+        kind: SpecularRayKind::Transmission {
             absorption: Rgb::BLACK,
         },
     }
 }
 
 const RIGHT: Made = Made {
-    lobes: Lobes::LOCAL,
-    needs: Needs::SHADING_NORMAL,
+    lobes: BsdfFlags::LOCAL,
+    needs: SurfaceAttributes::SHADING_NORMAL,
     local: lambert,
     branches: |_, _| Vec::new(),
     lobe: &[],
@@ -76,8 +76,8 @@ const SPREAD: Made = Made {
     ..RIGHT
 };
 
-fn all() -> Lobes {
-    Lobes::LOCAL | Lobes::REFLECTION | Lobes::TRANSMISSION
+fn all() -> BsdfFlags {
+    BsdfFlags::LOCAL | BsdfFlags::REFLECTION | BsdfFlags::TRANSMISSION
 }
 
 #[test]
@@ -177,7 +177,7 @@ fn a_dark_inside_is_found() {
 #[should_panic(expected = "says that it needs it")]
 fn a_hidden_shading_normal_is_found() {
     material_laws(&Made {
-        needs: Needs::NOTHING,
+        needs: SurfaceAttributes::NOTHING,
         ..RIGHT
     });
 }
@@ -213,7 +213,7 @@ fn a_hidden_branch_is_found() {
 #[should_panic(expected = "lobes name a local")]
 fn a_hidden_local_response_is_found() {
     material_laws(&Made {
-        lobes: Lobes::REFLECTION,
+        lobes: BsdfFlags::REFLECTION,
         ..RIGHT
     });
 }
@@ -221,9 +221,9 @@ fn a_hidden_local_response_is_found() {
 #[test]
 #[should_panic(expected = "unit directions")]
 fn a_long_branch_is_found() {
-    let branches = |point: &SurfacePoint, view| {
+    let branches = |point: &SurfaceInteraction, view| {
         let branch = mirrored(point, view);
-        vec![Branch {
+        vec![SpecularRay {
             direction: branch.direction * 1.001,
             ..branch
         }]
@@ -238,9 +238,9 @@ fn a_long_branch_is_found() {
 #[test]
 #[should_panic(expected = "stays on the viewer's side")]
 fn a_reflection_into_the_surface_is_found() {
-    let branches = |point: &SurfacePoint, view| {
+    let branches = |point: &SurfaceInteraction, view| {
         let branch = mirrored(point, view);
-        vec![Branch {
+        vec![SpecularRay {
             direction: -branch.direction,
             ..branch
         }]
@@ -255,7 +255,7 @@ fn a_reflection_into_the_surface_is_found() {
 #[test]
 #[should_panic(expected = "no more radiance leaves")]
 fn a_surface_that_adds_energy_is_found() {
-    let branches = |point: &SurfacePoint, view| vec![mirrored(point, view)];
+    let branches = |point: &SurfaceInteraction, view| vec![mirrored(point, view)];
     furnace_laws(&Made {
         lobes: all(),
         branches,
@@ -266,10 +266,10 @@ fn a_surface_that_adds_energy_is_found() {
 #[test]
 #[should_panic(expected = "the law of refraction")]
 fn glass_that_does_not_bend_is_found() {
-    let branches = |point: &SurfacePoint, view| {
+    let branches = |point: &SurfaceInteraction, view| {
         let entering = point.n_g.dot(view) > 0.0;
         let weight = Rgb::splat(if entering { 1.0 / 2.25 } else { 2.25 });
-        vec![Branch {
+        vec![SpecularRay {
             weight,
             ..straight(view)
         }]
@@ -288,7 +288,7 @@ fn glass_that_does_not_bend_is_found() {
 #[test]
 #[should_panic(expected = "nothing is lost")]
 fn glass_that_loses_light_is_found() {
-    let branches = |point: &SurfacePoint, view| vec![mirrored(point, view)];
+    let branches = |point: &SurfaceInteraction, view| vec![mirrored(point, view)];
     dielectric_laws(
         &Made {
             lobes: all(),

@@ -6,10 +6,10 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::{
-    Aabb, Accelerator, Accelerators, Camera, Cameras, Context, DVec2, DVec3, Element, FilmSize, Geometry,
-    Illumination, Interval, Light, LightGives, LightSample, Lights, Lobes, Material, Materials, Needs,
-    Primitive, PrimitiveHit, RawHit, Ray, Rgb, SceneErrors, Shape, Shapes, Skip, Statistics, SurfacePoint,
-    Texture, Textures, Transform, triangle::ShearedRay,
+    Aabb, Accelerator, Accelerators, BsdfFlags, Camera, Cameras, Context, DVec2, DVec3, Element, FilmSize,
+    Geometry, Interval, Light, LightFlags, LightSample, LightSamples, Lights, LoweredShape, Material,
+    Materials, PreliminaryIntersection, Ray, Rgb, SceneErrors, SelfHitFilter, Shape, ShapeHit, Shapes,
+    Statistics, SurfaceAttributes, SurfaceInteraction, Texture, Textures, Transform, triangle::ShearedRay,
 };
 
 /// Correct up to a limit, faulty above.
@@ -50,23 +50,28 @@ struct WrongBall(Ball, f64);
 impl Plugin<Shapes> for Wrong {
     const TYPE: &'static str = "wrong_ball";
     type Config = Config;
-    fn build(config: Config, place: Transform, _: &mut dyn Context) -> Result<Shape, SceneErrors> {
+    fn build(config: Config, place: Transform, _: &mut dyn Context) -> Result<LoweredShape, SceneErrors> {
         let ball = Ball {
             center: place.world_from_object().translation,
             radius: 1.0,
         };
-        Ok(Shape::Opaque(Box::new(WrongBall(ball, config.amount))))
+        Ok(LoweredShape::Opaque(Box::new(WrongBall(ball, config.amount))))
     }
 }
 
-impl Primitive for WrongBall {
+impl Shape for WrongBall {
     fn bounds(&self) -> Aabb {
         self.0.bounds()
     }
-    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
-        self.0.closest(ray, interval, leaves)
+    fn intersect(&self, ray: &Ray, interval: Interval, origin_primitive: Option<u32>) -> Option<ShapeHit> {
+        self.0.intersect(ray, interval, origin_primitive)
     }
-    fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
+    fn surface(
+        &self,
+        ray: &Ray,
+        hit: &PreliminaryIntersection,
+        needs: SurfaceAttributes,
+    ) -> SurfaceInteraction {
         let mut point = self.0.surface(ray, hit, needs);
         if self.1 > LIMIT {
             point.n_s *= 1.0 + 1e-9;
@@ -102,7 +107,12 @@ impl Plugin<Accelerators> for Wrong {
 }
 
 impl Accelerator for Forgetful {
-    fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
+    fn intersect(
+        &self,
+        ray: &Ray,
+        interval: Interval,
+        skip: SelfHitFilter,
+    ) -> Option<PreliminaryIntersection> {
         let sheared = ShearedRay::new(ray);
         let mut elements: Vec<Element> = self.0.elements().collect();
         if self.1 > LIMIT {
@@ -112,8 +122,8 @@ impl Accelerator for Forgetful {
         let hits = hits.filter_map(|element| self.0.intersect(element, ray, &sheared, interval, skip));
         hits.reduce(|best, hit| if hit.beats(&best) { hit } else { best })
     }
-    fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
-        self.closest(ray, interval, skip).is_some()
+    fn occluded(&self, ray: &Ray, interval: Interval, skip: SelfHitFilter) -> bool {
+        self.intersect(ray, interval, skip).is_some()
     }
     fn statistics(&self) -> Statistics {
         Statistics::new()
@@ -138,13 +148,13 @@ impl Plugin<Materials> for Wrong {
 }
 
 impl Material for Grazing {
-    fn lobes(&self) -> Lobes {
-        Lobes::LOCAL
+    fn flags(&self) -> BsdfFlags {
+        BsdfFlags::LOCAL
     }
-    fn needs(&self) -> Needs {
-        Needs::SHADING_NORMAL
+    fn needs(&self) -> SurfaceAttributes {
+        SurfaceAttributes::SHADING_NORMAL
     }
-    fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
+    fn local_illumination(&self, point: &SurfaceInteraction, view: DVec3, light: &LightSamples<'_>) -> Rgb {
         let cosine = point.n_towards(view).dot(view);
         let odd = if self.0 > LIMIT && cosine < 1e-9 {
             f64::NAN
@@ -175,10 +185,10 @@ impl Plugin<Textures> for Wrong {
 }
 
 impl Texture for Negative {
-    fn needs(&self) -> Needs {
-        Needs::UV
+    fn needs(&self) -> SurfaceAttributes {
+        SurfaceAttributes::UV
     }
-    fn value(&self, point: &SurfacePoint) -> Rgb {
+    fn value(&self, point: &SurfaceInteraction) -> Rgb {
         Rgb::splat(if self.0 > LIMIT && point.uv.x < 0.0 {
             -1.0
         } else {
@@ -229,8 +239,8 @@ impl Plugin<Lights> for Wrong {
 }
 
 impl Light for Dark {
-    fn gives(&self) -> LightGives {
-        LightGives::SAMPLES
+    fn flags(&self) -> LightFlags {
+        LightFlags::SAMPLES
     }
     fn samples(&self, _: DVec3, out: &mut Vec<LightSample>) {
         out.push(LightSample {

@@ -97,7 +97,7 @@ impl Cubemap {
                 (0..size).map(move |i| [i, j])
             };
             let texels = (0..size).flat_map(row).map(|texel| {
-                let seen = |direction| sky.world.background(direction);
+                let seen = |direction| sky.scene.background(direction);
                 mean(texel, size, parts, |a, c| {
                     seen((forward + a * forward.cross(up) + c * up).normalize())
                 })

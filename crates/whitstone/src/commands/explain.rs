@@ -8,7 +8,7 @@ use clap::Args;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::sync::Arc;
-use whitstone_core::{Counters, Geometry, Needs, Registry};
+use whitstone_core::{Counters, Geometry, Registry, SurfaceAttributes};
 use whitstone_scene::{Cost, Pipeline, Plan, RenderOptions};
 
 /// Explain what is built for a scene and which optimisations apply; with --pixel, print one pixel's
@@ -121,13 +121,13 @@ fn elements(pipeline: &Pipeline) -> usize {
 /// The geometry of the scene, then those of its groups.
 fn geometries(pipeline: &Pipeline) -> impl Iterator<Item = &Geometry> {
     let groups = pipeline.groups.iter().map(|built| &**built.group.geometry());
-    std::iter::once(&*pipeline.world.geometry).chain(groups)
+    std::iter::once(&*pipeline.scene.geometry).chain(groups)
 }
 
 /// The number of distinct materials; shapes share them.
 fn materials(pipeline: &Pipeline) -> usize {
     let mut places: Vec<*const ()> = pipeline
-        .world
+        .scene
         .materials
         .iter()
         .map(|material| Arc::as_ptr(material).cast())
@@ -139,7 +139,7 @@ fn materials(pipeline: &Pipeline) -> usize {
 
 /// The maximum number of reflected rays per hit.
 fn reflections(pipeline: &Pipeline) -> u32 {
-    let all = pipeline.world.materials.iter();
+    let all = pipeline.scene.materials.iter();
     all.map(|material| material.reflections()).max().unwrap_or(1)
 }
 
@@ -159,13 +159,13 @@ fn bytes_of(costs: &[Cost], part: &str) -> u64 {
 
 fn needs(pipeline: &Pipeline) -> Vec<&'static str> {
     let all = [
-        (Needs::SHADING_NORMAL, "interpolated normals"),
-        (Needs::UV, "texture coordinates"),
-        (Needs::FOOTPRINT, "footprints of rays"),
+        (SurfaceAttributes::SHADING_NORMAL, "interpolated normals"),
+        (SurfaceAttributes::UV, "texture coordinates"),
+        (SurfaceAttributes::FOOTPRINT, "footprints of rays"),
     ];
     let needed = all
         .into_iter()
-        .filter(|(need, _)| pipeline.world.needs().contains(*need));
+        .filter(|(need, _)| pipeline.scene.needs().contains(*need));
     needed.map(|(_, name)| name).collect()
 }
 
@@ -199,10 +199,10 @@ fn print_pipeline(pipeline: &Pipeline, names: &Names) {
     row("integrator", &names.integrator);
     let (accelerator, why) = &pipeline.accelerator;
     row("accelerator", &format!("{accelerator} ({why})"));
-    if let Some(caveat) = pipeline.world.accelerator.caveat() {
-        println!("  {caveat}: the image depends on it");
+    if let Some(approximation_note) = pipeline.scene.accelerator.approximation_note() {
+        println!("  {approximation_note}: the image depends on it");
     }
-    for (name, value) in pipeline.world.accelerator.statistics() {
+    for (name, value) in pipeline.scene.accelerator.statistics() {
         println!("  {name:<20} {value}");
     }
     let (shapes, elements) = (names.shapes.len(), elements(pipeline));
@@ -217,7 +217,7 @@ fn print_pipeline(pipeline: &Pipeline, names: &Names) {
             println!("  {name:<20} {value}");
         }
     }
-    let copies = pipeline.world.geometry.paths() - 1;
+    let copies = pipeline.scene.geometry.paths() - 1;
     if copies > 0 {
         row(
             "copies",
@@ -232,7 +232,7 @@ fn print_pipeline(pipeline: &Pipeline, names: &Names) {
         "materials",
         &format!("{} for the {shapes} shapes", materials(pipeline)),
     );
-    for (number, defects) in pipeline.world.open_refracting_meshes() {
+    for (number, defects) in pipeline.scene.open_refracting_meshes() {
         let name = names.shapes.get(number as usize).map_or("", String::as_str);
         row(
             "not closed",
@@ -299,11 +299,11 @@ fn report(pipeline: &Pipeline, names: &Names, tree: Option<&PixelTree>, counted:
         "accelerator": {
             "type": pipeline.accelerator.0,
             "reason": pipeline.accelerator.1,
-            "caveat": pipeline.world.accelerator.caveat(),
-            "statistics": pipeline.world.accelerator.statistics(),
+            "approximation_note": pipeline.scene.accelerator.approximation_note(),
+            "statistics": pipeline.scene.accelerator.statistics(),
         },
         "shapes": names.shapes,
-        "open_refracting_meshes": pipeline.world.open_refracting_meshes().iter().map(|(number, defects)| json!({
+        "open_refracting_meshes": pipeline.scene.open_refracting_meshes().iter().map(|(number, defects)| json!({
             "shape": number,
             "border_edges": defects.border_edges,
             "crowded_edges": defects.crowded_edges,
@@ -318,7 +318,7 @@ fn report(pipeline: &Pipeline, names: &Names, tree: Option<&PixelTree>, counted:
             "reason": built.accelerator.1,
             "statistics": built.group.accelerator().statistics(),
         })).collect::<Vec<_>>(),
-        "copies": pipeline.world.geometry.paths() - 1,
+        "copies": pipeline.scene.geometry.paths() - 1,
         "lights": names.lights,
         "materials": materials(pipeline),
         "reflections": reflections(pipeline),

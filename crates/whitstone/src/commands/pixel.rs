@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::time::Duration;
-use whitstone_core::{InstancePath, Registry, Rgb, Scratch, TreeNode};
+use whitstone_core::{InstanceId, Registry, Rgb, Scratch, TreeNode};
 use whitstone_scene::Pipeline;
 use whitstone_validate::driver::SceneText;
 use whitstone_validate::environment::Environment;
@@ -304,7 +304,7 @@ fn vector(values: [f64; 3]) -> String {
 
 /// The chain of instances that leads to an object, outermost first.
 fn placed_by(pipeline: &Pipeline, copy: u32) -> Vec<u32> {
-    pipeline.world.geometry.placed_by(InstancePath(copy))
+    pipeline.scene.geometry.placed_by(InstanceId(copy))
 }
 
 fn print_node(pipeline: &Pipeline, node: &TreeNode, names: &Names) {

@@ -30,7 +30,7 @@ pub struct Arguments {
     /// Disable all scene-specific specialisation; the image is identical, and the extra time is
     /// what specialisation saves
     #[arg(long)]
-    one_size_fits_all: bool,
+    without_specialization: bool,
     /// Write sizes, times and ray counts to this file as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -70,8 +70,8 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     for output in &outputs {
         atomic::check(output).map_err(Failure::environment)?;
     }
-    if arguments.one_size_fits_all {
-        pipeline.world = pipeline.world.one_size_fits_all();
+    if arguments.without_specialization {
+        pipeline.scene = pipeline.scene.without_specialization();
     }
     let size = pipeline.film.size;
     let bar = progress(u64::from(size.width) * u64::from(size.height), "rendering");

@@ -428,8 +428,8 @@ fn print_case(case: &CaseResult) {
     {
         println!("      {noisy}");
     }
-    if let Some(caveat) = &case.caveat {
-        println!("      {caveat}");
+    if let Some(approximation_note) = &case.approximation_note {
+        println!("      {approximation_note}");
     }
     for change in &case.adapted {
         println!("      on both sides {change}");

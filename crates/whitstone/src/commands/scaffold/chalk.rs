@@ -2,7 +2,7 @@
 //! in Lunar Photometry*, 1941).
 //!
 //! The BRDF is f = reflectance/pi (cos of the light · cos of the viewer)^(darkening - 1). It is
-//! reciprocal, and its reflection of uniform illumination has the closed form in `local`.
+//! reciprocal, and its reflection of uniform illumination has the closed form in `local_illumination`.
 //!
 //! - Twin: none; the tests check energy, reciprocity, and the matte surface as a special case.
 //! - Example: `scenes/chalk.toml`.
@@ -14,8 +14,8 @@ use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::{Finite, TextureRef};
 use whitstone_core::{
-    ColorSource, Context, DVec3, Illumination, Lobes, Material, Materials, Needs, Plugin, Rgb, SceneError,
-    SceneErrors, SurfacePoint,
+    BsdfFlags, ColorSource, Context, DVec3, LightSamples, Material, Materials, Plugin, Rgb, SceneError,
+    SceneErrors, SurfaceAttributes, SurfaceInteraction,
 };
 
 /// A matte surface that darkens towards its rim.
@@ -72,19 +72,19 @@ impl Plugin<Materials> for Chalk {
 }
 
 impl Material for Chalk {
-    fn lobes(&self) -> Lobes {
+    fn flags(&self) -> BsdfFlags {
         if self.reflectance.is_black() {
-            Lobes::NOTHING
+            BsdfFlags::NOTHING
         } else {
-            Lobes::LOCAL
+            BsdfFlags::LOCAL
         }
     }
 
-    fn needs(&self) -> Needs {
-        Needs::SHADING_NORMAL | self.reflectance.needs()
+    fn needs(&self) -> SurfaceAttributes {
+        SurfaceAttributes::SHADING_NORMAL | self.reflectance.needs()
     }
 
-    fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
+    fn local_illumination(&self, point: &SurfaceInteraction, view: DVec3, light: &LightSamples<'_>) -> Rgb {
         let n = point.n_towards(view);
         // Clamped at the horizon: a negative base has no real power.
         let cosine = |direction: DVec3| n.dot(direction).max(0.0);
@@ -102,7 +102,7 @@ impl Material for Chalk {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::Incoming;
+    use whitstone_core::LightLiSample;
     use whitstone_testkit::build;
 
     whitstone_testkit::material_laws!(
@@ -115,15 +115,15 @@ mod tests {
     #[test]
     fn without_darkening_it_is_matte() {
         let material = build::<Materials, Chalk>("reflectance = 0.5\ndarkening = 1", ()).unwrap();
-        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
-        let light = Illumination {
+        let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let light = LightSamples {
             ambient: Rgb::BLACK,
-            lights: &[Incoming {
+            lights: &[LightLiSample {
                 direction: DVec3::new(0.6, 0.0, 0.8),
                 irradiance: Rgb::WHITE,
             }],
         };
-        let found = material.local(&point, DVec3::new(0.0, 0.6, 0.8), &light);
+        let found = material.local_illumination(&point, DVec3::new(0.0, 0.6, 0.8), &light);
         assert!((found.g - 0.5 * 0.8 * FRAC_1_PI).abs() < 1e-15, "{found:?}");
     }
 

@@ -12,7 +12,7 @@ use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::{Color, Finite, Vector3};
 use whitstone_core::{
-    Context, DVec3, Light, LightGives, LightSample, Lights, Plugin, SceneError, SceneErrors,
+    Context, DVec3, Light, LightFlags, LightSample, Lights, Plugin, SceneError, SceneErrors,
 };
 
 /// Parallel light from a sphere that is lit from the side.
@@ -68,8 +68,8 @@ impl Plugin<Lights> for Moon {
 }
 
 impl Light for Moon {
-    fn gives(&self) -> LightGives {
-        LightGives::SAMPLES
+    fn flags(&self) -> LightFlags {
+        LightFlags::SAMPLES
     }
 
     fn samples(&self, _: DVec3, out: &mut Vec<LightSample>) {

@@ -7,7 +7,9 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::{Color, Positive, Vector2};
-use whitstone_core::{Context, DVec2, Needs, Plugin, Rgb, SceneErrors, SurfacePoint, Texture, Textures};
+use whitstone_core::{
+    Context, DVec2, Plugin, Rgb, SceneErrors, SurfaceAttributes, SurfaceInteraction, Texture, Textures,
+};
 
 /// Concentric rings of two alternating colours in texture space.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -64,11 +66,11 @@ impl Plugin<Textures> for Ripples {
 }
 
 impl Texture for Ripples {
-    fn needs(&self) -> Needs {
-        Needs::UV
+    fn needs(&self) -> SurfaceAttributes {
+        SurfaceAttributes::UV
     }
 
-    fn value(&self, point: &SurfacePoint) -> Rgb {
+    fn value(&self, point: &SurfaceInteraction) -> Rgb {
         let distance = (point.uv - self.center).length();
         // For an infinite distance the remainder is NaN, which compares false.
         let inner = distance.rem_euclid(2.0 * self.width) < self.width;
@@ -93,7 +95,7 @@ mod tests {
     fn colours_change_with_the_distance() {
         let texture = build::<Textures, Ripples>("a = 1\nb = 0\nwidth = 0.25", ()).unwrap();
         for (u, expected) in [(0.5, 1.0), (0.7, 1.0), (0.8, 0.0), (0.2, 0.0), (1.1, 1.0)] {
-            let mut point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+            let mut point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
             point.uv = DVec2::new(u, 0.5);
             assert_eq!(texture.value(&point), Rgb::splat(expected), "{u}");
         }

@@ -7,10 +7,10 @@
 mod decode;
 
 pub use self::decode::decode;
-pub use crate::instance::GroupRef;
-pub use crate::material::MaterialRef;
+pub use crate::geometry::instance::GroupRef;
+pub use crate::shading::material::MaterialRef;
 pub use crate::solid::SolidRef;
-pub use crate::steps::Steps;
+pub use crate::transform_steps::TransformSteps;
 use crate::{Rgb, SourceSpan};
 use glam::{DVec2, DVec3};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};

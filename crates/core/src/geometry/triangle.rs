@@ -101,13 +101,13 @@ impl ShearedRay {
     /// Other geometry bounded by edges is watertight next to triangles if it uses these
     /// coordinates.
     #[inline]
-    pub fn beside(&self, p: DVec3) -> DVec3 {
-        self.beside_turned(along(self.axes, p.to_array()))
+    pub fn shear(&self, p: DVec3) -> DVec3 {
+        self.shear_turned(along(self.axes, p.to_array()))
     }
 
-    /// [`Self::beside`] for coordinates along [`Self::axes`].
+    /// [`Self::shear`] for coordinates along [`Self::axes`].
     #[inline]
-    fn beside_turned(&self, [x, y, z]: [f64; 3]) -> DVec3 {
+    fn shear_turned(&self, [x, y, z]: [f64; 3]) -> DVec3 {
         let [x, y, z] = [x - self.origin[0], y - self.origin[1], z - self.origin[2]];
         DVec3::new(x - self.shear.x * z, y - self.shear.y * z, z)
     }
@@ -122,7 +122,7 @@ impl ShearedRay {
     /// [`Self::intersect`] for corners given by their coordinates along [`Self::axes`].
     #[inline(always)]
     pub fn intersect_turned(&self, corners: [[f64; 3]; 3]) -> Option<TriangleHit> {
-        let [a, b, c] = corners.map(|p| self.beside_turned(p));
+        let [a, b, c] = corners.map(|p| self.shear_turned(p));
         // Scaled barycentric coordinates: edge functions opposite a, b and c.
         let weight_a = c.x * b.y - c.y * b.x;
         let weight_b = a.x * c.y - a.y * c.x;
@@ -185,7 +185,7 @@ impl ShearedRay {
     /// line passed at an infinitesimal distance (Edelsbrunner and Mücke, *Simulation of
     /// simplicity*, ACM Transactions on Graphics 9(1), 1990).
     pub fn pierce(&self, a: DVec3, b: DVec3, c: DVec3) -> Option<Piercing> {
-        let (a, b, c) = (self.beside(a), self.beside(b), self.beside(c));
+        let (a, b, c) = (self.shear(a), self.shear(b), self.shear(c));
         let [of_a, of_b, of_c] = [side(b, c)?, side(c, a)?, side(a, b)?];
         if of_a != of_b || of_b != of_c {
             return None;

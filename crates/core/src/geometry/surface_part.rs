@@ -2,7 +2,7 @@ use crate::{Aabb, Transform};
 use glam::DVec3;
 
 /// A part of a shape's surface with a simple form, in world space. At build, the results of
-/// [`crate::Primitive::parts`] are compared between shapes to find coincident surfaces.
+/// [`crate::Shape::parts`] are compared between shapes to find coincident surfaces.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub enum SurfacePart {

@@ -12,7 +12,7 @@ use std::fmt;
 /// One transformation step, with exactly one key. Section 9 of the model defines their meanings.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Step {
+pub struct TransformOp {
     translate: Option<Vector3>,
     scale: Option<Scale>,
     rotate: Option<Rotate>,
@@ -35,7 +35,7 @@ struct Rotate {
 
 /// An error of a step as a whole, with an optional hint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct StepFault {
+pub struct TransformOpError {
     /// The error.
     pub message: &'static str,
     /// A hint.
@@ -45,19 +45,19 @@ pub struct StepFault {
 /// The message for transforms that are not invertible.
 pub const SINGULAR: &str = "the transform is singular: it flattens the shape or is not finite";
 
-impl Step {
+impl TransformOp {
     /// The affine map of the step.
     ///
     /// # Errors
     ///
     /// If there is not exactly one key, or the axis of a rotation is zero.
-    pub fn map(&self) -> Result<DAffine3, StepFault> {
+    pub fn map(&self) -> Result<DAffine3, TransformOpError> {
         match (self.translate, self.scale, self.rotate, self.matrix) {
             (Some(v), None, None, None) => Ok(DAffine3::from_translation(v.get())),
             (None, Some(Scale::Uniform(s)), None, None) => Ok(DAffine3::from_scale(DVec3::splat(s.get()))),
             (None, Some(Scale::PerAxis(s)), None, None) => Ok(DAffine3::from_scale(s.get())),
             (None, None, Some(Rotate { axis, degrees }), None) => {
-                let axis = axis.get().try_normalize().ok_or(StepFault {
+                let axis = axis.get().try_normalize().ok_or(TransformOpError {
                     message: "the axis of a rotation must not be zero or nearly so",
                     help: None,
                 })?;
@@ -69,7 +69,7 @@ impl Step {
                     x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2], x[3], y[3], z[3],
                 ]))
             }
-            _ => Err(StepFault {
+            _ => Err(TransformOpError {
                 message: "expected exactly one of translate, scale, rotate, matrix",
                 help: Some("write several steps as a list: they are applied in order"),
             }),
@@ -100,9 +100,9 @@ fn rotation(axis: DVec3, degrees: f64) -> DMat3 {
 /// The `transform` key in part of a plugin's table, such as the mapping of a texture: an invertible
 /// affine map.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Steps(Transform);
+pub struct TransformSteps(Transform);
 
-impl Steps {
+impl TransformSteps {
     /// No steps.
     pub const NONE: Self = Self(Transform::IDENTITY);
 
@@ -117,7 +117,7 @@ impl Steps {
     }
 }
 
-impl<'de> Deserialize<'de> for Steps {
+impl<'de> Deserialize<'de> for TransformSteps {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         /// A step that is rejected at its position if it defines no map.
         struct Map(DAffine3);
@@ -137,7 +137,7 @@ impl<'de> Deserialize<'de> for Steps {
                 f.write_str("a transform step")
             }
             fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Map, A::Error> {
-                let step = Step::deserialize(serde::de::value::MapAccessDeserializer::new(map))?;
+                let step = TransformOp::deserialize(serde::de::value::MapAccessDeserializer::new(map))?;
                 step.map()
                     .map(Map)
                     .map_err(|fault| A::Error::custom(fault.message))
@@ -147,19 +147,19 @@ impl<'de> Deserialize<'de> for Steps {
         struct OneOrMore;
 
         impl<'de> Visitor<'de> for OneOrMore {
-            type Value = Steps;
+            type Value = TransformSteps;
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
                 f.write_str("a transform step or a list of them")
             }
-            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Steps, A::Error> {
-                Steps::of(One.visit_map(map)?.0)
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<TransformSteps, A::Error> {
+                TransformSteps::of(One.visit_map(map)?.0)
             }
-            fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Steps, A::Error> {
+            fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<TransformSteps, A::Error> {
                 let mut all = DAffine3::IDENTITY;
                 while let Some(step) = seq.next_element::<Map>()? {
                     all = step.0 * all;
                 }
-                Steps::of(all)
+                TransformSteps::of(all)
             }
         }
 
@@ -167,7 +167,7 @@ impl<'de> Deserialize<'de> for Steps {
     }
 }
 
-impl JsonSchema for Steps {
+impl JsonSchema for TransformSteps {
     fn schema_name() -> Cow<'static, str> {
         "Steps".into()
     }
@@ -192,7 +192,7 @@ mod tests {
     #[derive(Deserialize)]
     #[serde(deny_unknown_fields)]
     struct Table {
-        transform: Steps,
+        transform: TransformSteps,
     }
 
     #[test]

@@ -1,17 +1,17 @@
-use crate::stream::{Colors, PointStream};
-use crate::{Needs, Rgb, SurfacePoint};
+use crate::stream::{Colors, SurfaceStream};
+use crate::{Rgb, SurfaceAttributes, SurfaceInteraction};
 use std::sync::Arc;
 
 /// A colour that varies over a surface.
 pub trait Texture: Send + Sync {
     /// The surface attributes that it reads.
-    fn needs(&self) -> Needs;
+    fn needs(&self) -> SurfaceAttributes;
 
     /// The linear colour at a point; a filtering texture averages over the footprint.
-    fn value(&self, point: &SurfacePoint) -> Rgb;
+    fn value(&self, point: &SurfaceInteraction) -> Rgb;
 
     /// [`Self::value`] for every point of a stream.
-    fn value_stream(&self, points: &PointStream, out: &mut Colors) {
+    fn value_stream(&self, points: &SurfaceStream, out: &mut Colors) {
         for lane in 0..points.len {
             out.set(lane, self.value(&points.get(lane)));
         }
@@ -54,7 +54,7 @@ pub enum ColorSource {
 impl ColorSource {
     /// The value at a point.
     #[inline]
-    pub fn value(&self, point: &SurfacePoint) -> Rgb {
+    pub fn value(&self, point: &SurfaceInteraction) -> Rgb {
         match self {
             Self::Constant(value) => *value,
             Self::Texture(texture) => texture.value(point),
@@ -62,7 +62,7 @@ impl ColorSource {
     }
 
     /// The values at the points of a stream.
-    pub fn value_stream(&self, points: &PointStream, out: &mut Colors) {
+    pub fn value_stream(&self, points: &SurfaceStream, out: &mut Colors) {
         match self {
             Self::Constant(value) => out.fill(points.len, *value),
             Self::Texture(texture) => texture.value_stream(points, out),
@@ -70,10 +70,10 @@ impl ColorSource {
     }
 
     /// The surface attributes that it reads.
-    pub fn needs(&self) -> Needs {
+    pub fn needs(&self) -> SurfaceAttributes {
         match self {
-            Self::Constant(_) => Needs::NOTHING,
-            Self::Texture(texture) => texture.needs() | Needs::TEXTURE,
+            Self::Constant(_) => SurfaceAttributes::NOTHING,
+            Self::Texture(texture) => texture.needs() | SurfaceAttributes::TEXTURE,
         }
     }
 

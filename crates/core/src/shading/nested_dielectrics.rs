@@ -5,23 +5,25 @@
 //! priority fills the space. An interface with the same dominant medium on both sides is ignored. A
 //! liquid may therefore overlap its container slightly; no shared boundary surface is needed.
 //!
-//! Scenes without priorities pay almost nothing: they have no [`Bodies`], and each ray carries one
+//! Scenes without priorities pay almost nothing: they have no [`NestedDielectrics`], and each ray carries one
 //! unused integer.
 
-use crate::{Branch, BranchKind, Branches, DVec3, Filter, Material, Rgb, SurfacePoint};
+use crate::{
+    DVec3, Material, Rgb, SpecularRay, SpecularRayKind, SpecularRays, SurfaceInteraction, Transmittance,
+};
 use std::cmp::Reverse;
 use std::sync::Arc;
 
 /// The medium that fills a body, or the space around all bodies.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Substance {
+pub struct Medium {
     /// Index of refraction.
     pub ior: f64,
     /// Absorption coefficient, per metre.
     pub absorption: Rgb,
 }
 
-impl Substance {
+impl Medium {
     /// Empty space.
     pub const NONE: Self = Self {
         ior: 1.0,
@@ -30,33 +32,39 @@ impl Substance {
 }
 
 /// A material of nested dielectrics, which may overlap.
-pub trait Overlapping: Send + Sync {
+pub trait PrioritizedDielectric: Send + Sync {
     /// Where bodies overlap, the one with the highest priority fills the space.
     fn priority(&self) -> u32;
 
     /// What fills the body.
-    fn substance(&self) -> Substance;
+    fn medium(&self) -> Medium;
 
     /// The branches at an interface from `from`, the viewer's side, to `to`; replaces
-    /// [`Material::branches`].
-    fn branches_between(
+    /// [`Material::specular_rays`].
+    fn specular_rays_between(
         &self,
-        point: &SurfacePoint,
+        point: &SurfaceInteraction,
         view: DVec3,
-        from: Substance,
-        to: Substance,
-        out: &mut Branches,
+        from: Medium,
+        to: Medium,
+        out: &mut SpecularRays,
     );
 
     /// Transmittance of a shadow ray at such an interface, if shadows are filtered.
-    fn filter_between(&self, point: &SurfacePoint, direction: DVec3, from: Substance, to: Substance) -> Rgb;
+    fn transmittance_between(
+        &self,
+        point: &SurfaceInteraction,
+        direction: DVec3,
+        from: Medium,
+        to: Medium,
+    ) -> Rgb;
 }
 
 /// The set of nested dielectrics that a ray is inside, one bit per body.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Inside(u64);
+pub struct MediumStack(u64);
 
-impl Inside {
+impl MediumStack {
     /// Outside all bodies.
     pub const NOTHING: Self = Self(0);
 
@@ -67,29 +75,29 @@ impl Inside {
 }
 
 /// The nested dielectrics of a scene; absent in scenes without priorities.
-pub struct Bodies {
+pub struct NestedDielectrics {
     /// By rank: descending priority, ties in scene order.
-    substances: Vec<Substance>,
+    media: Vec<Medium>,
     /// By shape: the bit of its body, or 0.
     bits: Vec<u64>,
 }
 
 /// An interface of a body as a ray reaches it (medium interface).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Face {
+pub struct MediumInterface {
     /// The bodies that contain the space in front of it.
-    pub before: Inside,
+    pub before: MediumStack,
     /// The bodies that contain the space behind it.
-    pub behind: Inside,
+    pub behind: MediumStack,
     /// The dominant medium in front of it.
-    pub from: Substance,
+    pub from: Medium,
     /// The dominant medium behind it.
-    pub to: Substance,
+    pub to: Medium,
     /// Whether the same body dominates on both sides: rays then ignore the interface.
     pub passed: bool,
 }
 
-impl Bodies {
+impl NestedDielectrics {
     /// Maximum number of bodies in a scene.
     pub const MOST: usize = 64;
 
@@ -98,7 +106,7 @@ impl Bodies {
     pub fn of(materials: &[Arc<dyn Material>]) -> Option<Self> {
         let all = materials.iter().enumerate();
         let mut bodies: Vec<_> = all
-            .filter_map(|(shape, material)| Some((shape, material.overlapping()?)))
+            .filter_map(|(shape, material)| Some((shape, material.prioritized()?)))
             .collect();
         if bodies.is_empty() {
             return None;
@@ -111,7 +119,7 @@ impl Bodies {
             bits[*shape] = 1 << rank;
         }
         Some(Self {
-            substances: bodies.iter().map(|(_, body)| body.substance()).collect(),
+            media: bodies.iter().map(|(_, body)| body.medium()).collect(),
             bits,
         })
     }
@@ -119,61 +127,72 @@ impl Bodies {
     /// The interface of a shape, for a ray in the bodies `inside` that reaches it from outside or
     /// inside of its own body; `None` if the shape is no nested dielectric. `from_outside`
     /// overrides `inside` for this body, so that a camera may be placed inside it.
-    pub fn face(&self, shape: u32, inside: Inside, from_outside: bool) -> Option<Face> {
+    pub fn face(&self, shape: u32, inside: MediumStack, from_outside: bool) -> Option<MediumInterface> {
         let bit = self.bits[shape as usize];
         if bit == 0 {
             return None;
         }
-        let (without, with) = (Inside(inside.0 & !bit), Inside(inside.0 | bit));
+        let (without, with) = (MediumStack(inside.0 & !bit), MediumStack(inside.0 | bit));
         let (before, behind) = if from_outside {
             (without, with)
         } else {
             (with, without)
         };
-        let substance = |inside: Inside| {
-            let found = self.substances.get(inside.top() as usize);
-            found.copied().unwrap_or(Substance::NONE)
+        let medium = |inside: MediumStack| {
+            let found = self.media.get(inside.top() as usize);
+            found.copied().unwrap_or(Medium::NONE)
         };
-        Some(Face {
+        Some(MediumInterface {
             before,
             behind,
-            from: substance(before),
-            to: substance(behind),
+            from: medium(before),
+            to: medium(behind),
             passed: before.top() == behind.top(),
         })
     }
 }
 
-impl Face {
+impl MediumInterface {
     /// The branches of a ray at the interface.
-    pub fn branches(&self, body: &dyn Overlapping, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
+    pub fn specular_rays(
+        &self,
+        body: &dyn PrioritizedDielectric,
+        point: &SurfaceInteraction,
+        view: DVec3,
+        out: &mut SpecularRays,
+    ) {
         if self.passed {
-            out.push(Branch {
+            out.push(SpecularRay {
                 direction: -view,
                 weight: Rgb::WHITE,
-                kind: BranchKind::Straight,
+                kind: SpecularRayKind::Null,
             });
         } else {
-            body.branches_between(point, view, self.from, self.to, out);
+            body.specular_rays_between(point, view, self.from, self.to, out);
         }
     }
 
     /// Transmittance of a shadow ray, if shadows are filtered.
-    pub fn filter(&self, body: &dyn Overlapping, point: &SurfacePoint, direction: DVec3) -> Filter {
+    pub fn filter(
+        &self,
+        body: &dyn PrioritizedDielectric,
+        point: &SurfaceInteraction,
+        direction: DVec3,
+    ) -> Transmittance {
         if self.passed {
-            return Filter::straight(Rgb::WHITE);
+            return Transmittance::straight(Rgb::WHITE);
         }
-        Filter {
-            weight: body.filter_between(point, direction, self.from, self.to),
+        Transmittance {
+            weight: body.transmittance_between(point, direction, self.from, self.to),
             medium: Some(self.to.absorption),
         }
     }
 
     /// The bodies that a branch of this kind travels in.
-    pub fn inside(&self, kind: BranchKind) -> Inside {
+    pub fn inside(&self, kind: SpecularRayKind) -> MediumStack {
         match kind {
-            BranchKind::Reflection => self.before,
-            BranchKind::Transmission { .. } | BranchKind::Straight => self.behind,
+            SpecularRayKind::Reflection => self.before,
+            SpecularRayKind::Transmission { .. } | SpecularRayKind::Null => self.behind,
         }
     }
 }
@@ -181,44 +200,51 @@ impl Face {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Lobes, Needs};
+    use crate::{BsdfFlags, SurfaceAttributes};
 
     struct Jelly(Option<u32>, f64);
 
     impl Material for Jelly {
-        fn lobes(&self) -> Lobes {
-            Lobes::TRANSMISSION
+        fn flags(&self) -> BsdfFlags {
+            BsdfFlags::TRANSMISSION
         }
-        fn needs(&self) -> Needs {
-            Needs::NOTHING
+        fn needs(&self) -> SurfaceAttributes {
+            SurfaceAttributes::NOTHING
         }
-        fn overlapping(&self) -> Option<&dyn Overlapping> {
+        fn prioritized(&self) -> Option<&dyn PrioritizedDielectric> {
             self.0.is_some().then_some(self)
         }
     }
 
-    impl Overlapping for Jelly {
+    impl PrioritizedDielectric for Jelly {
         fn priority(&self) -> u32 {
             self.0.unwrap_or_default()
         }
-        fn substance(&self) -> Substance {
-            Substance {
+        fn medium(&self) -> Medium {
+            Medium {
                 ior: self.1,
                 absorption: Rgb::splat(self.1),
             }
         }
-        fn branches_between(&self, _: &SurfacePoint, _: DVec3, _: Substance, _: Substance, _: &mut Branches) {
+        fn specular_rays_between(
+            &self,
+            _: &SurfaceInteraction,
+            _: DVec3,
+            _: Medium,
+            _: Medium,
+            _: &mut SpecularRays,
+        ) {
         }
-        fn filter_between(&self, _: &SurfacePoint, _: DVec3, _: Substance, _: Substance) -> Rgb {
+        fn transmittance_between(&self, _: &SurfaceInteraction, _: DVec3, _: Medium, _: Medium) -> Rgb {
             Rgb::splat(0.5)
         }
     }
 
-    fn bodies(priorities: &[Option<u32>]) -> Option<Bodies> {
+    fn bodies(priorities: &[Option<u32>]) -> Option<NestedDielectrics> {
         let material = |(place, priority): (usize, &Option<u32>)| -> Arc<dyn Material> {
             Arc::new(Jelly(*priority, place as f64 + 2.0))
         };
-        Bodies::of(&priorities.iter().enumerate().map(material).collect::<Vec<_>>())
+        NestedDielectrics::of(&priorities.iter().enumerate().map(material).collect::<Vec<_>>())
     }
 
     #[test]
@@ -231,8 +257,8 @@ mod tests {
     #[test]
     fn the_highest_priority_counts() {
         let bodies = bodies(&[Some(1), None, Some(7), Some(1)]).unwrap();
-        assert!(bodies.face(1, Inside::NOTHING, true).is_none());
-        let mut inside = Inside::NOTHING;
+        assert!(bodies.face(1, MediumStack::NOTHING, true).is_none());
+        let mut inside = MediumStack::NOTHING;
         // Shape, from outside, expected index of refraction in front and behind.
         for (shape, enters, from, to) in [
             (0, true, 1.0, 2.0),
@@ -248,23 +274,20 @@ mod tests {
         ] {
             let face = bodies.face(shape, inside, enters).unwrap();
             assert_eq!((face.from.ior, face.to.ior, face.passed), (from, to, from == to));
-            assert_eq!(face.inside(BranchKind::Reflection), inside);
-            inside = face.inside(BranchKind::Straight);
+            assert_eq!(face.inside(SpecularRayKind::Reflection), inside);
+            inside = face.inside(SpecularRayKind::Null);
         }
-        assert_eq!(inside, Inside::NOTHING);
+        assert_eq!(inside, MediumStack::NOTHING);
     }
 
     #[test]
     fn the_side_of_a_face_counts_more_than_what_was_known() {
         let bodies = bodies(&[Some(3)]).unwrap();
         // A camera inside the body: its ray starts with an empty set.
-        let face = bodies.face(0, Inside::NOTHING, false).unwrap();
-        assert_eq!(
-            (face.from.ior, face.to, face.passed),
-            (2.0, Substance::NONE, false)
-        );
-        assert_eq!(face.behind, Inside::NOTHING);
-        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let face = bodies.face(0, MediumStack::NOTHING, false).unwrap();
+        assert_eq!((face.from.ior, face.to, face.passed), (2.0, Medium::NONE, false));
+        assert_eq!(face.behind, MediumStack::NOTHING);
+        let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
         let filter = face.filter(&Jelly(Some(3), 2.0), &point, DVec3::Z);
         assert_eq!(filter.medium, Some(Rgb::BLACK));
     }
@@ -272,7 +295,7 @@ mod tests {
     #[test]
     fn there_may_be_as_many_as_bits() {
         let bodies = bodies(&[Some(0); 70]).unwrap();
-        let mut inside = Inside::NOTHING;
+        let mut inside = MediumStack::NOTHING;
         for shape in (0..64).rev() {
             let face = bodies.face(shape, inside, true).unwrap();
             assert_eq!(face.to.ior, f64::from(shape) + 2.0);

@@ -1,7 +1,7 @@
 //! Defects of meshes that should bound a body: a refracted ray then enters without leaving, or
 //! leaves twice.
 
-use crate::{Lobes, Shape, TriangleMesh, World};
+use crate::{BsdfFlags, LoweredShape, Scene, TriangleMesh};
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
 
@@ -94,7 +94,7 @@ impl fmt::Display for MeshDefects {
     }
 }
 
-impl World {
+impl Scene {
     /// The refracting meshes that do not bound a body, by the numbers of their shapes. Meshes in
     /// groups count once, however many instances there are.
     pub fn open_refracting_meshes(&self) -> Vec<(u32, MeshDefects)> {
@@ -106,21 +106,21 @@ impl World {
             .collect()
     }
 
-    fn find_open(&self, shapes: &[Shape], first: u32, found: &mut BTreeMap<u32, MeshDefects>) {
+    fn find_open(&self, shapes: &[LoweredShape], first: u32, found: &mut BTreeMap<u32, MeshDefects>) {
         for (shape, number) in shapes.iter().zip(first..) {
             match shape {
-                Shape::Triangles(mesh) => {
+                LoweredShape::Triangles(mesh) => {
                     let material = self.materials.get(number as usize);
-                    let refracts = material.is_some_and(|m| m.lobes().contains(Lobes::TRANSMISSION));
+                    let refracts = material.is_some_and(|m| m.flags().contains(BsdfFlags::TRANSMISSION));
                     if refracts {
                         found.entry(number).or_insert_with(|| MeshDefects::of(mesh));
                     }
                 }
-                Shape::Instance(instance) => {
+                LoweredShape::Instance(instance) => {
                     let group = instance.group();
                     self.find_open(group.geometry().shapes(), group.first_shape(), found);
                 }
-                Shape::Opaque(_) => {}
+                LoweredShape::Opaque(_) => {}
             }
         }
     }

@@ -7,7 +7,7 @@ use std::ops::{BitOr, BitOrAssign};
 /// the background radiance that rays see which hit nothing.
 pub trait Light: Send + Sync {
     /// The contributions that this light makes.
-    fn gives(&self) -> LightGives;
+    fn flags(&self) -> LightFlags;
 
     /// Adds light samples at a point, without shadow test; their number is bounded.
     fn samples(&self, point: DVec3, out: &mut Vec<LightSample>) {
@@ -38,7 +38,7 @@ pub trait Light: Send + Sync {
     /// `false` culls the light: from the scene, if no surface is affected, and, in scenes with many
     /// lights, for a stream of points with these bounds. Return `true` if unsure; rounding must err
     /// towards `true`.
-    fn reaches(&self, bounds: &Aabb) -> bool {
+    fn affects_bounds(&self, bounds: &Aabb) -> bool {
         let _ = bounds;
         true
     }
@@ -75,9 +75,9 @@ pub struct LightSample {
 
 /// The set of contributions that a light makes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct LightGives(u8);
+pub struct LightFlags(u8);
 
-impl LightGives {
+impl LightFlags {
     /// [`Light::samples`].
     pub const SAMPLES: Self = Self(1);
     /// [`Light::ambient`].
@@ -91,14 +91,14 @@ impl LightGives {
     }
 }
 
-impl BitOr for LightGives {
+impl BitOr for LightFlags {
     type Output = Self;
     fn bitor(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
 }
 
-impl BitOrAssign for LightGives {
+impl BitOrAssign for LightFlags {
     fn bitor_assign(&mut self, other: Self) {
         self.0 |= other.0;
     }

@@ -1,5 +1,5 @@
 use crate::stream::{Colors, Lanes, RayStream};
-use crate::{Camera, FilmSize, Geometry, SceneError, Scratch, World};
+use crate::{Camera, FilmSize, Geometry, Scene, SceneError, Scratch};
 use glam::DVec2;
 
 /// The input of an object-order method, available before any ray is traced.
@@ -19,7 +19,7 @@ pub trait ObjectOrder: Send + Sync {
     /// from [`crate::Integrator::radiance_stream`] only at edges, where rounding decides.
     fn radiance_stream(
         &self,
-        world: &World,
+        scene: &Scene,
         raster: &Lanes<DVec2>,
         rays: &RayStream,
         scratch: &mut Scratch,

@@ -1,7 +1,7 @@
 use crate::stream::{HitStream, LANES, Lanes, RayStream};
 use crate::{
-    Aabb, Accelerator, Element, Geometry, InstancePath, Interval, Needs, RawHit, Ray, SceneError, Shape,
-    Skip, SourceSpan, SurfacePoint, Transform,
+    Aabb, Accelerator, Element, Geometry, InstanceId, Interval, LoweredShape, PreliminaryIntersection, Ray,
+    SceneError, SelfHitFilter, SourceSpan, SurfaceAttributes, SurfaceInteraction, Transform,
 };
 use glam::{DMat3, DVec3};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
@@ -97,7 +97,7 @@ fn needle_pad(geometry: &Geometry, element: Element, reach: f64) -> f64 {
     let (Element::Triangle { shape, triangle }, shapes) = (element, geometry.shapes()) else {
         return 0.0;
     };
-    let Shape::Triangles(mesh) = &shapes[shape as usize] else {
+    let LoweredShape::Triangles(mesh) = &shapes[shape as usize] else {
         return 0.0;
     };
     let [a, b, c] = mesh.corners(triangle);
@@ -119,7 +119,7 @@ pub struct Instance {
     group: Arc<Group>,
     transform: Transform,
     /// The path of this instance; nested instances follow.
-    pub(crate) first_path: InstancePath,
+    pub(crate) first_path: InstanceId,
     bounds: Aabb,
     /// Bounds how far a hit lies off the surface, in the group's space: entry (i, j) is the offset
     /// along axis i per unit of coordinate j.
@@ -140,7 +140,7 @@ impl Instance {
             tilt: residual.abs() + 8.0 * UNIT * (inverse.abs() * forward.abs()),
             group,
             transform,
-            first_path: InstancePath(1),
+            first_path: InstanceId(1),
         }
     }
 
@@ -165,25 +165,30 @@ impl Instance {
     }
 
     /// The nearest hit inside the interval.
-    pub fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
+    pub fn intersect(
+        &self,
+        ray: &Ray,
+        interval: Interval,
+        skip: SelfHitFilter,
+    ) -> Option<PreliminaryIntersection> {
         let interval = self.inside(ray, interval)?;
         let ray = self.transform.ray_to_object(ray);
         let hit = self
             .group
             .accelerator
-            .closest(&ray, interval, self.skip_inside(skip));
+            .intersect(&ray, interval, self.skip_inside(skip));
         hit.map(|hit| self.outside(hit))
     }
 
     /// Renumbers a hit from the group's numbering to that of the enclosing geometry.
-    fn outside(&self, hit: RawHit) -> RawHit {
+    fn outside(&self, hit: PreliminaryIntersection) -> PreliminaryIntersection {
         let shape = match hit.instance {
-            InstancePath::WORLD => self.group.first_shape + hit.shape,
+            InstanceId::TOP_LEVEL => self.group.first_shape + hit.shape,
             // The nested instance has renumbered the shape already.
             _ => hit.shape,
         };
-        let instance = InstancePath(self.first_path.0 + hit.instance.0);
-        RawHit {
+        let instance = InstanceId(self.first_path.0 + hit.instance.0);
+        PreliminaryIntersection {
             instance,
             shape,
             ..hit
@@ -191,7 +196,7 @@ impl Instance {
     }
 
     /// Whether anything is hit inside the interval.
-    pub fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
+    pub fn occluded(&self, ray: &Ray, interval: Interval, skip: SelfHitFilter) -> bool {
         let Some(interval) = self.inside(ray, interval) else {
             return false;
         };
@@ -222,8 +227,8 @@ impl Instance {
         ];
         let (mut near, mut far) = (interval.min, interval.max);
         for axis in 0..3 {
-            let backwards = ray.direction[axis].is_sign_negative();
-            let (first, last) = if backwards {
+            let for_each_branch_rev = ray.direction[axis].is_sign_negative();
+            let (first, last) = if for_each_branch_rev {
                 (to_max, to_min)
             } else {
                 (to_min, to_max)
@@ -234,22 +239,22 @@ impl Instance {
         (near <= far).then_some(Interval { min: near, max: far })
     }
 
-    /// [`Self::closest`] for every ray of a stream. Nearer hits replace those already in `hits`.
-    pub fn closest_stream(&self, rays: &RayStream, hits: &mut HitStream) {
+    /// [`Self::intersect`] for every ray of a stream. Nearer hits replace those already in `hits`.
+    pub fn intersect_stream(&self, rays: &RayStream, hits: &mut HitStream) {
         let mut inside = Inside::default();
         self.enter(rays, |lane| Some(hits.t.0[lane]), &mut inside);
         if inside.rays.len == 0 {
             return;
         }
         let mut found = HitStream::default();
-        self.group.accelerator.closest_stream(&inside.rays, &mut found);
+        self.group.accelerator.intersect_stream(&inside.rays, &mut found);
         for to in 0..inside.rays.len {
             let lane = usize::from(inside.lanes[to]);
             let hit = match found.get(to) {
                 // Stream rays start at 0, but hits before the box do not count.
                 Some(hit) if hit.t <= inside.near[to] => {
                     let interval = Interval::up_to(hits.t.0[lane]);
-                    self.closest(&rays.ray(lane), interval, rays.skip.skip(lane))
+                    self.intersect(&rays.ray(lane), interval, rays.skip.skip(lane))
                 }
                 Some(hit) => Some(self.outside(hit)),
                 None => None,
@@ -301,21 +306,21 @@ impl Instance {
 
     /// The path relative to this instance: 0 for the group's own shapes; `None` if it does not lead
     /// through this instance.
-    fn path_inside(&self, path: InstancePath) -> Option<InstancePath> {
+    fn path_inside(&self, path: InstanceId) -> Option<InstanceId> {
         let inside = path.0.wrapping_sub(self.first_path.0);
-        (u64::from(inside) < self.paths()).then_some(InstancePath(inside))
+        (u64::from(inside) < self.paths()).then_some(InstanceId(inside))
     }
 
-    fn skip_inside(&self, skip: Skip) -> Skip {
+    fn skip_inside(&self, skip: SelfHitFilter) -> SelfHitFilter {
         let Some((path, shape, primitive)) = skip.id() else {
-            return Skip::NOTHING;
+            return SelfHitFilter::NOTHING;
         };
         match self.path_inside(path) {
-            None => Skip::NOTHING,
-            Some(InstancePath::WORLD) => {
-                Skip::of(InstancePath::WORLD, shape - self.group.first_shape, primitive)
+            None => SelfHitFilter::NOTHING,
+            Some(InstanceId::TOP_LEVEL) => {
+                SelfHitFilter::of(InstanceId::TOP_LEVEL, shape - self.group.first_shape, primitive)
             }
-            Some(path) => Skip::of(path, shape, primitive),
+            Some(path) => SelfHitFilter::of(path, shape, primitive),
         }
     }
 
@@ -323,16 +328,21 @@ impl Instance {
     ///
     /// Pharr, Jakob, Humphreys, PBR (4th ed.), 6.8.6: the error of a transformed point is the
     /// transformed error plus that of the transformation, here along the normal.
-    pub fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
+    pub fn surface(
+        &self,
+        ray: &Ray,
+        hit: &PreliminaryIntersection,
+        needs: SurfaceAttributes,
+    ) -> SurfaceInteraction {
         let local = self.transform.ray_to_object(ray);
         let geometry = &self.group.geometry;
-        let inside = InstancePath(hit.instance.0 - self.first_path.0);
+        let inside = InstanceId(hit.instance.0 - self.first_path.0);
         let point = match inside {
-            InstancePath::WORLD => {
+            InstanceId::TOP_LEVEL => {
                 let shape = hit.shape - self.group.first_shape;
                 geometry.surface(
                     &local,
-                    &RawHit {
+                    &PreliminaryIntersection {
                         instance: inside,
                         shape,
                         ..*hit
@@ -342,7 +352,7 @@ impl Instance {
             }
             _ => geometry.instanced(
                 &local,
-                &RawHit {
+                &PreliminaryIntersection {
                     instance: inside,
                     ..*hit
                 },
@@ -361,7 +371,7 @@ impl Instance {
         } else {
             self.transform.normal_to_world(point.n_s)
         };
-        SurfacePoint {
+        SurfaceInteraction {
             position: self.transform.point_to_world(point.position),
             // Three products, three sums, and one more unit for the rounding of the spawned ray's
             // origin.
@@ -373,20 +383,20 @@ impl Instance {
         }
     }
 
-    /// See [`crate::Primitive::beside`].
-    pub(crate) fn beside(
+    /// See [`crate::Shape::surface_at_offset`].
+    pub(crate) fn surface_at_offset(
         &self,
-        point: &SurfacePoint,
-        hit: &RawHit,
+        point: &SurfaceInteraction,
+        hit: &PreliminaryIntersection,
         q: DVec3,
-        needs: Needs,
-    ) -> Option<SurfacePoint> {
-        let inside = InstancePath(hit.instance.0 - self.first_path.0);
+        needs: SurfaceAttributes,
+    ) -> Option<SurfaceInteraction> {
+        let inside = InstanceId(hit.instance.0 - self.first_path.0);
         let shape = match inside {
-            InstancePath::WORLD => hit.shape - self.group.first_shape,
+            InstanceId::TOP_LEVEL => hit.shape - self.group.first_shape,
             _ => hit.shape,
         };
-        let hit = RawHit {
+        let hit = PreliminaryIntersection {
             instance: inside,
             shape,
             ..*hit
@@ -395,7 +405,7 @@ impl Instance {
         let mut local = *point;
         local.position = into.transform_point3(point.position);
         let geometry = &self.group.geometry;
-        let mut there = geometry.beside(&local, &hit, into.transform_point3(q), needs)?;
+        let mut there = geometry.surface_at_offset(&local, &hit, into.transform_point3(q), needs)?;
         there.n_s = self.transform.normal_to_world(there.n_s);
         Some(there)
     }

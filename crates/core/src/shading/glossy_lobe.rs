@@ -8,11 +8,11 @@
 //!
 //! Only scenes with glossy materials pay for it: their rays are traced one at a time.
 
-use crate::{Branch, BranchKind, Branches, DVec3, PathLetter, SurfacePoint, World};
+use crate::{DVec3, PathLetter, Scene, SpecularRay, SpecularRayKind, SpecularRays, SurfaceInteraction};
 
 /// The glossy lobe of a surface: the reflection branch, split into equally weighted directions.
 #[derive(Clone, Copy, Debug)]
-pub struct Distribution<'a> {
+pub struct GlossyLobe<'a> {
     /// Unit normal on the viewer's side.
     pub n: DVec3,
     /// Unit vectors around +z, which represents the mirror direction.
@@ -39,7 +39,7 @@ fn carried(q: DVec3, a: DVec3, b: DVec3) -> DVec3 {
     }
 }
 
-impl Distribution<'_> {
+impl GlossyLobe<'_> {
     /// The directions around a mirror direction, in order.
     pub fn directions(&self, mirrored: DVec3) -> impl DoubleEndedIterator<Item = DVec3> + ExactSizeIterator {
         let x = carried(carried(ACROSS, AXIS, self.n), self.n, mirrored);
@@ -50,34 +50,34 @@ impl Distribution<'_> {
     }
 }
 
-impl World {
+impl Scene {
     /// Calls `visit` for each branch of a surface in reverse order. A glossy reflection is visited
     /// as all its rays.
-    pub fn backwards(
+    pub fn for_each_branch_rev(
         &self,
         shape: u32,
-        point: &SurfacePoint,
+        point: &SurfaceInteraction,
         view: DVec3,
-        branches: &Branches,
-        mut visit: impl FnMut(&Branch, PathLetter),
+        branches: &SpecularRays,
+        mut visit: impl FnMut(&SpecularRay, PathLetter),
     ) {
         for branch in branches.iter().rev() {
             let letter = PathLetter::from(branch.kind);
-            if !self.spreads_reflections || branch.kind != BranchKind::Reflection {
+            if !self.has_glossy_reflections || branch.kind != SpecularRayKind::Reflection {
                 visit(branch, letter);
                 continue;
             }
             let material = &self.materials[shape as usize];
-            let Some(distribution) = material.distribution(point, view) else {
+            let Some(glossy_lobe) = material.glossy_lobe(point, view) else {
                 // Not glossy here, for example on this side of the surface: labelled as ray 0 of a
                 // glossy reflection.
                 visit(branch, PathLetter::among(material.reflections(), 0));
                 continue;
             };
-            let all = distribution.directions(branch.direction);
+            let all = glossy_lobe.directions(branch.direction);
             let weight = branch.weight * (1.0 / all.len() as f64);
             for (number, direction) in all.enumerate().rev() {
-                let branch = Branch {
+                let branch = SpecularRay {
                     direction,
                     weight,
                     ..*branch
@@ -122,7 +122,7 @@ mod tests {
         for step in [0.0, 1e-16, 1e-12, 1e-9, 1e-6, 1e-3] {
             let n = -(AXIS + step * DVec3::new(1.0, -2.0, 3.0)).normalize();
             let mirrored = (n + 0.4 * n.any_orthonormal_vector()).normalize();
-            for d in (Distribution { n, lobe: &lobe }).directions(mirrored) {
+            for d in (GlossyLobe { n, lobe: &lobe }).directions(mirrored) {
                 assert!((d.length() - 1.0).abs() < 1e-15, "{step}");
                 assert!((d.dot(mirrored) - 0.8).abs() < 1e-15, "{step}");
             }
@@ -134,7 +134,7 @@ mod tests {
     fn directions_follow_the_normal() {
         let lobe = [DVec3::new(0.6, 0.0, 0.8), DVec3::new(0.0, 0.6, 0.8)];
         let about = |n: DVec3| {
-            let lobe = Distribution { n, lobe: &lobe };
+            let lobe = GlossyLobe { n, lobe: &lobe };
             let mirrored = (n + 0.3 * (DVec3::X - n.x * n)).normalize();
             lobe.directions(mirrored).collect::<Vec<_>>()
         };

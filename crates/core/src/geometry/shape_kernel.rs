@@ -1,101 +1,123 @@
 use crate::simd;
-use crate::stream::{GROUP, HitStream, LANES, Lanes, PointStream, RayStream};
+use crate::stream::{GROUP, HitStream, LANES, Lanes, RayStream, SurfaceStream};
 use crate::{
-    Aabb, InstancePath, Interval, Needs, Primitive, PrimitiveHit, RawHit, Ray, Spans, SurfacePart,
-    SurfacePoint,
+    Aabb, InstanceId, Interval, PreliminaryIntersection, Ray, Shape, ShapeHit, Spans, SurfaceAttributes,
+    SurfaceInteraction, SurfacePart,
 };
 use glam::{DVec2, DVec3};
 
-/// The value of `leaves` for rays that start on no sub-primitive.
-pub const LEAVES_NOTHING: u32 = u32::MAX;
+/// The value of `origin_primitive` for rays that start on no sub-primitive.
+pub const NO_PRIMITIVE: u32 = u32::MAX;
 
-/// A [`Primitive`] with branchless arithmetic: written once for a single ray, and vectorised for
+/// A [`Shape`] with branchless arithmetic: written once for a single ray, and vectorised for
 /// streams of rays.
 ///
 /// Mark every method `#[inline(always)]`. Select with `if a { b } else { c }` between *values* that
 /// are both computed, combine conditions with `&` and `|`, and return NaN instead of returning
 /// early. Methods are also called for unused lanes and must not panic. (Repeated `if`s on the same
 /// condition may compile to a branch; [`simd::select`] never does.)
-pub trait Straight: Clone + Send + Sync {
-    /// See [`Primitive::bounds`].
+pub trait ShapeKernel: Clone + Send + Sync {
+    /// See [`Shape::bounds`].
     fn bounds(&self) -> Aabb;
 
     /// A cheap conservative test: false only if the ray cannot hit. A group of rays that all fail
     /// it is skipped.
-    fn comes_near(&self, ray: &Ray) -> bool;
+    fn may_hit(&self, ray: &Ray) -> bool;
 
-    /// The nearest hit beyond `min`; `t` is NaN if there is none. `leaves` is the sub-primitive of
-    /// this object that the ray starts on, or [`LEAVES_NOTHING`].
-    fn hit(&self, ray: &Ray, min: f64, leaves: u32) -> PrimitiveHit;
+    /// The nearest hit beyond `min`; `t` is NaN if there is none. `origin_primitive` is the sub-primitive of
+    /// this object that the ray starts on, or [`NO_PRIMITIVE`].
+    fn hit(&self, ray: &Ray, min: f64, origin_primitive: u32) -> ShapeHit;
 
-    /// See [`Primitive::surface`].
-    fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint;
+    /// See [`Shape::surface`].
+    fn surface(
+        &self,
+        ray: &Ray,
+        hit: &PreliminaryIntersection,
+        needs: SurfaceAttributes,
+    ) -> SurfaceInteraction;
 
-    /// See [`Primitive::beside`]; may branch.
-    fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
+    /// See [`Shape::surface_at_offset`]; may branch.
+    fn surface_at_offset(
+        &self,
+        point: &SurfaceInteraction,
+        hit: &PreliminaryIntersection,
+        q: DVec3,
+        needs: SurfaceAttributes,
+    ) -> Option<SurfaceInteraction> {
         let _ = (point, hit, q, needs);
         None
     }
 
-    /// See [`Primitive::solid`].
+    /// See [`Shape::solid`].
     fn solid(&self) -> bool {
         false
     }
 
-    /// See [`Primitive::spans`]; may branch.
+    /// See [`Shape::spans`]; may branch.
     fn spans(&self, ray: &Ray, spans: &mut Spans) {
         let _ = (ray, spans);
     }
 
-    /// See [`Primitive::primitives`].
+    /// See [`Shape::primitives`].
     fn primitives(&self) -> u32 {
         1
     }
 
-    /// See [`Primitive::parts`]; may branch.
+    /// See [`Shape::parts`]; may branch.
     fn parts(&self) -> Vec<SurfacePart> {
         Vec::new()
     }
 }
 
-impl<P: Straight> Primitive for P {
+impl<P: ShapeKernel> Shape for P {
     fn bounds(&self) -> Aabb {
-        Straight::bounds(self)
+        ShapeKernel::bounds(self)
     }
 
-    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
-        if !self.comes_near(ray) {
+    fn intersect(&self, ray: &Ray, interval: Interval, origin_primitive: Option<u32>) -> Option<ShapeHit> {
+        if !self.may_hit(ray) {
             return None;
         }
-        let hit = self.hit(ray, interval.min, leaves.unwrap_or(LEAVES_NOTHING));
+        let hit = self.hit(ray, interval.min, origin_primitive.unwrap_or(NO_PRIMITIVE));
         interval.contains(hit.t).then_some(hit)
     }
 
-    fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
-        Straight::surface(self, ray, hit, needs)
+    fn surface(
+        &self,
+        ray: &Ray,
+        hit: &PreliminaryIntersection,
+        needs: SurfaceAttributes,
+    ) -> SurfaceInteraction {
+        ShapeKernel::surface(self, ray, hit, needs)
     }
 
-    fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
-        Straight::beside(self, point, hit, q, needs)
+    fn surface_at_offset(
+        &self,
+        point: &SurfaceInteraction,
+        hit: &PreliminaryIntersection,
+        q: DVec3,
+        needs: SurfaceAttributes,
+    ) -> Option<SurfaceInteraction> {
+        ShapeKernel::surface_at_offset(self, point, hit, q, needs)
     }
 
     fn solid(&self) -> bool {
-        Straight::solid(self)
+        ShapeKernel::solid(self)
     }
 
     fn spans(&self, ray: &Ray, spans: &mut Spans) {
-        Straight::spans(self, ray, spans);
+        ShapeKernel::spans(self, ray, spans);
     }
 
     fn primitives(&self) -> u32 {
-        Straight::primitives(self)
+        ShapeKernel::primitives(self)
     }
 
     fn parts(&self) -> Vec<SurfacePart> {
-        Straight::parts(self)
+        ShapeKernel::parts(self)
     }
 
-    fn closest_stream(&self, shape: u32, rays: &RayStream, hits: &mut HitStream) {
+    fn intersect_stream(&self, shape: u32, rays: &RayStream, hits: &mut HitStream) {
         // An unaliased local copy: its fields stay in registers.
         let primitive = self.clone();
         simd::dispatch(
@@ -111,15 +133,15 @@ impl<P: Straight> Primitive for P {
                     let mut sub_primitive = [0; GROUP];
                     for k in 0..GROUP {
                         let lane = start + k;
-                        let hit = primitive.hit(&rays.ray(lane), 0.0, leaves(rays, lane, shape));
-                        (t[k], u[k], v[k]) = (hit.t, hit.params.x, hit.params.y);
+                        let hit = primitive.hit(&rays.ray(lane), 0.0, origin_primitive(rays, lane, shape));
+                        (t[k], u[k], v[k]) = (hit.t, hit.prim_uv.x, hit.prim_uv.y);
                         sub_primitive[k] = hit.primitive;
                     }
                     for k in 0..GROUP {
-                        let hit = PrimitiveHit {
+                        let hit = ShapeHit {
                             t: t[k],
                             primitive: sub_primitive[k],
-                            params: DVec2::new(u[k], v[k]),
+                            prim_uv: DVec2::new(u[k], v[k]),
                         };
                         hits.offer(start + k, near[k], shape, &hit);
                     }
@@ -141,7 +163,9 @@ impl<P: Straight> Primitive for P {
                     let mut hit = [false; GROUP];
                     for k in 0..GROUP {
                         let lane = start + k;
-                        let t = primitive.hit(&rays.ray(lane), 0.0, leaves(rays, lane, shape)).t;
+                        let t = primitive
+                            .hit(&rays.ray(lane), 0.0, origin_primitive(rays, lane, shape))
+                            .t;
                         hit[k] = near[k] & (t > 0.0) & (t < rays.limit[lane]);
                     }
                     for k in 0..GROUP {
@@ -152,15 +176,21 @@ impl<P: Straight> Primitive for P {
         );
     }
 
-    fn surface_stream(&self, rays: &RayStream, hits: &HitStream, needs: Needs, points: &mut PointStream) {
+    fn surface_stream(
+        &self,
+        rays: &RayStream,
+        hits: &HitStream,
+        needs: SurfaceAttributes,
+        points: &mut SurfaceStream,
+    ) {
         let primitive = self.clone();
         let len = rays.len.min(LANES);
         // Texture coordinates may need functions without a vector form.
-        if needs.contains(Needs::UV) {
+        if needs.contains(SurfaceAttributes::UV) {
             for lane in 0..len {
                 points.set(
                     lane,
-                    &Straight::surface(&primitive, &rays.ray(lane), &hits.hit(lane), needs),
+                    &ShapeKernel::surface(&primitive, &rays.ray(lane), &hits.hit(lane), needs),
                 );
             }
             return;
@@ -172,7 +202,10 @@ impl<P: Straight> Primitive for P {
                 // sub-primitive of this shape.
                 for lane in 0..len {
                     let (ray, hit) = (rays.ray(lane), hits.hit(lane));
-                    points.set(lane, &Straight::surface(&primitive, &ray, &hit, Needs::NOTHING));
+                    points.set(
+                        lane,
+                        &ShapeKernel::surface(&primitive, &ray, &hit, SurfaceAttributes::NOTHING),
+                    );
                 }
             },
         );
@@ -180,17 +213,17 @@ impl<P: Straight> Primitive for P {
 }
 
 #[inline(always)]
-fn leaves(rays: &RayStream, lane: usize, shape: u32) -> u32 {
-    let this = (rays.skip.shape[lane] == shape) & (rays.skip.instance[lane] == InstancePath::WORLD.0);
-    simd::select(this, rays.skip.primitive[lane], LEAVES_NOTHING)
+fn origin_primitive(rays: &RayStream, lane: usize, shape: u32) -> u32 {
+    let this = (rays.skip.shape[lane] == shape) & (rays.skip.instance[lane] == InstanceId::TOP_LEVEL.0);
+    simd::select(this, rays.skip.primitive[lane], NO_PRIMITIVE)
 }
 
 /// Which rays of a group may hit.
 #[inline(always)]
-fn near(primitive: &impl Straight, rays: &RayStream, start: usize) -> [bool; GROUP] {
+fn near(primitive: &impl ShapeKernel, rays: &RayStream, start: usize) -> [bool; GROUP] {
     let mut near = [false; GROUP];
     for (k, near) in near.iter_mut().enumerate() {
-        *near = primitive.comes_near(&rays.ray(start + k));
+        *near = primitive.may_hit(&rays.ray(start + k));
     }
     near
 }

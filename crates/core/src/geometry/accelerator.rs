@@ -1,5 +1,5 @@
 use crate::stream::{HitStream, Lanes, RayStream};
-use crate::{Aabb, Interval, RawHit, Ray, Skip};
+use crate::{Aabb, Interval, PreliminaryIntersection, Ray, SelfHitFilter};
 use glam::DVec3;
 use std::collections::BTreeMap;
 
@@ -10,17 +10,22 @@ use std::collections::BTreeMap;
 /// be culled only if it is *strictly* farther than the best hit.
 pub trait Accelerator: Send + Sync {
     /// The nearest hit inside the interval.
-    fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit>;
+    fn intersect(
+        &self,
+        ray: &Ray,
+        interval: Interval,
+        skip: SelfHitFilter,
+    ) -> Option<PreliminaryIntersection>;
 
     /// Whether anything is hit inside the interval.
-    fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool;
+    fn occluded(&self, ray: &Ray, interval: Interval, skip: SelfHitFilter) -> bool;
 
-    /// [`Self::closest`] for every ray of a stream.
-    fn closest_stream(&self, rays: &RayStream, hits: &mut HitStream) {
+    /// [`Self::intersect`] for every ray of a stream.
+    fn intersect_stream(&self, rays: &RayStream, hits: &mut HitStream) {
         hits.clear(rays);
         for lane in 0..rays.len {
             let skip = rays.skip.skip(lane);
-            if let Some(hit) = self.closest(&rays.ray(lane), rays.interval(lane), skip) {
+            if let Some(hit) = self.intersect(&rays.ray(lane), rays.interval(lane), skip) {
                 hits.set(lane, &hit);
             }
         }
@@ -35,28 +40,33 @@ pub trait Accelerator: Send + Sync {
 
     /// Why the image depends on this accelerator, if it does not obey the law; the note is reported
     /// with the image. `None` for accelerators that obey the law.
-    fn caveat(&self) -> Option<&str> {
+    fn approximation_note(&self) -> Option<&str> {
         None
     }
 
     /// Human-readable figures about the structure that was built.
     fn statistics(&self) -> Statistics;
 
-    /// Traversal statistics of [`Self::closest`] for one ray; `None` if they are not counted.
-    fn effort(&self, _ray: &Ray, _interval: Interval, _skip: Skip) -> Option<Effort> {
+    /// Traversal statistics of [`Self::intersect`] for one ray; `None` if they are not counted.
+    fn traversal_statistics(
+        &self,
+        _ray: &Ray,
+        _interval: Interval,
+        _skip: SelfHitFilter,
+    ) -> Option<TraversalStatistics> {
         None
     }
 
     /// The bounding volumes or cells, for debug images, down to level `deepest`; the root is level
     /// 0. `None` if the structure has no volumes.
-    fn outlines(&self, _deepest: usize) -> Option<Vec<Outline>> {
+    fn debug_bounds(&self, _deepest: usize) -> Option<Vec<DebugBounds>> {
         None
     }
 }
 
 /// Traversal statistics of one query.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Effort {
+pub struct TraversalStatistics {
     /// Inner nodes and cells visited.
     pub steps: u64,
     /// Element tests.
@@ -65,14 +75,14 @@ pub struct Effort {
 
 /// The edges of one volume of an accelerator.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Outline {
+pub struct DebugBounds {
     /// Level; the root is 0.
     pub depth: usize,
     /// Both ends of each edge, in world space.
     pub segments: Vec<[DVec3; 2]>,
 }
 
-impl Outline {
+impl DebugBounds {
     /// The edges of a box; none if it is empty.
     pub fn of_box(depth: usize, aabb: &Aabb) -> Self {
         Self::of_parallelepiped(depth, aabb, [DVec3::X, DVec3::Y, DVec3::Z])
@@ -100,7 +110,7 @@ impl Outline {
     }
 }
 
-/// Named figures that an accelerator reports about itself, such as `nodes`, `leaves`, `depth`,
+/// Named figures that an accelerator reports about itself, such as `nodes`, `origin_primitive`, `depth`,
 /// `bytes`, `sah_cost`, `build_seconds`.
 pub type Statistics = BTreeMap<&'static str, f64>;
 
@@ -111,11 +121,11 @@ mod tests {
     #[test]
     fn a_box_has_twelve_edges() {
         let aabb = Aabb::around([DVec3::ZERO, DVec3::new(1.0, 2.0, 4.0)]);
-        let Outline { depth, segments } = Outline::of_box(3, &aabb);
+        let DebugBounds { depth, segments } = DebugBounds::of_box(3, &aabb);
         assert_eq!((depth, segments.len()), (3, 12));
         let total: f64 = segments.iter().map(|[a, b]| a.distance(*b)).sum();
         assert_eq!(total, 4.0 * (1.0 + 2.0 + 4.0));
         assert_eq!(Aabb::around(segments.into_iter().flatten()), aabb);
-        assert!(Outline::of_box(0, &Aabb::EMPTY).segments.is_empty());
+        assert!(DebugBounds::of_box(0, &Aabb::EMPTY).segments.is_empty());
     }
 }

@@ -1,7 +1,12 @@
 //! Shadow rays: occlusion and transmittance between a surface and a light.
 
-use crate::{Counters, Interval, LightSample, Lobes, Medium, Ray, Rgb, Skip, SurfacePoint, World};
+use crate::{
+    BsdfFlags, Counters, Interval, LightSample, MediumState, Ray, Rgb, Scene, SelfHitFilter,
+    SurfaceInteraction,
+};
 use glam::DVec3;
+use schemars::JsonSchema;
+use serde::Deserialize;
 
 /// Transmittance below this in every channel counts as zero: the threshold of the lecture notes.
 const CUT: f64 = 0.002;
@@ -9,24 +14,26 @@ const CUT: f64 = 0.002;
 /// A shadow ray that crosses this many surfaces counts as blocked.
 const MOST_CROSSINGS: usize = 1000;
 
-/// The surfaces that block light.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Shadowing {
-    /// None: every light is visible.
-    None,
-    /// All surfaces, except their cut-outs.
+/// Treatment of surfaces between a surface point and a light.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ShadowMode {
+    /// Every surface hides the lights behind it, except through its holes.
+    #[default]
     Opaque,
-    /// All surfaces, but transparent ones only attenuate.
+    /// Transparent surfaces attenuate the light that passes straight through them.
     Filtered,
+    /// Every light is visible.
+    None,
 }
 
-impl Shadowing {
+impl ShadowMode {
     /// The lobes that let light through.
-    pub(crate) fn passing(self) -> Lobes {
+    pub(crate) fn passing(self) -> BsdfFlags {
         match self {
-            Self::None => Lobes::NOTHING,
-            Self::Opaque => Lobes::HOLES,
-            Self::Filtered => Lobes::HOLES | Lobes::FILTERS,
+            Self::None => BsdfFlags::NOTHING,
+            Self::Opaque => BsdfFlags::CUT_OUTS,
+            Self::Filtered => BsdfFlags::CUT_OUTS | BsdfFlags::TRANSPARENT_SHADOWS,
         }
     }
 }
@@ -34,9 +41,9 @@ impl Shadowing {
 /// The shadow ray from a point to a light, and the length that must be unoccluded: the distance
 /// minus some roundings of the coordinates. A surface that coincides with the light therefore does
 /// not block it; the model requires blockers to lie strictly between. `margin`: see
-/// [`World::light_margin`].
+/// [`Scene::light_margin`].
 #[inline(always)]
-pub(crate) fn shadow_ray(point: &SurfacePoint, sample: &LightSample, margin: f64) -> (Ray, f64) {
+pub(crate) fn shadow_ray(point: &SurfaceInteraction, sample: &LightSample, margin: f64) -> (Ray, f64) {
     let coordinates = point.position.abs().max_element() + sample.distance;
     let free = if sample.distance == f64::INFINITY {
         f64::INFINITY
@@ -63,9 +70,9 @@ fn aim(ray: &Ray, free: f64, start: DVec3) -> (Ray, f64) {
     }
 }
 
-impl World {
+impl Scene {
     /// Whether some surface lets light through, so that an occlusion test does not suffice.
-    pub(crate) fn lets_through(&self, shadowing: Shadowing) -> bool {
+    pub(crate) fn lets_through(&self, shadowing: ShadowMode) -> bool {
         self.lobes.intersects(shadowing.passing())
     }
 
@@ -75,13 +82,13 @@ impl World {
         &self,
         ray: Ray,
         free: f64,
-        skip: Skip,
-        medium: Medium,
-        shadowing: Shadowing,
+        skip: SelfHitFilter,
+        medium: MediumState,
+        shadowing: ShadowMode,
         counters: &mut Counters,
     ) -> Rgb {
-        let filtered = shadowing == Shadowing::Filtered;
-        let Medium {
+        let filtered = shadowing == ShadowMode::Filtered;
+        let MediumState {
             absorption,
             mut inside,
         } = medium;
@@ -90,17 +97,17 @@ impl World {
         let mut left = Rgb::WHITE;
         for _ in 0..MOST_CROSSINGS {
             counters.shadow += 1;
-            let Some(hit) = self.accelerator.closest(&ray, Interval::up_to(free), skip) else {
+            let Some(hit) = self.accelerator.intersect(&ray, Interval::up_to(free), skip) else {
                 return left * medium.transmittance(free.max(0.0));
             };
             let material = &self.materials[hit.shape as usize];
-            if !self.lobes_of(hit.shape).intersects(shadowing.passing()) {
+            if !self.flags_of(hit.shape).intersects(shadowing.passing()) {
                 return Rgb::BLACK;
             }
             self.count_shaded(hit.shape, 1, counters);
             let point = self.surface(&ray, &hit).seen_from(-ray.direction);
             let face = self.face(hit.shape, inside, &point, -ray.direction);
-            let filter = match (face, material.overlapping()) {
+            let filter = match (face, material.prioritized()) {
                 (Some(face), Some(body)) if filtered => {
                     inside = face.behind;
                     face.filter(body, &point, ray.direction)
@@ -113,7 +120,7 @@ impl World {
             }
             medium = filter.medium.unwrap_or(medium);
             (ray, free) = aim(&ray, free, point.leave(ray.direction));
-            skip = Skip::leaving(&hit);
+            skip = SelfHitFilter::leaving(&hit);
         }
         Rgb::BLACK
     }

@@ -1,7 +1,8 @@
 use crate::config::{self, FilePath, GroupRef, MaterialRef, SolidRef, Table, TextureRef};
 use crate::{
-    Accelerator, Camera, ColorSource, DuplicateType, FilmSize, Geometry, Group, Integrator, Light, Material,
-    Primitive, Sampler, SceneError, SceneErrors, Shape, Texture, Transform, TriangleMesh, nearest,
+    Accelerator, Camera, ColorSource, DuplicateType, FilmSize, Geometry, Group, Integrator, Light,
+    LoweredShape, Material, Sampler, SceneError, SceneErrors, Shape, Texture, Transform, TriangleMesh,
+    nearest,
 };
 use schemars::JsonSchema;
 #[cfg(feature = "schema")]
@@ -102,7 +103,7 @@ families! {
     /// Cameras receive the image size.
     Cameras = Camera, Box<dyn Camera>, FilmSize;
     /// Shapes receive their `world_from_object` transform.
-    Shapes = Shape, Shape, Transform;
+    Shapes = Shape, LoweredShape, Transform;
     /// Accelerators are built over the whole geometry.
     Accelerators = Accelerator, Box<dyn Accelerator>, Arc<Geometry>;
     /// Materials are shared by shapes.
@@ -167,7 +168,7 @@ pub trait Context {
 
     /// The solid that is an operand of a shape with transform `around`. The operand's own transform
     /// is applied first. An operand that bounds no volume is an error, reported at the operand.
-    fn solid(&mut self, operand: &SolidRef, around: &Transform) -> Result<Box<dyn Primitive>, SceneErrors> {
+    fn solid(&mut self, operand: &SolidRef, around: &Transform) -> Result<Box<dyn Shape>, SceneErrors> {
         let _ = around;
         Err(SceneError::at(operand.span.clone(), "no operands here").into())
     }

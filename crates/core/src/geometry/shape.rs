@@ -1,4 +1,4 @@
-use crate::stream::{HitStream, Lanes, PointStream, RayStream};
+use crate::stream::{HitStream, Lanes, RayStream, SurfaceStream};
 use crate::{Aabb, Footprint, Instance, Interval, Ray, Spans, SurfacePart, TriangleMesh};
 use glam::{DVec2, DVec3};
 use std::ops::{BitOr, BitOrAssign};
@@ -8,11 +8,11 @@ use std::ops::{BitOr, BitOrAssign};
 /// The number of a shape (`shape_id`) is the index of its table in the file. Shapes inside groups
 /// are numbered after all others.
 #[non_exhaustive]
-pub enum Shape {
+pub enum LoweredShape {
     /// Triangles in world space.
     Triangles(TriangleMesh),
     /// Anything else that can intersect a ray.
-    Opaque(Box<dyn Primitive>),
+    Opaque(Box<dyn Shape>),
     /// An instance of a group of shapes.
     Instance(Box<Instance>),
 }
@@ -22,19 +22,24 @@ pub enum Shape {
 /// **Purity law**: results depend only on the ray, the skipped primitive and the object; the
 /// interval only filters hits. Otherwise images would depend on the order in which an accelerator
 /// visits its nodes.
-pub trait Primitive: Send + Sync {
+pub trait Shape: Send + Sync {
     /// A box that contains every point that a ray can hit; infinite for unbounded shapes.
     fn bounds(&self) -> Aabb;
 
     /// The nearest hit inside the interval.
     ///
-    /// `leaves` is the sub-primitive that the ray was spawned on, if it belongs to this object. A
+    /// `origin_primitive` is the sub-primitive that the ray was spawned on, if it belongs to this object. A
     /// planar sub-primitive is not hit again; a curved one ignores the root at the ray's start.
-    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit>;
+    fn intersect(&self, ray: &Ray, interval: Interval, origin_primitive: Option<u32>) -> Option<ShapeHit>;
 
-    /// The surface at a hit that `closest` returned for this ray. Only the attributes in `needs`
+    /// The surface at a hit that `intersect` returned for this ray. Only the attributes in `needs`
     /// must be valid in the result.
-    fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint;
+    fn surface(
+        &self,
+        ray: &Ray,
+        hit: &PreliminaryIntersection,
+        needs: SurfaceAttributes,
+    ) -> SurfaceInteraction;
 
     /// Evaluates the same sub-primitive at the point nearest `q`, which lies in the tangent plane
     /// close to `hit`. Used for ray differentials.
@@ -44,7 +49,13 @@ pub trait Primitive: Send + Sync {
     /// at the hit, are read. Only the shading normal and the attributes in `needs` are valid in the
     /// result. Shapes without derivatives return `None`: textures of (u, v) then use their finest
     /// level, and reflections treat the surface as flat.
-    fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
+    fn surface_at_offset(
+        &self,
+        point: &SurfaceInteraction,
+        hit: &PreliminaryIntersection,
+        q: DVec3,
+        needs: SurfaceAttributes,
+    ) -> Option<SurfaceInteraction> {
         let _ = (point, hit, q, needs);
         None
     }
@@ -56,7 +67,7 @@ pub trait Primitive: Send + Sync {
     }
 
     /// Adds the parts of the *whole line* of the ray that lie inside the shape, if it is a solid.
-    /// The span ends in front of the ray's start equal the hits of [`Self::closest`] bit for bit,
+    /// The span ends in front of the ray's start equal the hits of [`Self::intersect`] bit for bit,
     /// except where the ray only touches the surface at a point.
     fn spans(&self, ray: &Ray, spans: &mut Spans) {
         let _ = (ray, spans);
@@ -71,12 +82,16 @@ pub trait Primitive: Send + Sync {
     /// uses the normal at the start, which suits solids whose normal follows from point and
     /// sub-primitive.
     fn goes_inside(&self, ray: &Ray, primitive: u32) -> bool {
-        let start = PrimitiveHit {
+        let start = ShapeHit {
             t: 0.0,
             primitive,
-            params: DVec2::ZERO,
+            prim_uv: DVec2::ZERO,
         };
-        let point = self.surface(ray, &start.of_shape(InstancePath::WORLD, 0), Needs::NOTHING);
+        let point = self.surface(
+            ray,
+            &start.of_shape(InstanceId::TOP_LEVEL, 0),
+            SurfaceAttributes::NOTHING,
+        );
         point.n_g.dot(ray.direction) < 0.0
     }
 
@@ -87,13 +102,13 @@ pub trait Primitive: Send + Sync {
         Vec::new()
     }
 
-    /// [`Self::closest`] for every ray of a stream. `shape` is the number of this object. Nearer
+    /// [`Self::intersect`] for every ray of a stream. `shape` is the number of this object. Nearer
     /// hits replace those already in `hits`.
-    fn closest_stream(&self, shape: u32, rays: &RayStream, hits: &mut HitStream) {
+    fn intersect_stream(&self, shape: u32, rays: &RayStream, hits: &mut HitStream) {
         for lane in 0..rays.len {
             let interval = Interval::up_to(hits.t.0[lane]);
-            let leaves = rays.skip.skip(lane).of_shape(InstancePath::WORLD, shape);
-            if let Some(hit) = self.closest(&rays.ray(lane), interval, leaves) {
+            let origin_primitive = rays.skip.skip(lane).of_shape(InstanceId::TOP_LEVEL, shape);
+            if let Some(hit) = self.intersect(&rays.ray(lane), interval, origin_primitive) {
                 hits.offer(lane, true, shape, &hit);
             }
         }
@@ -102,16 +117,22 @@ pub trait Primitive: Send + Sync {
     /// Sets the lanes whose rays hit this object inside their intervals.
     fn occluded_stream(&self, shape: u32, rays: &RayStream, hidden: &mut Lanes<bool>) {
         for (lane, hidden) in hidden.iter_mut().enumerate().take(rays.len) {
-            let leaves = rays.skip.skip(lane).of_shape(InstancePath::WORLD, shape);
+            let origin_primitive = rays.skip.skip(lane).of_shape(InstanceId::TOP_LEVEL, shape);
             *hidden = *hidden
                 || self
-                    .closest(&rays.ray(lane), rays.interval(lane), leaves)
+                    .intersect(&rays.ray(lane), rays.interval(lane), origin_primitive)
                     .is_some();
         }
     }
 
     /// [`Self::surface`] for every ray of a stream, all of which hit this object.
-    fn surface_stream(&self, rays: &RayStream, hits: &HitStream, needs: Needs, points: &mut PointStream) {
+    fn surface_stream(
+        &self,
+        rays: &RayStream,
+        hits: &HitStream,
+        needs: SurfaceAttributes,
+        points: &mut SurfaceStream,
+    ) {
         for lane in 0..rays.len {
             points.set(lane, &self.surface(&rays.ray(lane), &hits.hit(lane), needs));
         }
@@ -120,22 +141,22 @@ pub trait Primitive: Send + Sync {
 
 /// A hit as returned by a primitive.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PrimitiveHit {
+pub struct ShapeHit {
     /// Ray parameter.
     pub t: f64,
     /// Number of the sub-primitive (for a box, its face); 0 if there is only one.
     pub primitive: u32,
     /// Two surface parameters; each primitive defines their meaning.
-    pub params: DVec2,
+    pub prim_uv: DVec2,
 }
 
-impl PrimitiveHit {
+impl ShapeHit {
     /// Converts to the form that an accelerator returns.
     #[inline]
-    pub fn of_shape(self, instance: InstancePath, shape: u32) -> RawHit {
-        RawHit {
+    pub fn of_shape(self, instance: InstanceId, shape: u32) -> PreliminaryIntersection {
+        PreliminaryIntersection {
             t: self.t,
-            params: self.params,
+            prim_uv: self.prim_uv,
             instance,
             shape,
             primitive: self.primitive,
@@ -143,37 +164,37 @@ impl PrimitiveHit {
     }
 }
 
-/// The instance that a hit shape belongs to: [`InstancePath::WORLD`] if it is not instanced.
+/// The instance that a hit shape belongs to: [`InstanceId::TOP_LEVEL`] if it is not instanced.
 /// Instances are numbered depth first in scene order; nested instances directly follow their
 /// parent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub struct InstancePath(pub u32);
+pub struct InstanceId(pub u32);
 
-impl InstancePath {
+impl InstanceId {
     /// Not inside any instance.
-    pub const WORLD: Self = Self(0);
+    pub const TOP_LEVEL: Self = Self(0);
 }
 
 /// A hit as returned by an accelerator: without normals and texture coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RawHit {
+pub struct PreliminaryIntersection {
     /// Ray parameter.
     pub t: f64,
     /// Two surface parameters; for triangles the barycentric weights of the second and third
     /// vertex.
-    pub params: DVec2,
+    pub prim_uv: DVec2,
     /// Instance of the shape.
-    pub instance: InstancePath,
+    pub instance: InstanceId,
     /// Number of the shape in the scene.
     pub shape: u32,
     /// Number of the primitive in the shape.
     pub primitive: u32,
 }
 
-impl RawHit {
+impl PreliminaryIntersection {
     /// The identifiers that break ties between hits at equal distance: the lowest wins.
     #[inline]
-    pub fn id(&self) -> (InstancePath, u32, u32) {
+    pub fn id(&self) -> (InstanceId, u32, u32) {
         (self.instance, self.shape, self.primitive)
     }
 
@@ -187,30 +208,30 @@ impl RawHit {
 /// The primitive that a spawned ray starts on, which it must not hit again (self-intersection
 /// filter).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Skip(Option<(InstancePath, u32, u32)>);
+pub struct SelfHitFilter(Option<(InstanceId, u32, u32)>);
 
-impl Skip {
+impl SelfHitFilter {
     /// Nothing is skipped: for camera rays.
     pub const NOTHING: Self = Self(None);
 
     /// A ray that leaves the primitive of `hit`.
-    pub fn leaving(hit: &RawHit) -> Self {
+    pub fn leaving(hit: &PreliminaryIntersection) -> Self {
         Self(Some(hit.id()))
     }
 
     /// A ray that leaves this primitive of this shape.
-    pub const fn of(instance: InstancePath, shape: u32, primitive: u32) -> Self {
+    pub const fn of(instance: InstanceId, shape: u32, primitive: u32) -> Self {
         Self(Some((instance, shape, primitive)))
     }
 
     /// The skipped primitive, if any: instance, shape, primitive.
-    pub const fn id(&self) -> Option<(InstancePath, u32, u32)> {
+    pub const fn id(&self) -> Option<(InstanceId, u32, u32)> {
         self.0
     }
 
     /// The skipped sub-primitive, if it belongs to this shape.
     #[inline]
-    pub fn of_shape(&self, instance: InstancePath, shape: u32) -> Option<u32> {
+    pub fn of_shape(&self, instance: InstanceId, shape: u32) -> Option<u32> {
         match self.0 {
             Some((i, s, primitive)) if i == instance && s == shape => Some(primitive),
             _ => None,
@@ -220,9 +241,9 @@ impl Skip {
 
 /// The set of surface attributes that a consumer of surface points reads.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Needs(u32);
+pub struct SurfaceAttributes(u32);
 
-impl Needs {
+impl SurfaceAttributes {
     /// Position, error bound and geometric normal only, which are always computed.
     pub const NOTHING: Self = Self(0);
     /// The interpolated normal; without it the shading normal equals the geometric one.
@@ -234,7 +255,7 @@ impl Needs {
     /// The footprint. Shapes ignore this in `surface`, but rays then carry ray differentials.
     pub const FOOTPRINT: Self = Self(8);
     /// All of these.
-    pub const EVERYTHING: Self = Self(15);
+    pub const ALL: Self = Self(15);
 
     /// Whether all of `other` is in this set.
     pub const fn contains(self, other: Self) -> bool {
@@ -242,14 +263,14 @@ impl Needs {
     }
 }
 
-impl BitOr for Needs {
+impl BitOr for SurfaceAttributes {
     type Output = Self;
     fn bitor(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
 }
 
-impl BitOrAssign for Needs {
+impl BitOrAssign for SurfaceAttributes {
     fn bitor_assign(&mut self, other: Self) {
         self.0 |= other.0;
     }
@@ -257,7 +278,7 @@ impl BitOrAssign for Needs {
 
 /// A point on a surface, in world space.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SurfacePoint {
+pub struct SurfaceInteraction {
     /// On the surface, within `error`.
     pub position: DVec3,
     /// Upper bound on the distance of `position` from the surface, in metres along the normal.
@@ -273,7 +294,7 @@ pub struct SurfacePoint {
     pub footprint: Footprint,
 }
 
-impl SurfacePoint {
+impl SurfaceInteraction {
     /// A point whose shading normal is the geometric one and whose texture coordinates are zero.
     #[inline(always)]
     pub const fn new(position: DVec3, error: f64, n_g: DVec3) -> Self {

@@ -1,6 +1,6 @@
 //! State of the rays of a ray tree.
 
-use crate::{BranchKind, Inside, Ray, Rgb, Skip, Spread};
+use crate::{MediumStack, Ray, RayDifferential, Rgb, SelfHitFilter, SpecularRayKind};
 use std::fmt;
 
 /// A ray of a ray tree that is still to be traced.
@@ -9,20 +9,20 @@ pub struct PathState {
     /// In world space, with unit direction.
     pub ray: Ray,
     /// The primitive that it starts on.
-    pub skip: Skip,
+    pub skip: SelfHitFilter,
     /// Factor on its radiance in the pixel.
     pub throughput: Rgb,
     /// Absorption coefficient of the medium that it travels in, per metre.
     pub absorption: Rgb,
     /// The nested dielectrics that it is inside.
-    pub inside: Inside,
+    pub inside: MediumStack,
     /// Number of bounces so far: 0 for a camera ray.
     pub depth: u32,
     /// For [`Scratch::record`](crate::Scratch::record): index of the parent node and letter of the
     /// branch; `None` for a camera ray.
     pub origin: Option<(u32, PathLetter)>,
     /// Ray differentials, if textures read footprints.
-    pub spread: Option<Spread>,
+    pub differential: Option<RayDifferential>,
 }
 
 impl PathState {
@@ -31,30 +31,30 @@ impl PathState {
     pub fn camera(ray: Ray) -> Self {
         Self {
             ray,
-            skip: Skip::NOTHING,
+            skip: SelfHitFilter::NOTHING,
             throughput: Rgb::WHITE,
             absorption: Rgb::BLACK,
-            inside: Inside::NOTHING,
+            inside: MediumStack::NOTHING,
             depth: 0,
             origin: None,
-            spread: None,
+            differential: None,
         }
     }
 }
 
 /// The medium that a ray travels in.
 #[derive(Clone, Copy, Debug)]
-pub struct Medium {
+pub struct MediumState {
     /// Absorption coefficient, per metre.
     pub absorption: Rgb,
     /// The nested dielectrics that the ray is inside.
-    pub inside: Inside,
+    pub inside: MediumStack,
 }
 
-impl Medium {
+impl MediumState {
     /// A medium outside all nested dielectrics.
     pub const fn absorbing(absorption: Rgb) -> Self {
-        let inside = Inside::NOTHING;
+        let inside = MediumStack::NOTHING;
         Self { absorption, inside }
     }
 }
@@ -91,11 +91,11 @@ impl fmt::Display for PathLetter {
     }
 }
 
-impl From<BranchKind> for PathLetter {
-    fn from(kind: BranchKind) -> Self {
+impl From<SpecularRayKind> for PathLetter {
+    fn from(kind: SpecularRayKind) -> Self {
         match kind {
-            BranchKind::Reflection => Self::R,
-            BranchKind::Transmission { .. } | BranchKind::Straight => Self::T,
+            SpecularRayKind::Reflection => Self::R,
+            SpecularRayKind::Transmission { .. } | SpecularRayKind::Null => Self::T,
         }
     }
 }

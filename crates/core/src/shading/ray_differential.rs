@@ -8,7 +8,10 @@
 
 use crate::simd::{self, select};
 use crate::stream::{LANES, Lanes, Optional, RayStream};
-use crate::{Branches, Camera, Geometry, Inside, Needs, PathLetter, RawHit, Ray, SurfacePoint, World};
+use crate::{
+    Camera, Geometry, MediumStack, PathLetter, PreliminaryIntersection, Ray, Scene, SpecularRays,
+    SurfaceAttributes, SurfaceInteraction,
+};
 use glam::{DVec2, DVec3, Vec2, Vec3};
 
 /// Step of the forward differences, relative to the distance to the next sample: a power of 2. The
@@ -26,7 +29,7 @@ const WIDEST: f64 = 1.0;
 /// The ray differentials: first derivatives of a ray towards the next sample to the right and the
 /// next sample below, scaled to the sample distance.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Spread {
+pub struct RayDifferential {
     /// Derivatives of the origin, in metres.
     pub origin: [Vec3; 2],
     /// Derivatives of the unit direction.
@@ -62,8 +65,8 @@ fn slope(here: DVec3, beside: DVec3, scale: f64) -> Vec3 {
 
 /// The differentials of a camera ray from its two neighbours.
 #[inline(always)]
-fn between(ray: &Ray, right: &Ray, below: &Ray, scale: f64) -> Spread {
-    Spread {
+fn between(ray: &Ray, right: &Ray, below: &Ray, scale: f64) -> RayDifferential {
+    RayDifferential {
         origin: [
             slope(ray.origin, right.origin, scale),
             slope(ray.origin, below.origin, scale),
@@ -75,7 +78,7 @@ fn between(ray: &Ray, right: &Ray, below: &Ray, scale: f64) -> Spread {
     }
 }
 
-impl Spread {
+impl RayDifferential {
     /// The differentials of the camera ray through `raster` from a lens point; neighbours are
     /// `scale` pixels away.
     pub fn of_camera(camera: &dyn Camera, raster: DVec2, point: u32, scale: f64) -> Self {
@@ -102,17 +105,18 @@ impl Spread {
         &self,
         geometry: &Geometry,
         ray: &Ray,
-        hit: &RawHit,
-        point: &SurfacePoint,
-        needs: Needs,
+        hit: &PreliminaryIntersection,
+        point: &SurfaceInteraction,
+        needs: SurfaceAttributes,
     ) -> Footprint {
         let [right, below] = self.meet(ray, hit.t, point.n_g);
         let uv = |step: DVec3| {
-            let beside = geometry.beside(point, hit, point.position + STEP * step, Needs::UV);
+            let beside =
+                geometry.surface_at_offset(point, hit, point.position + STEP * step, SurfaceAttributes::UV);
             beside.map_or(Vec2::ZERO, |beside| ((beside.uv - point.uv) / STEP).as_vec2())
         };
         Footprint {
-            uv: if needs.contains(Needs::UV) {
+            uv: if needs.contains(SurfaceAttributes::UV) {
                 [uv(right), uv(below)]
             } else {
                 [Vec2::ZERO; 2]
@@ -122,42 +126,42 @@ impl Spread {
     }
 }
 
-impl World {
+impl Scene {
     /// The differentials of a branch in unit direction `direction`, found by applying the material
     /// to the neighbours of the ray. `point` is after rule S. Surfaces without derivatives count as
     /// flat. `inside` are the bodies that the ray is in.
     #[allow(clippy::too_many_arguments, reason = "all that a branch depends on")]
-    pub fn spread_of_branch(
+    pub fn differential_of_branch(
         &self,
-        spread: &Spread,
+        differential: &RayDifferential,
         ray: &Ray,
-        hit: &RawHit,
-        point: &SurfacePoint,
+        hit: &PreliminaryIntersection,
+        point: &SurfaceInteraction,
         (letter, direction): (PathLetter, DVec3),
-        inside: Inside,
-    ) -> Spread {
-        let position = spread.meet(ray, hit.t, point.n_g);
+        inside: MediumStack,
+    ) -> RayDifferential {
+        let position = differential.meet(ray, hit.t, point.n_g);
         let turned = [0, 1].map(|side| {
             let mut beside = *point;
             beside.position += STEP * position[side];
-            let there = self
-                .geometry
-                .beside(point, hit, beside.position, self.needs_of(hit.shape));
+            let there =
+                self.geometry
+                    .surface_at_offset(point, hit, beside.position, self.needs_of(hit.shape));
             if let Some(there) = there {
                 beside.uv = there.uv;
                 // Rule S has been applied to `point`, but not to `there`.
                 let same = there.n_s.dot(point.n_s) >= 0.0;
                 beside.n_s = select(same, 1.0, -1.0) * there.n_s;
             }
-            let view = -(ray.direction + STEP * spread.direction[side].as_dvec3()).normalize();
-            let mut branches = Branches::default();
-            self.branches(hit.shape, inside, &beside, view, &mut branches);
+            let view = -(ray.direction + STEP * differential.direction[side].as_dvec3()).normalize();
+            let mut branches = SpecularRays::default();
+            self.specular_rays(hit.shape, inside, &beside, view, &mut branches);
             // Beyond the critical angle the neighbour has no such branch: use the differential of
             // the ray.
             let found = branches
                 .iter()
                 .find(|branch| PathLetter::from(branch.kind) == letter);
-            let change = found.map_or(spread.direction[side].as_dvec3(), |branch| {
+            let change = found.map_or(differential.direction[side].as_dvec3(), |branch| {
                 (branch.direction - direction) / STEP
             });
             let length = change.length();
@@ -168,7 +172,7 @@ impl World {
             };
             if change.is_finite() { change } else { DVec3::ZERO }
         });
-        Spread {
+        RayDifferential {
             origin: position.map(|step| step.as_vec3()),
             direction: turned.map(|change| change.as_vec3()),
         }
@@ -208,16 +212,16 @@ impl<const N: usize> Rows<N> {
 }
 
 /// The ray differentials of a stream of rays.
-pub type SpreadStream = Rows<12>;
+pub type RayDifferentialStream = Rows<12>;
 
 /// The footprints of a stream of points.
 pub type FootprintStream = Rows<10>;
 
-impl SpreadStream {
+impl RayDifferentialStream {
     /// The differentials of a lane.
     #[inline(always)]
-    pub fn get(&self, lane: usize) -> Spread {
-        Spread {
+    pub fn get(&self, lane: usize) -> RayDifferential {
+        RayDifferential {
             origin: [self.vector(0, lane), self.vector(3, lane)],
             direction: [self.vector(6, lane), self.vector(9, lane)],
         }
@@ -225,11 +229,11 @@ impl SpreadStream {
 
     /// Replaces the differentials of a lane.
     #[inline(always)]
-    pub fn set(&mut self, lane: usize, spread: &Spread) {
-        self.put(0, lane, spread.origin[0]);
-        self.put(3, lane, spread.origin[1]);
-        self.put(6, lane, spread.direction[0]);
-        self.put(9, lane, spread.direction[1]);
+    pub fn set(&mut self, lane: usize, differential: &RayDifferential) {
+        self.put(0, lane, differential.origin[0]);
+        self.put(3, lane, differential.origin[1]);
+        self.put(6, lane, differential.direction[0]);
+        self.put(9, lane, differential.direction[1]);
     }
 }
 
@@ -259,9 +263,9 @@ impl FootprintStream {
 }
 
 impl RayStream {
-    /// [`Spread::of_camera`] for every ray; the camera has generated the rays from these positions.
-    /// `beside` is working memory.
-    pub fn spread_from_camera(
+    /// [`RayDifferential::of_camera`] for every ray; the camera has generated the rays from these positions.
+    /// `surface_at_offset` is working memory.
+    pub fn differential_from_camera(
         &mut self,
         camera: &dyn Camera,
         raster: &Lanes<DVec2>,
@@ -278,13 +282,13 @@ impl RayStream {
             rays.len = self.len;
             camera.lens_stream(&moved, point, rays);
         }
-        let spreads = self.spread.turn_on();
+        let differentials = self.differential.turn_on();
         simd::dispatch(
             #[inline(always)]
             || {
                 for lane in 0..self.len.min(LANES) {
                     let ray = Ray::new(self.origin.get(lane), self.direction.get(lane));
-                    spreads.set(lane, &between(&ray, &right.ray(lane), &below.ray(lane), scale));
+                    differentials.set(lane, &between(&ray, &right.ray(lane), &below.ray(lane), scale));
                 }
             },
         );

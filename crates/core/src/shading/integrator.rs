@@ -1,14 +1,15 @@
-use crate::shadow::shadow_ray;
+use crate::shading::shadow::shadow_ray;
 use crate::simd;
 use crate::simd::select;
 use crate::stream::{
-    Colors, GROUP, HitStream, Ids, LANES, Lanes, PointStream, RayStream, SampleStreams, Vectors, gather,
+    Colors, GROUP, HitStream, Ids, LANES, Lanes, RayStream, SampleStreams, SurfaceStream, Vectors, gather,
     groups,
 };
 use crate::{
-    Accelerator, Bodies, Branches, Context, Face, Footprint, Geometry, Incoming, Inside, Interval, Light,
-    LightGives, LightSample, Lobes, Material, Medium, Needs, ObjectOrder, PathState, RawHit, Ray, Refused,
-    Rgb, Shadowing, Skip, Spread, SurfacePoint, View,
+    Accelerator, BsdfFlags, Context, Footprint, Geometry, Interval, Light, LightFlags, LightLiSample,
+    LightSample, Material, MediumInterface, MediumStack, MediumState, NestedDielectrics, ObjectOrder,
+    PathState, PreliminaryIntersection, Ray, RayDifferential, Refused, Rgb, SelfHitFilter, ShadowMode,
+    SpecularRays, SurfaceAttributes, SurfaceInteraction, View,
 };
 use glam::DVec3;
 use std::any::Any;
@@ -22,22 +23,22 @@ pub trait Integrator: Send + Sync {
 
     /// Upper bound on path length when every bounce splits into `directions` equally weighted rays.
     /// The pipeline rejects scenes whose ray count would explode.
-    fn bounces(&self, directions: u32) -> u32 {
+    fn max_split_depth(&self, directions: u32) -> u32 {
         let _ = directions;
         0
     }
 
-    /// Radiance along the ray, a pure function of `world` and `ray`.
+    /// Radiance along the ray, a pure function of `scene` and `ray`.
     ///
     /// `scratch` is working memory that one thread keeps between calls. It counts the rays and, if
     /// it has a record, stores every ray there.
-    fn radiance(&self, world: &World, ray: &Ray, scratch: &mut Scratch) -> Rgb;
+    fn radiance(&self, scene: &Scene, ray: &Ray, scratch: &mut Scratch) -> Rgb;
 
     /// [`Self::radiance`] for every ray of a stream of camera rays, with identical bits and counts.
-    fn radiance_stream(&self, world: &World, rays: &RayStream, scratch: &mut Scratch, out: &mut Colors) {
+    fn radiance_stream(&self, scene: &Scene, rays: &RayStream, scratch: &mut Scratch, out: &mut Colors) {
         for lane in 0..rays.len {
-            scratch.spread = rays.spread(lane);
-            out.set(lane, self.radiance(world, &rays.ray(lane), scratch));
+            scratch.differential = rays.differential(lane);
+            out.set(lane, self.radiance(scene, &rays.ray(lane), scratch));
         }
     }
 
@@ -58,7 +59,7 @@ pub trait Integrator: Send + Sync {
 const MANY_LIGHTS: usize = 8;
 
 /// A scene as integrators see it, ready to trace.
-pub struct World {
+pub struct Scene {
     /// All shapes.
     pub geometry: Arc<Geometry>,
     /// Built over the geometry.
@@ -78,22 +79,22 @@ pub struct World {
     /// for rounding. It is positive if surfaces that coincide with lights have been moved.
     pub light_margin: f64,
     /// The nested dielectrics, if there are any. Rays are then traced one at a time.
-    pub bodies: Option<Bodies>,
+    pub bodies: Option<NestedDielectrics>,
     /// Whether some material has glossy reflections, traced by several rays.
-    pub(crate) spreads_reflections: bool,
-    /// See [`World::one_by_one`].
-    one_by_one: bool,
+    pub(crate) has_glossy_reflections: bool,
+    /// See [`Scene::requires_scalar_tracing`].
+    requires_scalar_tracing: bool,
     /// The attributes that each material reads, by shape, cached here to avoid a call per hit.
-    needs: Vec<Needs>,
+    needs: Vec<SurfaceAttributes>,
     /// The responses of each material, in the same order.
-    responses: Vec<Lobes>,
+    responses: Vec<BsdfFlags>,
     /// Union of the responses of all materials.
-    pub(crate) lobes: Lobes,
+    pub(crate) lobes: BsdfFlags,
     /// Whether any material reads footprints.
     footprints: bool,
 }
 
-impl World {
+impl Scene {
     /// Builds the scene and sorts the lights by their contributions.
     pub fn new(
         geometry: Arc<Geometry>,
@@ -101,27 +102,31 @@ impl World {
         materials: Vec<Arc<dyn Material>>,
         lights: Vec<Arc<dyn Light>>,
     ) -> Self {
-        let mut needs: Vec<Needs> = materials.iter().map(|material| material.needs()).collect();
-        let responses: Vec<Lobes> = materials.iter().map(|material| material.lobes()).collect();
-        let lobes = responses.iter().fold(Lobes::NOTHING, |all, lobes| all | *lobes);
-        let footprints = needs.iter().any(|needs| needs.contains(Needs::FOOTPRINT));
+        let mut needs: Vec<SurfaceAttributes> = materials.iter().map(|material| material.needs()).collect();
+        let responses: Vec<BsdfFlags> = materials.iter().map(|material| material.flags()).collect();
+        let lobes = responses
+            .iter()
+            .fold(BsdfFlags::NOTHING, |all, lobes| all | *lobes);
+        let footprints = needs
+            .iter()
+            .any(|needs| needs.contains(SurfaceAttributes::FOOTPRINT));
         if footprints {
             // Rays that are reflected or transmitted must keep their ray differentials.
             for (needs, lobes) in needs.iter_mut().zip(&responses) {
-                if lobes.intersects(Lobes::BRANCHES) {
-                    *needs |= Needs::FOOTPRINT;
+                if lobes.intersects(BsdfFlags::SPECULAR) {
+                    *needs |= SurfaceAttributes::FOOTPRINT;
                 }
             }
         }
         let ambient = lights.iter().map(|light| light.ambient()).sum();
         let giving = |what| -> Vec<Arc<dyn Light>> {
             let mut chosen = lights.clone();
-            chosen.retain(|light| light.gives().contains(what));
+            chosen.retain(|light| light.flags().contains(what));
             chosen
         };
-        let bodies = Bodies::of(&materials);
-        let spreads_reflections = materials.iter().any(|material| material.reflections() > 1);
-        let (samplers, backgrounds) = (giving(LightGives::SAMPLES), giving(LightGives::BACKGROUND));
+        let bodies = NestedDielectrics::of(&materials);
+        let has_glossy_reflections = materials.iter().any(|material| material.reflections() > 1);
+        let (samplers, backgrounds) = (giving(LightFlags::SAMPLES), giving(LightFlags::BACKGROUND));
         Self {
             geometry,
             accelerator,
@@ -131,9 +136,9 @@ impl World {
             backgrounds,
             ambient,
             light_margin: 0.0,
-            one_by_one: bodies.is_some() || spreads_reflections,
+            requires_scalar_tracing: bodies.is_some() || has_glossy_reflections,
             bodies,
-            spreads_reflections,
+            has_glossy_reflections,
             needs,
             responses,
             lobes,
@@ -144,31 +149,31 @@ impl World {
     /// Disables all scene-specific specialisation (attribute needs, lobe flags, light culling). The
     /// image is bit-identical; the extra cost is what specialisation saves.
     #[must_use]
-    pub fn one_size_fits_all(mut self) -> Self {
-        self.needs.fill(Needs::EVERYTHING);
+    pub fn without_specialization(mut self) -> Self {
+        self.needs.fill(SurfaceAttributes::ALL);
         self.footprints = true;
         self.culls_lights = false;
         for lobes in &mut self.responses {
-            *lobes = *lobes | Lobes::HARMLESS;
+            *lobes = *lobes | BsdfFlags::ZERO_IF_ABSENT;
         }
-        self.lobes = self.lobes | Lobes::HARMLESS | Lobes::HOLES;
+        self.lobes = self.lobes | BsdfFlags::ZERO_IF_ABSENT | BsdfFlags::CUT_OUTS;
         self
     }
 
     /// The responses of a shape's material.
-    pub fn lobes_of(&self, shape: u32) -> Lobes {
+    pub fn flags_of(&self, shape: u32) -> BsdfFlags {
         self.responses[shape as usize]
     }
 
     /// The attributes that are read of a shape's surface points.
-    pub(crate) fn needs_of(&self, shape: u32) -> Needs {
+    pub(crate) fn needs_of(&self, shape: u32) -> SurfaceAttributes {
         self.needs[shape as usize]
     }
 
     /// True if rays need state (medium set) or branching that `RayStream` cannot store, so
     /// integrators must use the scalar path.
-    pub fn one_by_one(&self) -> bool {
-        self.one_by_one
+    pub fn requires_scalar_tracing(&self) -> bool {
+        self.requires_scalar_tracing
     }
 
     /// Whether some texture in use reads footprints, so that rays must carry ray differentials.
@@ -182,30 +187,36 @@ impl World {
         let needs = self.needs[shape as usize];
         let counted = |need| if needs.contains(need) { points as u64 } else { 0 };
         counters.shaded += points as u64;
-        counters.uv += counted(Needs::UV);
-        counters.textured += counted(Needs::TEXTURE);
+        counters.uv += counted(SurfaceAttributes::UV);
+        counters.textured += counted(SurfaceAttributes::TEXTURE);
     }
 
     /// The interface of a nested dielectric, for a ray in the bodies `inside`; `None` for all other
     /// surfaces.
-    pub fn face(&self, shape: u32, inside: Inside, point: &SurfacePoint, view: DVec3) -> Option<Face> {
+    pub fn face(
+        &self,
+        shape: u32,
+        inside: MediumStack,
+        point: &SurfaceInteraction,
+        view: DVec3,
+    ) -> Option<MediumInterface> {
         let bodies = self.bodies.as_ref()?;
         bodies.face(shape, inside, point.n_g.dot(view) > 0.0)
     }
 
     /// The branches at a surface, for a ray in the bodies `inside`.
-    pub fn branches(
+    pub fn specular_rays(
         &self,
         shape: u32,
-        inside: Inside,
-        point: &SurfacePoint,
+        inside: MediumStack,
+        point: &SurfaceInteraction,
         view: DVec3,
-        out: &mut Branches,
+        out: &mut SpecularRays,
     ) {
         let material = &*self.materials[shape as usize];
-        match (self.face(shape, inside, point, view), material.overlapping()) {
-            (Some(face), Some(body)) => face.branches(body, point, view, out),
-            _ => material.branches(point, view, out),
+        match (self.face(shape, inside, point, view), material.prioritized()) {
+            (Some(face), Some(body)) => face.specular_rays(body, point, view, out),
+            _ => material.specular_rays(point, view, out),
         }
     }
 
@@ -234,7 +245,7 @@ impl World {
     }
 
     /// The surface at a hit, with the normals and texture coordinates that its material reads.
-    pub fn surface(&self, ray: &Ray, hit: &RawHit) -> SurfacePoint {
+    pub fn surface(&self, ray: &Ray, hit: &PreliminaryIntersection) -> SurfaceInteraction {
         self.geometry.surface(ray, hit, self.needs[hit.shape as usize])
     }
 
@@ -243,30 +254,30 @@ impl World {
     pub fn footprint(
         &self,
         ray: &Ray,
-        hit: &RawHit,
-        point: &SurfacePoint,
-        spread: Option<&Spread>,
+        hit: &PreliminaryIntersection,
+        point: &SurfaceInteraction,
+        differential: Option<&RayDifferential>,
     ) -> Footprint {
         let needs = self.needs[hit.shape as usize];
-        match spread {
-            Some(spread) if needs.contains(Needs::FOOTPRINT) => {
-                spread.footprint(&self.geometry, ray, hit, point, needs)
+        match differential {
+            Some(differential) if needs.contains(SurfaceAttributes::FOOTPRINT) => {
+                differential.footprint(&self.geometry, ray, hit, point, needs)
             }
             _ => Footprint::NONE,
         }
     }
 
     /// [`Self::surface`] for every ray of a stream, all of which hit this shape, after rule S.
-    pub fn surface_stream(&self, shape: u32, rays: &RayStream, hits: &HitStream, points: &mut PointStream) {
+    pub fn surface_stream(&self, shape: u32, rays: &RayStream, hits: &HitStream, points: &mut SurfaceStream) {
         points.len = rays.len;
         let needs = self.needs[shape as usize];
         self.geometry.surface_stream(shape, rays, hits, needs, points);
-        match rays.spread.get() {
-            Some(spreads) if needs.contains(Needs::FOOTPRINT) => {
+        match rays.differential.get() {
+            Some(differentials) if needs.contains(SurfaceAttributes::FOOTPRINT) => {
                 for lane in 0..rays.len.min(LANES) {
                     let (ray, hit, point) = (rays.ray(lane), hits.hit(lane), points.get(lane));
-                    let spread = spreads.get(lane);
-                    let found = spread.footprint(&self.geometry, &ray, &hit, &point, needs);
+                    let differential = differentials.get(lane);
+                    let found = differential.footprint(&self.geometry, &ray, &hit, &point, needs);
                     points.footprint.memory().set(lane, &found);
                 }
                 points.footprint.turn_on();
@@ -289,19 +300,21 @@ impl World {
     }
 
     /// Union of the attributes that the materials in use read.
-    pub fn needs(&self) -> Needs {
-        self.needs.iter().fold(Needs::NOTHING, |all, needs| all | *needs)
+    pub fn needs(&self) -> SurfaceAttributes {
+        self.needs
+            .iter()
+            .fold(SurfaceAttributes::NOTHING, |all, needs| all | *needs)
     }
 
     /// Gathers the lights that reach a surface point on the side of `view` into `scratch.incoming`.
     /// `medium` is the medium on that side.
     pub fn gather_lights(
         &self,
-        point: &SurfacePoint,
+        point: &SurfaceInteraction,
         view: DVec3,
-        skip: Skip,
-        shadows: Shadowing,
-        medium: Medium,
+        skip: SelfHitFilter,
+        shadows: ShadowMode,
+        medium: MediumState,
         scratch: &mut Scratch,
     ) {
         let through = self.lets_through(shadows);
@@ -319,7 +332,7 @@ impl World {
                 continue;
             }
             let mut irradiance = sample.irradiance;
-            if shadows != Shadowing::None {
+            if shadows != ShadowMode::None {
                 let (ray, free) = shadow_ray(point, sample, self.light_margin);
                 if through {
                     let counters = &mut scratch.counters;
@@ -334,7 +347,7 @@ impl World {
                     }
                 }
             }
-            scratch.incoming.push(Incoming {
+            scratch.incoming.push(LightLiSample {
                 direction: sample.direction,
                 irradiance,
             });
@@ -364,22 +377,22 @@ impl Default for Hidden {
 /// Working memory for the lights of a stream of points.
 #[derive(Default)]
 pub struct LightMemory {
-    /// Light samples; after [`World::gather_lights_stream`], those that do not reach their points
+    /// Light samples; after [`Scene::gather_lights_stream`], those that do not reach their points
     /// are black.
     pub samples: SampleStreams,
     shadows: Box<ShadowRays>,
 }
 
-impl World {
-    /// [`Self::gather_lights`] for every point of a stream, into `memory.samples`. `leaves` are the
+impl Scene {
+    /// [`Self::gather_lights`] for every point of a stream, into `memory.samples`. `origin_primitive` are the
     /// primitives that the points lie on, `media` the absorption coefficients on the viewers'
     /// sides.
     pub fn gather_lights_stream(
         &self,
-        points: &PointStream,
-        leaves: &Ids,
+        points: &SurfaceStream,
+        origin_primitive: &Ids,
         media: &Colors,
-        shadows: Shadowing,
+        shadows: ShadowMode,
         memory: &mut LightMemory,
         counters: &mut Counters,
     ) {
@@ -391,7 +404,7 @@ impl World {
         samples.clear();
         let near = self.culls_lights.then(|| points.position.bounds(points.len));
         for light in &self.lights {
-            if near.as_ref().is_none_or(|near| light.reaches(near)) {
+            if near.as_ref().is_none_or(|near| light.affects_bounds(near)) {
                 light.samples_stream(points.len, &points.position, samples);
             }
         }
@@ -419,14 +432,14 @@ impl World {
                     }
                 },
             );
-            if shadows == Shadowing::None {
+            if shadows == ShadowMode::None {
                 continue;
             }
             if self.lets_through(shadows) {
                 for lane in (0..len).filter(|lane| faces[*lane]) {
                     let ray = Ray::new(all.origin.get(lane), all.direction.get(lane));
-                    let (free, skip) = (all.limit[lane], leaves.skip(lane));
-                    let medium = Medium::absorbing(media.get(lane));
+                    let (free, skip) = (all.limit[lane], origin_primitive.skip(lane));
+                    let medium = MediumState::absorbing(media.get(lane));
                     let part = self.light_through(ray, free, skip, medium, shadows, counters);
                     samples.irradiance.set(lane, samples.irradiance.get(lane) * part);
                 }
@@ -445,12 +458,12 @@ impl World {
             let lanes = &lanes[..lit.len];
             if lit.len == len {
                 all.len = len;
-                all.skip.copy_first(len, leaves);
+                all.skip.copy_first(len, origin_primitive);
                 self.accelerator.occluded_stream(all, &mut hidden.0);
             } else {
                 lit.gather_lines(0, all, lanes);
                 gather(&mut lit.limit, 0, &all.limit, lanes);
-                lit.skip.gather(0, leaves, lanes);
+                lit.skip.gather(0, origin_primitive, lanes);
                 self.accelerator.occluded_stream(lit, &mut hidden.0);
             }
             for (&lane, hidden) in lanes.iter().zip(&hidden.0) {
@@ -469,7 +482,7 @@ pub struct Scratch {
     /// Light samples before the shadow test.
     pub samples: Vec<LightSample>,
     /// Lights that reach the point being shaded.
-    pub incoming: Vec<Incoming>,
+    pub incoming: Vec<LightLiSample>,
     /// Rays that are still to be traced.
     pub pending: Vec<PathState>,
     /// Rays traced so far by this thread.
@@ -477,8 +490,8 @@ pub struct Scratch {
     /// Working memory private to the integrator; see [`Scratch::take_memory`].
     memory: Option<Box<dyn Any + Send>>,
     /// Ray differentials of the camera ray that the next call of [`Integrator::radiance`] traces,
-    /// if textures read footprints ([`World::reads_footprints`]). That call takes them.
-    pub spread: Option<Spread>,
+    /// if textures read footprints ([`Scene::reads_footprints`]). That call takes them.
+    pub differential: Option<RayDifferential>,
     /// If present, integrators record every ray of the tree here, for debugging.
     pub record: Option<Vec<TreeNode>>,
 }
@@ -508,7 +521,7 @@ impl Scratch {
     pub fn note(
         &mut self,
         path: &PathState,
-        found: Option<(&RawHit, &SurfacePoint)>,
+        found: Option<(&PreliminaryIntersection, &SurfaceInteraction)>,
         throughput: Rgb,
         local: Rgb,
     ) -> u32 {
@@ -532,7 +545,7 @@ impl Scratch {
     fn note_in(
         nodes: &mut Vec<TreeNode>,
         path: &PathState,
-        found: Option<(&RawHit, &SurfacePoint)>,
+        found: Option<(&PreliminaryIntersection, &SurfaceInteraction)>,
         throughput: Rgb,
         local: Rgb,
     ) -> u32 {

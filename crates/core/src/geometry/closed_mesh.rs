@@ -2,7 +2,10 @@
 
 use crate::solid::{self, Spans};
 use crate::triangle::ShearedRay;
-use crate::{Aabb, Interval, Needs, Primitive, PrimitiveHit, RawHit, Ray, Shape, SurfacePoint, TriangleMesh};
+use crate::{
+    Aabb, Interval, LoweredShape, PreliminaryIntersection, Ray, Shape, ShapeHit, SurfaceAttributes,
+    SurfaceInteraction, TriangleMesh,
+};
 use glam::{DVec2, DVec3};
 use std::collections::HashMap;
 use std::fmt;
@@ -59,10 +62,10 @@ impl fmt::Display for NotClosed {
     }
 }
 
-impl Shape {
+impl LoweredShape {
     /// The shape as an operand of constructive solid geometry. Fails if it bounds no volume; for a
     /// mesh the error says why.
-    pub fn into_solid(self) -> Result<Box<dyn Primitive>, Option<NotClosed>> {
+    pub fn into_solid(self) -> Result<Box<dyn Shape>, Option<NotClosed>> {
         match self {
             Self::Opaque(primitive) if primitive.solid() => Ok(primitive),
             Self::Triangles(mesh) => Ok(Box::new(ClosedMesh::new(mesh)?)),
@@ -184,7 +187,7 @@ fn build(mesh: &TriangleMesh, order: &mut [u32], range: Range<usize>, nodes: &mu
     nodes[own].next = nodes.len();
 }
 
-/// False only if the line certainly misses the box as [`ShearedRay::beside`] transforms it.
+/// False only if the line certainly misses the box as [`ShearedRay::surface_at_offset`] transforms it.
 fn is_near(ray: &Ray, bounds: &Aabb) -> bool {
     let (low, high) = (bounds.min - ray.origin, bounds.max - ray.origin);
     // Sheared positions have rounding errors relative to their distance from the line's origin.
@@ -204,24 +207,35 @@ fn is_near(ray: &Ray, bounds: &Aabb) -> bool {
     near <= far + 4.0 * f64::EPSILON * far.abs().min(f64::MAX)
 }
 
-impl Primitive for ClosedMesh {
+impl Shape for ClosedMesh {
     fn bounds(&self) -> Aabb {
         self.nodes.first().map_or(Aabb::EMPTY, |root| root.bounds)
     }
 
-    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
+    fn intersect(&self, ray: &Ray, interval: Interval, origin_primitive: Option<u32>) -> Option<ShapeHit> {
         let mut spans = Spans::new();
         self.spans(ray, &mut spans);
-        let inside = leaves.map(|primitive| self.goes_inside(ray, primitive));
+        let inside = origin_primitive.map(|primitive| self.goes_inside(ray, primitive));
         solid::first_end(&spans, interval, inside)
     }
 
-    fn surface(&self, _: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
+    fn surface(
+        &self,
+        _: &Ray,
+        hit: &PreliminaryIntersection,
+        needs: SurfaceAttributes,
+    ) -> SurfaceInteraction {
         self.mesh.surface(hit, needs)
     }
 
-    fn beside(&self, _: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
-        Some(self.mesh.beside(hit, q, needs))
+    fn surface_at_offset(
+        &self,
+        _: &SurfaceInteraction,
+        hit: &PreliminaryIntersection,
+        q: DVec3,
+        needs: SurfaceAttributes,
+    ) -> Option<SurfaceInteraction> {
+        Some(self.mesh.surface_at_offset(hit, q, needs))
     }
 
     fn solid(&self) -> bool {
@@ -234,10 +248,10 @@ impl Primitive for ClosedMesh {
         self.near(ray, |triangle| {
             let [a, b, c] = self.mesh.corners(triangle);
             if let Some(found) = sheared.pierce(a, b, c) {
-                let end = PrimitiveHit {
+                let end = ShapeHit {
                     t: found.at.t,
                     primitive: triangle,
-                    params: DVec2::new(found.at.u, found.at.v),
+                    prim_uv: DVec2::new(found.at.u, found.at.v),
                 };
                 crossings.push((end, found.from_front == (self.mesh.orientation > 0.0)));
             }

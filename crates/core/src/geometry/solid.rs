@@ -1,7 +1,7 @@
 //! Solids: shapes with an inside, and the intervals in which lines are inside them.
 
 use crate::config::PluginRef;
-use crate::{Interval, PrimitiveHit, SourceSpan};
+use crate::{Interval, ShapeHit, SourceSpan};
 use glam::DVec2;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::{Error, Visitor};
@@ -16,9 +16,9 @@ use toml::Spanned;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Span {
     /// Where the line enters the solid.
-    pub enter: PrimitiveHit,
+    pub enter: ShapeHit,
     /// Where the line leaves the solid; farther along.
-    pub exit: PrimitiveHit,
+    pub exit: ShapeHit,
 }
 
 /// The intervals of a line inside a solid: ascending, non-empty, without common points.
@@ -27,25 +27,25 @@ pub type Spans = SmallVec<[Span; 4]>;
 impl Span {
     /// `None` if the interval is empty.
     #[inline]
-    pub fn new(enter: PrimitiveHit, exit: PrimitiveHit) -> Option<Self> {
+    pub fn new(enter: ShapeHit, exit: ShapeHit) -> Option<Self> {
         (enter.t < exit.t).then_some(Self { enter, exit })
     }
 }
 
-impl PrimitiveHit {
+impl ShapeHit {
     /// A hit with sub-primitive 0 and zero parameters; also an end of a span at infinity.
     pub const fn plain(t: f64) -> Self {
         Self {
             t,
             primitive: 0,
-            params: DVec2::ZERO,
+            prim_uv: DVec2::ZERO,
         }
     }
 }
 
 /// The spans between sorted crossings of a closed surface, which enter and leave alternately. Pairs
 /// at the same position cancel; a last crossing without a partner is ignored.
-pub fn pair_up(crossings: &[PrimitiveHit]) -> Spans {
+pub fn pair_up(crossings: &[ShapeHit]) -> Spans {
     let mut spans = Spans::new();
     for pair in crossings.chunks_exact(2) {
         push(&mut spans, pair[0], pair[1]);
@@ -55,7 +55,7 @@ pub fn pair_up(crossings: &[PrimitiveHit]) -> Spans {
 
 /// Appends a span that does not begin before the last one ends. If they touch, they are merged; an
 /// empty span is ignored.
-pub fn push(spans: &mut Spans, enter: PrimitiveHit, exit: PrimitiveHit) {
+pub fn push(spans: &mut Spans, enter: ShapeHit, exit: ShapeHit) {
     let Some(span) = Span::new(enter, exit) else {
         return;
     };
@@ -70,7 +70,7 @@ pub fn push(spans: &mut Spans, enter: PrimitiveHit, exit: PrimitiveHit) {
 /// For a ray that starts on the surface, `inside` says whether it enters the solid. The first end
 /// beyond its start must then be an exit if `inside`, otherwise an entry. If it is not, it is the
 /// start itself, moved forward by rounding, and is skipped.
-pub fn first_end(spans: &[Span], interval: Interval, inside: Option<bool>) -> Option<PrimitiveHit> {
+pub fn first_end(spans: &[Span], interval: Interval, inside: Option<bool>) -> Option<ShapeHit> {
     let ends = spans
         .iter()
         .flat_map(|span| [(false, span.enter), (true, span.exit)]);
@@ -140,8 +140,8 @@ impl JsonSchema for SolidRef {
 mod tests {
     use super::*;
 
-    fn end(t: f64) -> PrimitiveHit {
-        PrimitiveHit::plain(t)
+    fn end(t: f64) -> ShapeHit {
+        ShapeHit::plain(t)
     }
 
     fn spans(ends: &[f64]) -> Spans {

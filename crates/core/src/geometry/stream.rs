@@ -9,11 +9,11 @@
 //! Lanes from `len` on hold stale values: arithmetic on them is harmless and the results are never
 //! read.
 
-use crate::footprint::{FootprintStream, SpreadStream};
+use crate::ray_differential::{FootprintStream, RayDifferentialStream};
 use crate::simd::{self, prefetch, select};
 use crate::{
-    Aabb, Footprint, InstancePath, Interval, LightSample, PrimitiveHit, RawHit, Ray, Rgb, Skip, Spread,
-    SurfacePoint,
+    Aabb, Footprint, InstanceId, Interval, LightSample, PreliminaryIntersection, Ray, RayDifferential, Rgb,
+    SelfHitFilter, ShapeHit, SurfaceInteraction,
 };
 use glam::{DVec2, DVec3};
 
@@ -245,21 +245,21 @@ impl Ids {
     pub fn names(&self, lane: usize, shape: u32, primitive: u32) -> bool {
         (self.shape[lane] == shape)
             & (self.primitive[lane] == primitive)
-            & (self.instance[lane] == InstancePath::WORLD.0)
+            & (self.instance[lane] == InstanceId::TOP_LEVEL.0)
     }
 
     /// The primitive in this lane, to be skipped by a ray that starts on it.
     #[inline(always)]
-    pub fn skip(&self, lane: usize) -> Skip {
+    pub fn skip(&self, lane: usize) -> SelfHitFilter {
         match self.shape[lane] {
-            NO_SHAPE => Skip::NOTHING,
-            shape => Skip::of(InstancePath(self.instance[lane]), shape, self.primitive[lane]),
+            NO_SHAPE => SelfHitFilter::NOTHING,
+            shape => SelfHitFilter::of(InstanceId(self.instance[lane]), shape, self.primitive[lane]),
         }
     }
 
     /// Stores the primitive that `skip` names in a lane.
-    pub fn set_skip(&mut self, lane: usize, skip: Skip) {
-        let (instance, shape, primitive) = skip.id().unwrap_or((InstancePath::WORLD, NO_SHAPE, 0));
+    pub fn set_skip(&mut self, lane: usize, skip: SelfHitFilter) {
+        let (instance, shape, primitive) = skip.id().unwrap_or((InstanceId::TOP_LEVEL, NO_SHAPE, 0));
         (self.instance[lane], self.shape[lane], self.primitive[lane]) = (instance.0, shape, primitive);
     }
 }
@@ -279,7 +279,7 @@ pub struct RayStream {
     /// The primitives that the rays start on.
     pub skip: Ids,
     /// Ray differentials, if textures read footprints: present for all rays or for none.
-    pub spread: Optional<SpreadStream>,
+    pub differential: Optional<RayDifferentialStream>,
 }
 
 impl Default for RayStream {
@@ -290,7 +290,7 @@ impl Default for RayStream {
             direction: Vectors::default(),
             limit: [f64::INFINITY; LANES],
             skip: Ids::default(),
-            spread: Optional::default(),
+            differential: Optional::default(),
         }
     }
 }
@@ -342,7 +342,7 @@ impl RayStream {
 
     /// Replaces a lane.
     #[inline(always)]
-    pub fn set(&mut self, lane: usize, ray: Ray, limit: f64, skip: Skip) {
+    pub fn set(&mut self, lane: usize, ray: Ray, limit: f64, skip: SelfHitFilter) {
         self.origin.set(lane, ray.origin);
         self.direction.set(lane, ray.direction);
         self.limit[lane] = limit;
@@ -357,9 +357,9 @@ impl RayStream {
         self.direction.copy_first(len, &from.direction);
         self.limit[..len].copy_from_slice(&from.limit[..len]);
         self.skip.copy_first(len, &from.skip);
-        match from.spread.get() {
-            None => self.spread.turn_off(),
-            Some(spread) => self.spread.turn_on().clone_from(spread),
+        match from.differential.get() {
+            None => self.differential.turn_off(),
+            Some(differential) => self.differential.turn_on().clone_from(differential),
         }
     }
 
@@ -368,16 +368,16 @@ impl RayStream {
     pub fn gather_lines(&mut self, start: usize, from: &Self, lanes: &[u16]) {
         self.origin.gather(start, &from.origin, lanes);
         self.direction.gather(start, &from.direction, lanes);
-        match from.spread.get() {
-            None => self.spread.turn_off(),
-            Some(spread) => self.spread.turn_on().gather(start, spread, lanes),
+        match from.differential.get() {
+            None => self.differential.turn_off(),
+            Some(differential) => self.differential.turn_on().gather(start, differential, lanes),
         }
     }
 
     /// The ray differentials of a lane, if present.
     #[inline]
-    pub fn spread(&self, lane: usize) -> Option<Spread> {
-        self.spread.get().map(|spread| spread.get(lane))
+    pub fn differential(&self, lane: usize) -> Option<RayDifferential> {
+        self.differential.get().map(|differential| differential.get(lane))
     }
 }
 
@@ -415,17 +415,17 @@ impl HitStream {
 
     /// The hit of a lane.
     #[inline(always)]
-    pub fn get(&self, lane: usize) -> Option<RawHit> {
+    pub fn get(&self, lane: usize) -> Option<PreliminaryIntersection> {
         (self.id.shape[lane] != NO_SHAPE).then(|| self.hit(lane))
     }
 
     /// The hit of a lane, which must not be a miss.
     #[inline(always)]
-    pub fn hit(&self, lane: usize) -> RawHit {
-        RawHit {
+    pub fn hit(&self, lane: usize) -> PreliminaryIntersection {
+        PreliminaryIntersection {
             t: self.t.0[lane],
-            params: DVec2::new(self.u.0[lane], self.v.0[lane]),
-            instance: InstancePath(self.id.instance[lane]),
+            prim_uv: DVec2::new(self.u.0[lane], self.v.0[lane]),
+            instance: InstanceId(self.id.instance[lane]),
             shape: self.id.shape[lane],
             primitive: self.id.primitive[lane],
         }
@@ -433,9 +433,9 @@ impl HitStream {
 
     /// Sets a lane to a hit.
     #[inline(always)]
-    pub fn set(&mut self, lane: usize, hit: &RawHit) {
+    pub fn set(&mut self, lane: usize, hit: &PreliminaryIntersection) {
         self.t.0[lane] = hit.t;
-        (self.u.0[lane], self.v.0[lane]) = (hit.params.x, hit.params.y);
+        (self.u.0[lane], self.v.0[lane]) = (hit.prim_uv.x, hit.prim_uv.y);
         self.id.instance[lane] = hit.instance.0;
         self.id.shape[lane] = hit.shape;
         self.id.primitive[lane] = hit.primitive;
@@ -445,14 +445,14 @@ impl HitStream {
     /// order of shapes, so that the lowest one wins at equal distance. `counts` is false if the hit
     /// must be ignored.
     #[inline(always)]
-    pub fn offer(&mut self, lane: usize, counts: bool, shape: u32, hit: &PrimitiveHit) {
+    pub fn offer(&mut self, lane: usize, counts: bool, shape: u32, hit: &ShapeHit) {
         let nearer = counts & (hit.t > 0.0) & (hit.t < self.t.0[lane]);
         let choose = |new: f64, old: f64| select(nearer, new, old);
         let choose_id = |new: u32, old: u32| select(nearer, new, old);
         self.t.0[lane] = choose(hit.t, self.t.0[lane]);
-        self.u.0[lane] = choose(hit.params.x, self.u.0[lane]);
-        self.v.0[lane] = choose(hit.params.y, self.v.0[lane]);
-        self.id.instance[lane] = choose_id(InstancePath::WORLD.0, self.id.instance[lane]);
+        self.u.0[lane] = choose(hit.prim_uv.x, self.u.0[lane]);
+        self.v.0[lane] = choose(hit.prim_uv.y, self.v.0[lane]);
+        self.id.instance[lane] = choose_id(InstanceId::TOP_LEVEL.0, self.id.instance[lane]);
         self.id.shape[lane] = choose_id(shape, self.id.shape[lane]);
         self.id.primitive[lane] = choose_id(hit.primitive, self.id.primitive[lane]);
     }
@@ -470,16 +470,16 @@ impl HitStream {
 /// A stream of surface points.
 #[derive(Clone, Default)]
 #[repr(align(64))]
-pub struct PointStream {
+pub struct SurfaceStream {
     /// Number of points.
     pub len: usize,
-    /// See [`SurfacePoint::position`].
+    /// See [`SurfaceInteraction::position`].
     pub position: Vectors,
-    /// See [`SurfacePoint::error`].
+    /// See [`SurfaceInteraction::error`].
     pub error: Numbers,
-    /// See [`SurfacePoint::n_g`].
+    /// See [`SurfaceInteraction::n_g`].
     pub n_g: Vectors,
-    /// See [`SurfacePoint::n_s`].
+    /// See [`SurfaceInteraction::n_s`].
     pub n_s: Vectors,
     /// First texture coordinate.
     pub u: Numbers,
@@ -487,15 +487,15 @@ pub struct PointStream {
     pub v: Numbers,
     /// Unit directions to the viewers.
     pub view: Vectors,
-    /// See [`SurfacePoint::footprint`]; present if the material reads it.
+    /// See [`SurfaceInteraction::footprint`]; present if the material reads it.
     pub footprint: Optional<FootprintStream>,
 }
 
-impl PointStream {
+impl SurfaceStream {
     /// The point of a lane.
     #[inline(always)]
-    pub fn get(&self, lane: usize) -> SurfacePoint {
-        SurfacePoint {
+    pub fn get(&self, lane: usize) -> SurfaceInteraction {
+        SurfaceInteraction {
             position: self.position.get(lane),
             error: self.error.0[lane],
             n_g: self.n_g.get(lane),
@@ -510,7 +510,7 @@ impl PointStream {
 
     /// Replaces the point of a lane, except view and footprint.
     #[inline(always)]
-    pub fn set(&mut self, lane: usize, point: &SurfacePoint) {
+    pub fn set(&mut self, lane: usize, point: &SurfaceInteraction) {
         self.position.set(lane, point.position);
         self.error.0[lane] = point.error;
         self.n_g.set(lane, point.n_g);

@@ -1,6 +1,6 @@
 use crate::config::PluginRef;
-use crate::stream::{Colors, LANES, Lanes, PointStream, SampleStreams, Vectors};
-use crate::{Distribution, Needs, Overlapping, Rgb, SourceSpan, SurfacePoint};
+use crate::stream::{Colors, LANES, Lanes, SampleStreams, SurfaceStream, Vectors};
+use crate::{GlossyLobe, PrioritizedDielectric, Rgb, SourceSpan, SurfaceAttributes, SurfaceInteraction};
 use glam::DVec3;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::{Error, Visitor};
@@ -12,25 +12,31 @@ use toml::Spanned;
 
 /// How a surface scatters and emits light.
 ///
-/// Rule S ([`SurfacePoint::seen_from`]) has been applied to all surface points passed in.
+/// Rule S ([`SurfaceInteraction::seen_from`]) has been applied to all surface points passed in.
 /// Integrators apply rule G, to lights and branches alike.
 pub trait Material: Send + Sync {
     /// Which of the methods below may return something other than zero.
-    fn lobes(&self) -> Lobes;
+    fn flags(&self) -> BsdfFlags;
 
     /// The surface attributes that it reads.
-    fn needs(&self) -> Needs;
+    fn needs(&self) -> SurfaceAttributes;
 
     /// Local illumination: the radiance towards `view` (unit, away from the surface) due to ambient
     /// light and to the lights that reach the point.
-    fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
+    fn local_illumination(&self, point: &SurfaceInteraction, view: DVec3, light: &LightSamples<'_>) -> Rgb {
         let _ = (point, view, light);
         Rgb::BLACK
     }
 
-    /// [`Self::local`] for every point of a stream. A light sample that does not reach its point is
+    /// [`Self::local_illumination`] for every point of a stream. A light sample that does not reach its point is
     /// black in that lane.
-    fn local_stream(&self, points: &PointStream, ambient: Rgb, lights: &SampleStreams, out: &mut Colors) {
+    fn local_illumination_stream(
+        &self,
+        points: &SurfaceStream,
+        ambient: Rgb,
+        lights: &SampleStreams,
+        out: &mut Colors,
+    ) {
         let mut incoming = Vec::with_capacity(lights.len());
         for lane in 0..points.len {
             incoming.clear();
@@ -38,27 +44,30 @@ pub trait Material: Send + Sync {
             incoming.extend(
                 samples
                     .filter(|s| !s.irradiance.is_black())
-                    .map(|sample| Incoming {
+                    .map(|sample| LightLiSample {
                         direction: sample.direction,
                         irradiance: sample.irradiance,
                     }),
             );
-            let light = Illumination {
+            let light = LightSamples {
                 ambient,
                 lights: &incoming,
             };
-            out.set(lane, self.local(&points.get(lane), points.view.get(lane), &light));
+            out.set(
+                lane,
+                self.local_illumination(&points.get(lane), points.view.get(lane), &light),
+            );
         }
     }
 
     /// Radiance emitted towards `view`, independent of illumination.
-    fn emission(&self, point: &SurfacePoint, view: DVec3) -> Rgb {
+    fn emission(&self, point: &SurfaceInteraction, view: DVec3) -> Rgb {
         let _ = (point, view);
         Rgb::BLACK
     }
 
     /// [`Self::emission`] for every point of a stream.
-    fn emission_stream(&self, points: &PointStream, out: &mut Colors) {
+    fn emission_stream(&self, points: &SurfaceStream, out: &mut Colors) {
         for lane in 0..points.len {
             out.set(lane, self.emission(&points.get(lane), points.view.get(lane)));
         }
@@ -66,22 +75,22 @@ pub trait Material: Send + Sync {
 
     /// Transmittance of an undeviated shadow ray. `point` is oriented towards the ray's origin. If
     /// `filtered`, transparent surfaces attenuate light; otherwise only cut-outs let it pass.
-    fn shadow(&self, point: &SurfacePoint, direction: DVec3, filtered: bool) -> Filter {
+    fn shadow(&self, point: &SurfaceInteraction, direction: DVec3, filtered: bool) -> Transmittance {
         let _ = (point, direction, filtered);
-        Filter::OPAQUE
+        Transmittance::OPAQUE
     }
 
     /// This material as a nested dielectric, if it has a priority. Its interfaces then depend on
     /// the bodies that the ray is in.
-    fn overlapping(&self) -> Option<&dyn Overlapping> {
+    fn prioritized(&self) -> Option<&dyn PrioritizedDielectric> {
         None
     }
 
-    /// [`Self::branches`] for every point of a stream.
-    fn branches_stream(&self, points: &PointStream, out: &mut BranchStreams) {
+    /// [`Self::specular_rays`] for every point of a stream.
+    fn specular_rays_stream(&self, points: &SurfaceStream, out: &mut SpecularRayStreams) {
         for lane in 0..points.len {
-            let mut branches = Branches::default();
-            self.branches(&points.get(lane), points.view.get(lane), &mut branches);
+            let mut branches = SpecularRays::default();
+            self.specular_rays(&points.get(lane), points.view.get(lane), &mut branches);
             out.clear(lane);
             for branch in branches.iter() {
                 out.set(lane, branch);
@@ -90,7 +99,7 @@ pub trait Material: Send + Sync {
     }
 
     /// The specular rays that a Whitted integrator follows, reflection first.
-    fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
+    fn specular_rays(&self, point: &SurfaceInteraction, view: DVec3, out: &mut SpecularRays) {
         let _ = (point, view, out);
     }
 
@@ -101,7 +110,7 @@ pub trait Material: Send + Sync {
 
     /// The glossy lobe around the mirror direction of the reflection branch; `None` for a perfect
     /// mirror.
-    fn distribution(&self, point: &SurfacePoint, view: DVec3) -> Option<Distribution<'_>> {
+    fn glossy_lobe(&self, point: &SurfaceInteraction, view: DVec3) -> Option<GlossyLobe<'_>> {
         let _ = (point, view);
         None
     }
@@ -109,16 +118,16 @@ pub trait Material: Send + Sync {
 
 /// The light at a surface point.
 #[derive(Clone, Copy, Debug)]
-pub struct Illumination<'a> {
+pub struct LightSamples<'a> {
     /// Uniform radiance from all around.
     pub ambient: Rgb,
     /// Unshadowed lights on the viewer's side of the geometric surface.
-    pub lights: &'a [Incoming],
+    pub lights: &'a [LightLiSample],
 }
 
 /// Light that reaches a surface point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Incoming {
+pub struct LightLiSample {
     /// Unit direction from the point to the light.
     pub direction: DVec3,
     /// Irradiance in W/m² on a surface that faces the light.
@@ -127,31 +136,31 @@ pub struct Incoming {
 
 /// The set of responses that a material can have (BSDF flags).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Lobes(u8);
+pub struct BsdfFlags(u8);
 
-impl Lobes {
-    /// [`Material::local`] can be other than black.
+impl BsdfFlags {
+    /// [`Material::local_illumination`] can be other than black.
     pub const LOCAL: Self = Self(1);
-    /// [`Material::branches`] can reflect.
+    /// [`Material::specular_rays`] can reflect.
     pub const REFLECTION: Self = Self(2);
-    /// [`Material::branches`] can transmit.
+    /// [`Material::specular_rays`] can transmit.
     pub const TRANSMISSION: Self = Self(4);
-    /// [`Material::branches`] can continue undeviated.
-    pub const STRAIGHT: Self = Self(8);
+    /// [`Material::specular_rays`] can continue undeviated.
+    pub const NULL: Self = Self(8);
     /// [`Material::emission`] can be other than black.
     pub const EMISSION: Self = Self(16);
     /// [`Material::shadow`] can let light through, even if shadows are not filtered.
-    pub const HOLES: Self = Self(32);
+    pub const CUT_OUTS: Self = Self(32);
     /// [`Material::shadow`] can let light through if shadows are filtered.
-    pub const FILTERS: Self = Self(64);
+    pub const TRANSPARENT_SHADOWS: Self = Self(64);
     /// It shades with a normal other than the shape's (normal or bump map).
-    pub const OWN_NORMAL: Self = Self(128);
+    pub const NORMAL_MAPPED: Self = Self(128);
     /// Every kind of branch.
-    pub const BRANCHES: Self = Self(2 + 4 + 8);
+    pub const SPECULAR: Self = Self(2 + 4 + 8);
     /// Everything that the surface shows without following rays: local illumination and emission.
-    pub const SHOWN: Self = Self(1 + 16);
+    pub const LOCAL_OR_EMISSIVE: Self = Self(1 + 16);
     /// Responses that may be evaluated for a material that lacks them: the result is then zero.
-    pub const HARMLESS: Self = Self(1 + 2 + 4 + 16);
+    pub const ZERO_IF_ABSENT: Self = Self(1 + 2 + 4 + 16);
     /// No response at all.
     pub const NOTHING: Self = Self(0);
 
@@ -172,7 +181,7 @@ impl Lobes {
     }
 }
 
-impl BitOr for Lobes {
+impl BitOr for BsdfFlags {
     type Output = Self;
     fn bitor(self, other: Self) -> Self {
         Self(self.0 | other.0)
@@ -181,7 +190,7 @@ impl BitOr for Lobes {
 
 /// The side of the surface that a branch goes to.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum BranchKind {
+pub enum SpecularRayKind {
     /// Back to the viewer's side, in the viewer's medium.
     Reflection,
     /// To the other side, into a medium with the given absorption coefficient.
@@ -190,19 +199,19 @@ pub enum BranchKind {
         absorption: Rgb,
     },
     /// Undeviated to the other side, in the same medium: the surface bounds no body.
-    Straight,
+    Null,
 }
 
 /// The effect of a surface on the light of a shadow ray (transmittance).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Filter {
+pub struct Transmittance {
     /// Transmittance.
     pub weight: Rgb,
     /// Absorption coefficient (per metre) of the medium behind the surface, if the medium changes.
     pub medium: Option<Rgb>,
 }
 
-impl Filter {
+impl Transmittance {
     /// No light passes.
     pub const OPAQUE: Self = Self::straight(Rgb::BLACK);
 
@@ -269,28 +278,28 @@ impl JsonSchema for MaterialRef {
 
 /// A specular ray to follow.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Branch {
+pub struct SpecularRay {
     /// Unit direction away from the surface.
     pub direction: DVec3,
     /// Factor on the radiance from that direction.
     pub weight: Rgb,
     /// Side and medium.
-    pub kind: BranchKind,
+    pub kind: SpecularRayKind,
 }
 
 /// At most two branches: a reflection and a transmission.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Branches {
-    reflection: Option<Branch>,
-    transmission: Option<Branch>,
+pub struct SpecularRays {
+    reflection: Option<SpecularRay>,
+    transmission: Option<SpecularRay>,
 }
 
-impl Branches {
+impl SpecularRays {
     /// Adds a branch. Panics if there is already one of its kind: that is a bug in the material.
-    pub fn push(&mut self, branch: Branch) {
+    pub fn push(&mut self, branch: SpecularRay) {
         let slot = match branch.kind {
-            BranchKind::Reflection => &mut self.reflection,
-            BranchKind::Transmission { .. } | BranchKind::Straight => &mut self.transmission,
+            SpecularRayKind::Reflection => &mut self.reflection,
+            SpecularRayKind::Transmission { .. } | SpecularRayKind::Null => &mut self.transmission,
         };
         assert!(slot.is_none(), "a material has at most one branch of a kind");
         *slot = Some(branch);
@@ -302,26 +311,26 @@ impl Branches {
         for part in parts.iter() {
             let weight = part.weight * share;
             let slot = match part.kind {
-                BranchKind::Reflection => &mut self.reflection,
-                BranchKind::Transmission { .. } | BranchKind::Straight => &mut self.transmission,
+                SpecularRayKind::Reflection => &mut self.reflection,
+                SpecularRayKind::Transmission { .. } | SpecularRayKind::Null => &mut self.transmission,
             };
             match slot {
                 Some(branch) => branch.weight += weight,
                 None if weight.is_black() => {}
-                None => *slot = Some(Branch { weight, ..*part }),
+                None => *slot = Some(SpecularRay { weight, ..*part }),
             }
         }
     }
 
     /// The branches, reflection first.
-    pub fn iter(&self) -> impl DoubleEndedIterator<Item = &Branch> {
+    pub fn iter(&self) -> impl DoubleEndedIterator<Item = &SpecularRay> {
         self.reflection.iter().chain(&self.transmission)
     }
 }
 
 /// One kind of branch for each point of a stream.
 #[derive(Clone, Default)]
-pub struct BranchStream {
+pub struct SpecularRayStream {
     /// Unit directions away from the surfaces.
     pub direction: Vectors,
     /// Factors on the radiance from there; weight zero means no branch.
@@ -330,29 +339,29 @@ pub struct BranchStream {
 
 /// The branches of the points of a stream: at most a reflection and a transmission each.
 #[derive(Clone, Default)]
-pub struct BranchStreams {
+pub struct SpecularRayStreams {
     /// On the viewer's side, in the viewer's medium.
-    pub reflection: BranchStream,
+    pub reflection: SpecularRayStream,
     /// To the other side.
-    pub transmission: BranchStream,
+    pub transmission: SpecularRayStream,
     /// Absorption coefficients (per metre) of the media of the transmitted rays.
     pub absorption: Colors,
     /// Whether the transmitted ray continues undeviated in its current medium, instead of entering
-    /// that of `absorption`. Read only for materials with the lobe [`Lobes::STRAIGHT`].
-    pub straight: Flags,
+    /// that of `absorption`. Read only for materials with the lobe [`BsdfFlags::NULL`].
+    pub straight: LaneMask,
 }
 
 /// A boolean per lane.
 #[derive(Clone)]
-pub struct Flags(pub Lanes<bool>);
+pub struct LaneMask(pub Lanes<bool>);
 
-impl Default for Flags {
+impl Default for LaneMask {
     fn default() -> Self {
         Self([false; LANES])
     }
 }
 
-impl BranchStreams {
+impl SpecularRayStreams {
     /// Removes both branches of a lane.
     #[inline(always)]
     pub fn clear(&mut self, lane: usize) {
@@ -362,15 +371,15 @@ impl BranchStreams {
 
     /// Replaces the branch of this kind in a lane.
     #[inline(always)]
-    pub fn set(&mut self, lane: usize, branch: &Branch) {
+    pub fn set(&mut self, lane: usize, branch: &SpecularRay) {
         let stream = match branch.kind {
-            BranchKind::Reflection => &mut self.reflection,
-            BranchKind::Transmission { absorption } => {
+            SpecularRayKind::Reflection => &mut self.reflection,
+            SpecularRayKind::Transmission { absorption } => {
                 self.absorption.set(lane, absorption);
                 self.straight.0[lane] = false;
                 &mut self.transmission
             }
-            BranchKind::Straight => {
+            SpecularRayKind::Null => {
                 self.absorption.set(lane, Rgb::BLACK);
                 self.straight.0[lane] = true;
                 &mut self.transmission

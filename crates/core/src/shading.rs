@@ -1,0 +1,16 @@
+//! What happens to light: cameras, lights, materials, textures, integrators and the scene that they
+//! share.
+
+pub(crate) mod camera;
+pub(crate) mod color;
+pub(crate) mod glossy_lobe;
+pub(crate) mod integrator;
+pub(crate) mod light;
+pub(crate) mod material;
+pub(crate) mod nested_dielectrics;
+pub(crate) mod object_order;
+pub(crate) mod path;
+pub mod ray_differential;
+pub(crate) mod sampler;
+pub(crate) mod shadow;
+pub(crate) mod texture;

@@ -1,0 +1,35 @@
+//! Shared code of the integrators: emission and local illumination.
+
+use whitstone_core::{
+    BsdfFlags, DVec3, LightSamples, MediumState, Rgb, Scene, Scratch, SelfHitFilter, ShadowMode,
+    SurfaceInteraction,
+};
+
+/// Emission plus reflected light from the visible lights, towards `view`. `medium` is the one
+/// on the viewer's side.
+#[allow(clippy::too_many_arguments, reason = "all that shading depends on")]
+pub(crate) fn local_illumination(
+    shadows: ShadowMode,
+    scene: &Scene,
+    shape: u32,
+    point: &SurfaceInteraction,
+    view: DVec3,
+    skip: SelfHitFilter,
+    medium: MediumState,
+    scratch: &mut Scratch,
+) -> Rgb {
+    let (material, lobes) = (&scene.materials[shape as usize], scene.flags_of(shape));
+    let mut sum = Rgb::BLACK;
+    if lobes.contains(BsdfFlags::LOCAL) {
+        scene.gather_lights(point, view, skip, shadows, medium, scratch);
+        let light = LightSamples {
+            ambient: scene.ambient,
+            lights: &scratch.incoming,
+        };
+        sum = material.local_illumination(point, view, &light);
+    }
+    if lobes.contains(BsdfFlags::EMISSION) {
+        sum += material.emission(point, view);
+    }
+    sum
+}
