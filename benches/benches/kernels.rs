@@ -17,7 +17,7 @@
 
 use gungraun::{library_benchmark, library_benchmark_group, main};
 use std::hint::black_box;
-use whitstone_benches::{Tile, Traced, intersect, closest_shape, closest_single};
+use whitstone_benches::{Tile, Traced, closest_shape, closest_single, intersect};
 use whitstone_core::{Accelerator, LoweredShape};
 
 #[library_benchmark]

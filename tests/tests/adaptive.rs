@@ -25,14 +25,14 @@ fn rmse(a: &Film, b: &Film) -> f64 {
 #[test]
 fn with_nothing_to_refine_they_are_the_first_ones() {
     let first = rendered("type = \"sobol\", samples = 4");
-    let refined = rendered("type = \"adaptive\", samples = 256, first = 4, threshold = 1e9");
+    let refined = rendered("type = \"adaptive\", samples = 256, initial_samples = 4, threshold = 1e9");
     assert!(first.rgb == refined.rgb);
     assert_eq!(first.counters.closest, refined.counters.closest);
 }
 
 #[test]
 fn fewer_rays_reach_the_error_of_many() {
-    let truth = rendered("type = \"grid\", n = 48");
+    let truth = rendered("type = \"grid\", samples_per_axis = 48");
     let all = rendered("type = \"sobol\", samples = 64");
     let some = rendered("type = \"adaptive\", samples = 1024, threshold = 3e-3");
     let (all_error, some_error) = (rmse(&all, &truth), rmse(&some, &truth));

@@ -184,7 +184,7 @@ fn streams_spread_as_single_rays_do() {
         + &shape("type = \"rectangle\"\ntransform = [{ scale = 9 }, { translate = [0, 0, 9] }]")
         + "[[shape]]\ntype = \"sphere\"\nmaterial = { type = \"dielectric\" }\n\
            [[shape]]\ntype = \"sphere\"\ncenter = [1.6, 0.2, 0.4]\nradius = 0.7\nmaterial = { type = \"mirror\" }\n\
-           [sampler]\ntype = \"grid\"\nn = 2\n";
+           [sampler]\ntype = \"grid\"\nsamples_per_axis = 2\n";
     let film = "width = 21\nheight = 17";
     let built = pipeline(CAMERA, film, &scene, 1);
     assert!(built.scene.reads_footprints());

@@ -23,7 +23,7 @@ fov_axis = "x"
 
 [sampler]
 type = "grid"
-n = 2
+samples_per_axis = 2
 
 [integrator]
 type = "whitted"

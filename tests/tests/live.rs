@@ -9,7 +9,7 @@ use std::time::Duration;
 use whitstone::validate::driver::SceneText;
 use whitstone::validate::environment::Environment;
 use whitstone::validate::matrix::Outcome;
-use whitstone::validate::shrink::shrink;
+use whitstone::validate::reduce::reduce;
 use whitstone::validate::{
     CaseResult, Mode, Options, Renderer, Status, Validator, WorstPixel, flatten, tree,
 };
@@ -267,7 +267,7 @@ fn what_fails_shrinks() -> Result<(), Failed> {
     };
     let mut validator = Validator::new(&registry, fault, &|_| {})?;
     let scene = Path::new("scenes/showcase/classic.toml");
-    let left = shrink(
+    let left = reduce(
         &mut validator,
         scene,
         &["film.width=64".to_owned(), "film.height=48".to_owned()],
@@ -285,7 +285,7 @@ fn what_fails_shrinks() -> Result<(), Failed> {
     }
     // Without the fault there is nothing to look for.
     let mut sound = Validator::new(&registry, options(), &|_| {})?;
-    match shrink(&mut sound, scene, &[], &|_| {}) {
+    match reduce(&mut sound, scene, &[], &|_| {}) {
         Err(why) if why.contains("does not fail") => Ok(()),
         other => Err(format!("{other:?}").into()),
     }

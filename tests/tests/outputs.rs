@@ -195,7 +195,10 @@ fn render_asks_before_the_work_whether_the_picture_can_be_written() {
     let folder = tempfile::tempdir().unwrap();
     let missing = folder.path().join("none").display().to_string();
     // It would take hours.
-    let long = ["film={width=8192,height=8192}", "sampler={type='grid',n=32}"];
+    let long = [
+        "film={width=8192,height=8192}",
+        "sampler={type='grid',samples_per_axis=32}",
+    ];
     let (scene, output) = ("scenes/showcase/classic.toml", format!("{missing}/image.exr"));
     let output = run(&["render", scene, "--set", long[0], "--set", long[1], "-o", &output]);
     assert_eq!(output.status.code(), Some(3));

@@ -135,7 +135,7 @@ const LIGHTS: [(&str, &str); 8] = [
     (
         "projector",
         "position = [3, 3, 14]\ntarget = [0, 0, 0]\nfov = 70\nintensity = 900\n\
-         slide = { type = \"image\", file = \"assets/corners.png\" }",
+         image = { type = \"image\", file = \"assets/corners.png\" }",
     ),
     (
         "area",

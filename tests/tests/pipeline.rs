@@ -193,7 +193,7 @@ fn textures_that_nothing_looks_up_any_more_are_told_and_not_kept() {
     );
     let other = built(
         "material = { type = \"matte\", reflectance = { type = \"checker\" } }\n[[light]]\ntype = \"projector\"\nposition = [0, 0, 9]\n\
-         target = [0, 0, 10]\nintensity = 1\nslide = { type = \"worley\" }",
+         target = [0, 0, 10]\nintensity = 1\nimage = { type = \"worley\" }",
     );
     assert_eq!(kinds(&other), ["checker"]);
     assert_eq!(why(&other, "a texture, worley"), read);

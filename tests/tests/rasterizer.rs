@@ -24,7 +24,7 @@ fn the_picture_is_that_of_ray_casting() {
     let near = "camera={ type = \"perspective\", look_at = { origin = [0.2, 0.75, 1.9], target = [0, 0.1, 0] }, near = 1.6 }";
     let round = "camera={ type = \"perspective\", look_at = { origin = [0.2, 0.75, 1.9], target = [0, 0.1, 0] }, near = 1.6, near_kind = \"spherical\" }";
     let inside = "camera={ type = \"perspective\", look_at = { origin = [-0.3, 0.2, 0.1], target = [1, 0, 0] }, fov = 120 }";
-    let grid = "sampler={ type = \"grid\", n = 3 }";
+    let grid = "sampler={ type = \"grid\", samples_per_axis = 3 }";
     let scene = "integrators/rasterizer.toml";
     for more in [
         &[][..],

@@ -1,12 +1,12 @@
 //! `bench`: benchmarks Whitstone against other renderers, with the same rays in the same run.
 
 mod accelerators;
+mod backend;
 mod chart;
 mod data;
 mod fetch;
 mod lights;
 mod machine;
-mod peer;
 mod picture;
 pub(crate) mod plugins;
 mod povray;

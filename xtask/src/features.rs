@@ -1,6 +1,6 @@
 //! `features`: every plugin feature compiles alone, without a warning.
 
-use crate::{peers, verdict};
+use crate::{backends, verdict};
 use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use whitstone::core::Registry;
@@ -11,11 +11,11 @@ use whitstone::{Exit, Failure};
 pub(crate) fn run(registry: &Registry) -> Result<Exit, Failure> {
     let plugins = registry
         .entries()
-        .filter(|entry| entry.crate_name != peers::CRATE);
+        .filter(|entry| entry.crate_name != backends::CRATE);
     let plugins = plugins.map(|entry| (entry.crate_name, entry.name.to_owned()));
-    // All peers are checked, regardless of those in this program.
-    let peers = peers::names().into_iter().map(|name| (peers::CRATE, name));
-    let features: Vec<(&str, String)> = plugins.chain(peers).collect();
+    // All backends are checked, regardless of those in this program.
+    let backends = backends::names().into_iter().map(|name| (backends::CRATE, name));
+    let features: Vec<(&str, String)> = plugins.chain(backends).collect();
     let next = AtomicUsize::new(0);
     let worker = |number: usize| -> std::io::Result<Vec<String>> {
         let mut problems = Vec::new();

@@ -2,13 +2,13 @@
 //! library.
 
 mod assets;
+mod backends;
 mod bench;
 mod dependencies;
 mod features;
 mod links;
 mod oracle;
 mod pages;
-mod peers;
 mod places;
 mod plugins;
 mod readme;

@@ -2,7 +2,7 @@
 //! example.
 
 use crate::bench::plugins::{Costs, kept};
-use crate::{peers, plugins};
+use crate::{backends, plugins};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -37,7 +37,7 @@ pub(crate) fn pages<E>(
     for family in FamilyName::ALL {
         let plural = family.plural();
         let _ = writeln!(summary, "\n# {}{}\n", plural[..1].to_uppercase(), &plural[1..]);
-        let own = |entry: &&Entry| entry.family == family && entry.crate_name != peers::CRATE;
+        let own = |entry: &&Entry| entry.family == family && entry.crate_name != backends::CRATE;
         for entry in registry.entries().filter(own) {
             let name = entry.name;
             let _ = writeln!(summary, "- [{name}](plugins/{plural}/{name}.md)");

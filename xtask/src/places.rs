@@ -142,7 +142,7 @@ mod tests {
         let registry = whitstone::registry();
         for entry in registry
             .entries()
-            .filter(|entry| entry.crate_name != crate::peers::CRATE)
+            .filter(|entry| entry.crate_name != crate::backends::CRATE)
         {
             let found = places(entry.family, entry.name);
             assert!(found.len() <= 6);

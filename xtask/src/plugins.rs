@@ -1,7 +1,7 @@
 //! Collects the data in the header comments of plugin files (twin, example, laws) for
 //! `whitstone list --json`.
 
-use crate::peers;
+use crate::backends;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -17,7 +17,7 @@ pub(crate) fn json(registry: &Registry) -> String {
     let mut families: BTreeMap<&str, BTreeMap<&str, BTreeMap<&str, Value>>> = BTreeMap::new();
     for entry in registry
         .entries()
-        .filter(|entry| entry.crate_name != peers::CRATE)
+        .filter(|entry| entry.crate_name != backends::CRATE)
     {
         let family = entry.family.plural();
         let path = format!("crates/{family}/src/{}.rs", entry.name);

@@ -268,7 +268,7 @@ fn sheet(registry: &Registry) -> Result<Vec<u8>, Failure> {
         let path = PathBuf::from("scenes/showcase").join(name).with_extension("toml");
         let overrides = [
             format!("film={{ width = {}, height = {} }}", TILE.0, TILE.1),
-            "sampler={ type = \"grid\", n = 3 }".to_owned(),
+            "sampler={ type = \"grid\", samples_per_axis = 3 }".to_owned(),
         ];
         let (film, hash) = render(registry, &path, &overrides)?;
         let image = film.to_image(&hash).map_err(Failure::usage)?;

@@ -379,7 +379,7 @@ fn compare(
     );
     // Measures the benefit of scene-specific specialisation: the same binary with specialisation
     // disabled.
-    let general = command(0, &["--threads", "1", "--one-size-fits-all"]);
+    let general = command(0, &["--threads", "1", "--no-specialization"]);
     let general = instructions_of(&general).zip(starting[0]);
     let general = general.map(|(whole, starting)| whole.saturating_sub(starting));
     let a_ray = [rendering[0], general].map(|count| count.map(|count| count as f64 / rays as f64));
@@ -390,7 +390,7 @@ fn compare(
         );
     }
     report["instructions_per_ray"] = json!(a_ray[0]);
-    report["instructions_per_ray_one_size_fits_all"] = json!(a_ray[1]);
+    report["instructions_per_ray_no_specialization"] = json!(a_ray[1]);
     for (key, [full, slim]) in [
         ("bytes", [json!(full.bytes), json!(slim.bytes)]),
         ("crates", [json!(full.crates.len()), json!(slim.crates.len())]),

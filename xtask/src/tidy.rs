@@ -1,7 +1,7 @@
 //! Checks that the compiler cannot make: the same name in all places of a plugin, and lists that
 //! are complete.
 
-use crate::{assets, dependencies, links, peers, places, verdict, width};
+use crate::{assets, backends, dependencies, links, places, verdict, width};
 use std::fs;
 use std::path::{Path, PathBuf};
 use whitstone::core::{Entry, FamilyName, Registry};
@@ -19,9 +19,9 @@ const MANY_LINES: usize = 700;
 /// Runs all checks.
 pub(crate) fn run(registry: &Registry) -> Result<Exit, Failure> {
     let mut problems = Vec::new();
-    let (peers, plugins): (Vec<_>, Vec<_>) = registry
+    let (backends, plugins): (Vec<_>, Vec<_>) = registry
         .entries()
-        .partition(|entry| entry.crate_name == peers::CRATE);
+        .partition(|entry| entry.crate_name == backends::CRATE);
     for entry in &plugins {
         let found = check_plugin(entry);
         if !found.is_empty() {
@@ -29,7 +29,7 @@ pub(crate) fn run(registry: &Registry) -> Result<Exit, Failure> {
         }
         problems.extend(found);
     }
-    problems.extend(peers::check(&peers));
+    problems.extend(backends::check(&backends));
     problems.extend(check_strays(registry));
     problems.extend(check_orphans(registry));
     problems.extend(assets::check());
@@ -42,9 +42,9 @@ pub(crate) fn run(registry: &Registry) -> Result<Exit, Failure> {
     verdict(
         &problems,
         &format!(
-            "tidy: {} plugins, each with file, feature, example, twin and documentation; {} peers",
+            "tidy: {} plugins, each with file, feature, example, twin and documentation; {} backends",
             plugins.len(),
-            peers::names().len()
+            backends::names().len()
         ),
     )
 }

@@ -89,7 +89,7 @@ fn main() {
         let (built, name) = made::<Octree>(g, text);
         row(built, &name);
     }
-    for text in ["k = 6", "k = 14", "k = 26"] {
+    for text in ["planes = 6", "planes = 14", "planes = 26"] {
         let (built, name) = made::<SlabBvh>(g, text);
         row(built, &name);
     }

@@ -12,7 +12,7 @@
 //! beyond it, so it does not end the search. A cell is skipped only if the ray enters it strictly
 //! behind the best hit.
 
-use crate::vast::vast;
+use crate::oversized::oversized;
 use std::sync::Arc;
 use std::time::Instant;
 use whitstone_core::triangle::ShearedRay;
@@ -66,7 +66,7 @@ pub(crate) fn check_count(geometry: &Geometry, most: usize) -> Result<(), SceneE
 /// An element with a box.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Item {
-    /// Bounds, including the extra padding of slivers (needles).
+    /// Bounds, including the extra padding of slivers.
     pub(crate) aabb: Aabb,
     /// Center of the bounds.
     pub(crate) center: DVec3,
@@ -75,13 +75,13 @@ pub(crate) struct Item {
     pub(crate) number: u32,
     /// Whether the box has extra padding: such a triangle (a sliver) must not be clipped by its
     /// corners.
-    pub(crate) needle: bool,
+    pub(crate) sliver: bool,
 }
 
 impl Item {
     /// The corners of a triangle that may be clipped; `None` for slivers and other shapes.
     pub(crate) fn corners(&self, geometry: &Geometry) -> Option<[DVec3; 3]> {
-        (!self.needle).then(|| corners(geometry, self.element)).flatten()
+        (!self.sliver).then(|| corners(geometry, self.element)).flatten()
     }
 
     /// Points whose convex hull holds the element: the corners of the triangle or of the box.
@@ -106,7 +106,7 @@ pub(crate) struct Elements {
     pub(crate) items: Vec<Item>,
     /// Largest absolute coordinate of any box.
     pub(crate) reach: f64,
-    /// Elements without a box of reasonable size, and those of oversized shapes (`vast`).
+    /// Elements without a box of reasonable size, and those of oversized shapes .
     unbounded: Vec<Element>,
     /// Number of triangles with two coincident corners, which nothing can hit.
     degenerate: usize,
@@ -121,9 +121,9 @@ impl Elements {
             degenerate: 0,
         };
         // A single shape is never oversized.
-        let vast = match geometry.shapes().len() {
+        let oversized = match geometry.shapes().len() {
             0 | 1 => Vec::new(),
-            _ => vast(&boxes(geometry)),
+            _ => oversized(&boxes(geometry)),
         };
         for (element, number) in geometry.elements().zip(0..) {
             if corners(geometry, element).is_some_and(|[a, b, c]| a == b || b == c || c == a) {
@@ -132,8 +132,8 @@ impl Elements {
             }
             let aabb = geometry.bounds(element);
             let far = aabb.min.abs().max(aabb.max.abs()).max_element();
-            let vast = vast.binary_search(&element.shape()).is_ok();
-            if vast || aabb.is_empty() || far.is_nan() || far > FARTHEST {
+            let oversized = oversized.binary_search(&element.shape()).is_ok();
+            if oversized || aabb.is_empty() || far.is_nan() || far > FARTHEST {
                 found.unbounded.push(element);
                 continue;
             }
@@ -143,12 +143,12 @@ impl Elements {
                 center: aabb.center(),
                 element,
                 number,
-                needle: false,
+                sliver: false,
             });
         }
         for item in &mut found.items {
             let pad = needle_pad(geometry, item.element, found.reach);
-            item.needle = pad > 0.0;
+            item.sliver = pad > 0.0;
             item.aabb = item.aabb.padded(pad);
         }
         found

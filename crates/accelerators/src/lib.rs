@@ -34,6 +34,7 @@ mod leaves;
 pub mod obb_bvh;
 #[cfg(feature = "octree")]
 pub mod octree;
+mod oversized;
 #[cfg(any(feature = "bsp", feature = "kdtree"))]
 mod partition;
 mod polyhedron;
@@ -42,7 +43,6 @@ mod principal;
 #[cfg(feature = "slab_bvh")]
 pub mod slab_bvh;
 mod split;
-mod vast;
 
 /// Registers every accelerator whose feature is enabled.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {

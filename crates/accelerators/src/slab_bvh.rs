@@ -41,7 +41,7 @@ pub struct Config {
     /// Number of bounding planes per node: 6, 14 or 26.
     #[serde(default)]
     #[schemars(extend("enum" = [6, 14, 26]))]
-    k: Planes,
+    planes: Planes,
     /// Maximum number of elements in a leaf. With `split = "sah"`, leaves are smaller where that
     /// lowers the estimated cost.
     #[serde(default = "four")]
@@ -98,7 +98,7 @@ const NORMALS: [DVec3; 13] = [
     DVec3::new(0.0, 1.0, -1.0),
 ];
 
-/// The plugin; `k` selects the type that it builds.
+/// The plugin; `planes` selects the type that it builds.
 pub struct SlabBvh;
 
 impl Plugin<Accelerators> for SlabBvh {
@@ -110,7 +110,7 @@ impl Plugin<Accelerators> for SlabBvh {
         geometry: Arc<Geometry>,
         _: &mut dyn Context,
     ) -> Result<Box<dyn Accelerator>, SceneErrors> {
-        match config.k {
+        match config.planes {
             Planes::Six => build::<3>(&config, geometry),
             Planes::Fourteen => build::<7>(&config, geometry),
             Planes::TwentySix => build::<13>(&config, geometry),
@@ -285,10 +285,10 @@ mod tests {
     #[test]
     fn obeys_the_laws_of_accelerators() {
         for text in [
-            "k = 6",
-            "k = 14",
-            "k = 26\nmax_leaf = 1",
-            "k = 26\nsplit = \"midpoint\"\naxes = \"longest\"",
+            "planes = 6",
+            "planes = 14",
+            "planes = 26\nmax_leaf = 1",
+            "planes = 26\nsplit = \"midpoint\"\naxes = \"longest\"",
             "split = \"median\"",
         ] {
             accelerator_laws::<SlabBvh>(text);
@@ -297,7 +297,7 @@ mod tests {
 
     #[test]
     fn other_numbers_of_planes_are_refused() {
-        let built = build::<Accelerators, SlabBvh>("k = 8", Arc::new(Geometry::default()));
+        let built = build::<Accelerators, SlabBvh>("planes = 8", Arc::new(Geometry::default()));
         let error = built.err().expect("8 is refused").to_string();
         assert_eq!(error, "expected 6, 14 or 26, found 8");
     }

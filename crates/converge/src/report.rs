@@ -22,7 +22,7 @@ const OTHERS: f64 = 0.1;
 /// One setting of a configuration.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Point {
-    /// The setting, such as `sampler.n=4`.
+    /// The setting, such as `sampler.samples_per_axis=4`.
     pub setting: String,
     /// Its value, if it is a number.
     pub value: Option<f64>,

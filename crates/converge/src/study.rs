@@ -221,7 +221,7 @@ impl From<&Text> for Change {
 /// One setting of a series.
 #[derive(Clone, Debug)]
 pub struct Setting {
-    /// The setting, such as `sampler.n=4`.
+    /// The setting, such as `sampler.samples_per_axis=4`.
     pub label: String,
     /// The value of the first path, if it is a number.
     pub value: Option<f64>,

@@ -47,7 +47,7 @@ pub struct Config {
     aspect: Option<Spanned<Finite>>,
     /// The projected image, as a factor on the intensity: a texture with (0, 0) at the bottom left
     /// corner, or a colour.
-    slide: TextureRef,
+    image: TextureRef,
     /// Radiant intensity in W/sr along the axis where the slide is 1; equals the irradiance in W/m²
     /// on a screen perpendicular to the axis at 1 m.
     intensity: Color,
@@ -64,7 +64,7 @@ pub struct Projector {
     axis: DVec3,
     /// Half the width and height of the image at distance 1.
     half: DVec2,
-    slide: ColorSource,
+    image: ColorSource,
     intensity: Rgb,
 }
 
@@ -74,7 +74,7 @@ impl Plugin<Lights> for Projector {
 
     fn build(config: Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Light>, SceneErrors> {
         let mut errors = SceneErrors::default();
-        let slide = errors.take(context.texture(&config.slide));
+        let image = errors.take(context.texture(&config.image));
         let position = config.position.get();
         let axis = emission::direction_and_length(config.target.get_ref().get() - position);
         if axis.is_none() {
@@ -84,7 +84,7 @@ impl Plugin<Lights> for Projector {
         }
         let half = errors.take(half_size(&config));
         let axes = axis.and_then(|(axis, _)| errors.take(across(&config, axis)));
-        let (Some(slide), Some((axis, _)), Some(half), Some([right, up])) = (slide, axis, half, axes) else {
+        let (Some(image), Some((axis, _)), Some(half), Some([right, up])) = (image, axis, half, axes) else {
             return Err(errors);
         };
         errors.into_result(Arc::new(Self {
@@ -93,7 +93,7 @@ impl Plugin<Lights> for Projector {
             up,
             axis,
             half,
-            slide,
+            image,
             intensity: config.intensity.get(),
         }))
     }
@@ -152,7 +152,7 @@ impl Light for Projector {
     fn samples(&self, point: DVec3, out: &mut Vec<LightSample>) {
         let sample = emission::sample(self.position, point, self.intensity, Falloff::InverseSquare);
         out.extend(sample.and_then(|sample| {
-            let irradiance = self.through_slide(&sample)?;
+            let irradiance = self.through_image(&sample)?;
             Some(LightSample { irradiance, ..sample })
         }));
     }
@@ -162,7 +162,7 @@ impl Light for Projector {
         emission::sample_stream(self.position, len, points, self.intensity, falloff, out);
         let samples = out.stream(out.len() - 1);
         for lane in 0..len {
-            let irradiance = self.through_slide(&samples.get(lane)).unwrap_or(Rgb::BLACK);
+            let irradiance = self.through_image(&samples.get(lane)).unwrap_or(Rgb::BLACK);
             samples.irradiance.set(lane, irradiance);
         }
     }
@@ -178,14 +178,14 @@ impl Light for Projector {
         let farthest = beyond(x, self.half.x).max(beyond(y, self.half.y)).max(-depth);
         // False if a distance is NaN: the light is assumed to reach the box.
         let misses = farthest > radius + 1e-9 * (out.length() + radius);
-        !(self.intensity.is_black() || self.slide.is_black() || misses)
+        !(self.intensity.is_black() || self.image.is_black() || misses)
     }
 }
 
 impl Projector {
     /// The irradiance after the slide; `None` outside of the image.
     #[inline]
-    fn through_slide(&self, sample: &LightSample) -> Option<Rgb> {
+    fn through_image(&self, sample: &LightSample) -> Option<Rgb> {
         let travel = -sample.direction;
         let cosine = self.axis.dot(travel);
         let at = DVec2::new(self.right.dot(travel), self.up.dot(travel));
@@ -199,7 +199,7 @@ impl Projector {
         let mut place = SurfaceInteraction::new(uv.extend(0.0), 0.0, DVec3::Z);
         place.uv = uv;
         let stronger = 1.0 / (cosine * cosine * cosine);
-        let irradiance = sample.irradiance * self.slide.value(&place);
+        let irradiance = sample.irradiance * self.image.value(&place);
         Some(irradiance.map(|e| (e * stronger).min(f64::MAX)))
     }
 }
@@ -237,15 +237,15 @@ mod tests {
     #[test]
     fn laws() {
         for more in [
-            "slide = [1, 2, 3]",
-            "slide = \"ramp\"\nfov = 179.9\naspect = 0.25",
-            "slide = 1\nfov = 1e-6\nup = [0, -3, 1]",
-            "slide = 1\nfov = 179.999999\naspect = 1000",
+            "image = [1, 2, 3]",
+            "image = \"ramp\"\nfov = 179.9\naspect = 0.25",
+            "image = 1\nfov = 1e-6\nup = [0, -3, 1]",
+            "image = 1\nfov = 179.999999\naspect = 1000",
         ] {
             let text = format!("position = [0, 2, 0]\ntarget = [0, 0, 0.1]\nintensity = 1\n{more}");
             light_laws(&*projector(&text).unwrap());
         }
-        let text = "position = [0, 0, 0]\ntarget = [3, 0, 4]\nintensity = 2\nslide = 1";
+        let text = "position = [0, 0, 0]\ntarget = [3, 0, 4]\nintensity = 2\nimage = 1";
         let light = projector(text).unwrap();
         light_near_laws(&*light, DVec3::ZERO, Rgb::splat(2.0), DVec3::new(0.6, 0.0, 0.8));
     }
@@ -253,7 +253,7 @@ mod tests {
     /// Orientation of the image and the position of its edges, to a nanometre.
     #[test]
     fn the_slide_is_where_the_model_says() {
-        let text = "position = [0, 0, 0]\ntarget = [0, 0, -5]\nintensity = 1\nslide = \"ramp\"\nfov = 90\naspect = 2";
+        let text = "position = [0, 0, 0]\ntarget = [0, 0, -5]\nintensity = 1\nimage = \"ramp\"\nfov = 90\naspect = 2";
         let light = projector(text).unwrap();
         // At depth 2 the image is 4 wide and 2 high.
         for (x, y, u, v) in [
@@ -284,7 +284,7 @@ mod tests {
     /// the irradiance.
     #[test]
     fn a_screen_is_lit_evenly_and_spheres_receive_the_flux() {
-        let text = "position = [0, 0, 0]\ntarget = [0, 0, -1]\nintensity = 3\nslide = 1\nfov = 90";
+        let text = "position = [0, 0, 0]\ntarget = [0, 0, -1]\nintensity = 3\nimage = 1\nfov = 90";
         let light = projector(text).unwrap();
         for (x, y) in [(0.0, 0.0), (0.9, 0.2), (-0.99, 0.99)] {
             let p = DVec3::new(x, y, -1.0);
@@ -308,7 +308,7 @@ mod tests {
     #[test]
     fn boxes_beside_the_pyramid_are_not_reached() {
         let text =
-            "position = [0, 0, 0]\ntarget = [0, 0, -1]\nintensity = 3\nslide = 1\nfov = 90\naspect = 2";
+            "position = [0, 0, 0]\ntarget = [0, 0, -1]\nintensity = 3\nimage = 1\nfov = 90\naspect = 2";
         let light = projector(text).unwrap();
         let around = |x: f64, y: f64, z: f64| {
             let center = DVec3::new(x, y, z);
@@ -326,7 +326,7 @@ mod tests {
         }
         assert!(light.affects_bounds(&Aabb::EVERYTHING));
         assert!(
-            !projector(&text.replace("slide = 1", "slide = 0"))
+            !projector(&text.replace("image = 1", "image = 0"))
                 .unwrap()
                 .affects_bounds(&Aabb::EVERYTHING)
         );
@@ -340,9 +340,9 @@ mod tests {
             found.collect::<Vec<_>>()
         };
         let text =
-            "position = [0, 1, 0]\ntarget = [0, 1, 0]\nintensity = 1\nslide = 1\nfov = 180\naspect = 0";
+            "position = [0, 1, 0]\ntarget = [0, 1, 0]\nintensity = 1\nimage = 1\nfov = 180\naspect = 0";
         assert_eq!(faults(text), ["[0, 1, 0]", "180", "0"]);
-        let text = "position = [0, 1, 0]\ntarget = [0, 5, 0]\nintensity = 1\nslide = 1";
+        let text = "position = [0, 1, 0]\ntarget = [0, 5, 0]\nintensity = 1\nimage = 1";
         assert_eq!(faults(text), ["[0, 5, 0]"]);
         assert_eq!(faults(&format!("{text}\nup = [0, -2, 0]")), ["[0, -2, 0]"]);
         assert_eq!(faults(&format!("{text}\nup = [0, 0, 0]")), ["[0, 0, 0]"]);

@@ -39,7 +39,7 @@ pub struct Config {
     /// vector. Read images with `color_space = "linear"`. No 8-bit code is exactly 0.5.
     #[serde(default)]
     #[schemars(with = "TextureRef")]
-    vectors: Option<TextureRef>,
+    vector_map: Option<TextureRef>,
     /// Space of the vectors: "world" (the world axes) or "tangent" (tangent, bitangent and normal
     /// of the surface).
     #[serde(default)]
@@ -107,7 +107,7 @@ impl Plugin<Materials> for Bump {
         let mut errors = SceneErrors::default();
         let inner = errors.take(context.material(&config.material));
         let scale = config.scale.get();
-        match (&config.height, &config.vectors) {
+        match (&config.height, &config.vector_map) {
             (Some(height), None) => {
                 let detail = errors.take(Height::new(height, &config, context));
                 match (detail, inner) {
@@ -139,7 +139,7 @@ impl Plugin<Materials> for Bump {
                 }
             }
             (Some(_), Some(vectors)) => {
-                let mut error = SceneError::anywhere("either a height or vectors");
+                let mut error = SceneError::anywhere("either `height` or `vector_map`, not both");
                 error.span = vectors.span.clone();
                 errors.0.push(error);
                 Err(errors)
@@ -147,7 +147,7 @@ impl Plugin<Materials> for Bump {
             (None, None) => {
                 errors
                     .0
-                    .push(SceneError::anywhere("bumps need a `height` or `vectors`"));
+                    .push(SceneError::anywhere("a bump map needs `height` or `vector_map`"));
                 Err(errors)
             }
         }
@@ -171,7 +171,7 @@ impl Height {
         for span in directions.into_iter().chain([space]).flatten() {
             errors.0.push(SceneError::at(
                 span,
-                "a height has no directions: this is of `vectors`",
+                "this key needs `vector_map`: a height has no directions",
             ));
         }
         match found {
@@ -189,7 +189,7 @@ impl Height {
 fn frame(config: &Config) -> Result<Option<Frame>, SceneErrors> {
     let mut errors = SceneErrors::default();
     if let Some(step) = &config.step {
-        let message = "vectors are looked up in one place: a step is of a height";
+        let message = "a step needs `height`: vectors are looked up at one point";
         errors.0.push(SceneError::at(step.span(), message));
     }
     let (tangent, axis) = (config.tangent.as_ref(), config.axis.as_ref());
@@ -292,9 +292,9 @@ mod tests {
             "height = \"slope\"\nscale = -40\nmaterial = \"mirror\"",
             "height = \"slope\"\nscale = 1e300\nmaterial = \"mirror\"",
             "height = 0.5\nmaterial = \"matte\"",
-            "vectors = [0.9, 0.1, 0.6]\nmaterial = \"matte\"",
-            "vectors = \"slope\"\nscale = -3\nmaterial = \"mirror\"",
-            "vectors = \"flat\"\nscale = 1e300\nspace = \"tangent\"\naxis = [0, 1, 0]\nmaterial = \"mirror\"",
+            "vector_map = [0.9, 0.1, 0.6]\nmaterial = \"matte\"",
+            "vector_map = \"slope\"\nscale = -3\nmaterial = \"mirror\"",
+            "vector_map = \"flat\"\nscale = 1e300\nspace = \"tangent\"\naxis = [0, 1, 0]\nmaterial = \"mirror\"",
         ] {
             sided_material_laws(&*bump(text).unwrap());
         }
@@ -330,35 +330,38 @@ mod tests {
             let expected = DVec3::from_array(expected).normalize();
             assert!((bent(text) - expected).length() < 1e-15, "{text}: {}", bent(text));
         };
-        near("vectors = 0.5", [0.0, 0.0, 1.0]);
-        near("vectors = [1, 0.5, 0.5]\nscale = 0.75", [0.75, 0.0, 1.0]);
-        near("vectors = [0, 0.75, 0.75]", [-1.0, 0.5, 1.5]);
+        near("vector_map = 0.5", [0.0, 0.0, 1.0]);
+        near("vector_map = [1, 0.5, 0.5]\nscale = 0.75", [0.75, 0.0, 1.0]);
+        near("vector_map = [0, 0.75, 0.75]", [-1.0, 0.5, 1.5]);
         // The tangent is y and the bitangent z x y = -x.
-        let tangent = "vectors = [1, 0.75, 0.5]\nspace = \"tangent\"\ntangent = [0, 3, 7]";
+        let tangent = "vector_map = [1, 0.75, 0.5]\nspace = \"tangent\"\ntangent = [0, 3, 7]";
         near(tangent, [-0.5, 1.0, 1.0]);
         near(
             &tangent.replace("tangent = [0, 3, 7]", "axis = [-2, 0, 0]"),
             [-0.5, 1.0, 1.0],
         );
-        near("vectors = [1, 0.75, 0.5]\nspace = \"tangent\"", [1.0, 0.5, 1.0]);
+        near(
+            "vector_map = [1, 0.75, 0.5]\nspace = \"tangent\"",
+            [1.0, 0.5, 1.0],
+        );
         // Vectors may be mapped by (u, v); a height may not.
-        near("vectors = \"flat\"\nscale = 4", [0.0, 0.0, 1.0]);
+        near("vector_map = \"flat\"\nscale = 4", [0.0, 0.0, 1.0]);
         // Normals that face away from the viewer or have zero length are not used.
-        near("vectors = [0.5, 0.5, 0]\nscale = 2", [0.0, 0.0, 1.0]);
-        near("vectors = [0.5, 0.5, 0]", [0.0, 0.0, 1.0]);
+        near("vector_map = [0.5, 0.5, 0]\nscale = 2", [0.0, 0.0, 1.0]);
+        near("vector_map = [0.5, 0.5, 0]", [0.0, 0.0, 1.0]);
     }
 
     #[test]
     fn keys_that_do_not_go_together_are_refused_at_their_places() {
         for (text, place) in [
-            ("height = \"slope\"\nvectors = 0.25", "0.25"),
-            ("vectors = 0.25\nstep = 0.125", "0.125"),
-            ("vectors = 0.25\ntangent = [1, 0, 0]", "[1, 0, 0]"),
+            ("height = \"slope\"\nvector_map = 0.25", "0.25"),
+            ("vector_map = 0.25\nstep = 0.125", "0.125"),
+            ("vector_map = 0.25\ntangent = [1, 0, 0]", "[1, 0, 0]"),
             (
-                "vectors = 0.25\nspace = \"tangent\"\naxis = [0, 0, 0]",
+                "vector_map = 0.25\nspace = \"tangent\"\naxis = [0, 0, 0]",
                 "[0, 0, 0]",
             ),
-            ("vectors = 0.25\nspace = \"object\"", "\"object\""),
+            ("vector_map = 0.25\nspace = \"object\"", "\"object\""),
             ("height = \"slope\"\nspace = \"world\"", "\"world\""),
             ("height = \"slope\"\naxis = [0, 1, 0]", "[0, 1, 0]"),
         ] {

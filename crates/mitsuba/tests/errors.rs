@@ -61,7 +61,9 @@ fn compare(mitsuba: &Mitsuba, scene: &str, name: String, count: u32) -> Option<C
     };
     for (ray, theirs) in rays.iter().zip(found) {
         let truth = subject.oracle.nearest(ray, Interval::FORWARD);
-        let ours = world.accelerator.intersect(ray, Interval::FORWARD, SelfHitFilter::NOTHING);
+        let ours = world
+            .accelerator
+            .intersect(ray, Interval::FORWARD, SelfHitFilter::NOTHING);
         compared.ours.add(&truth, ours.map(|hit| hit.t));
         let [o, d] = [ray.origin, ray.direction].map(|v: DVec3| v.as_vec3().to_array());
         compared

@@ -94,7 +94,7 @@ pub const CASES: [Case; 41] = [
     ),
     case(
         "csg",
-        "operation = \"difference\"\noperands = [{ type = \"implicit\", field = { smooth_union = { k = 0.3, of = [{ box = { half = [0.6, 0.3, 0.4] } }, { torus = { major = 0.6 } }] } } }, { type = \"isosurface\", size = [4, 5, 4], generator = \"metaballs\", seed = 4, balls = 10, level = 0.7, transform = { translate = [0.3, 0.1, 0] } }]",
+        "operation = \"difference\"\noperands = [{ type = \"implicit\", field = { smooth_union = { k = 0.3, of = [{ box = { half = [0.6, 0.3, 0.4] } }, { torus = { major = 0.6 } }] } } }, { type = \"isosurface\", size = [4, 5, 4], generator = \"metaballs\", seed = 4, balls = 10, iso_value = 0.7, transform = { translate = [0.3, 0.1, 0] } }]",
     ),
     case(
         "isosurface",

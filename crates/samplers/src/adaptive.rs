@@ -28,7 +28,7 @@ pub struct Config {
     /// less.
     #[serde(default)]
     #[schemars(with = "IntegerIn<1, 65536>")]
-    first: Option<Spanned<IntegerIn<1, 65536>>>,
+    initial_samples: Option<Spanned<IntegerIn<1, 65536>>>,
     /// Sampling of a pixel stops when its estimated error, a radiance in W/(m² sr), is at most
     /// this; greater than 0.
     #[serde(default = "threshold")]
@@ -66,12 +66,12 @@ impl Plugin<Samplers> for Adaptive {
 
     fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Box<dyn Sampler>, SceneErrors> {
         let samples = config.samples.get();
-        let first = match &config.first {
+        let first = match &config.initial_samples {
             None => FIRST.min(samples),
             Some(first) if first.get_ref().get() <= samples => first.get_ref().get(),
             Some(first) => {
                 let message = format!(
-                    "expected at most as many first samples as samples, {samples}, found {}",
+                    "expected at most `samples`, {samples}, found {}",
                     first.get_ref().get()
                 );
                 return Err(SceneError::at(first.span(), message).into());
@@ -145,7 +145,7 @@ mod tests {
             ("samples = 8\nfirst = 9", "9"),
             ("threshold = 0", "0"),
             ("samples = 0", "0"),
-            ("first = 65537", "65537"),
+            ("initial_samples = 65537", "65537"),
         ] {
             let errors = build::<Samplers, Adaptive>(text, ()).err().unwrap();
             let span = errors.0[0].span.clone().unwrap();

@@ -14,7 +14,7 @@ use whitstone_core::{Context, DVec2, Plugin, Sampler, Samplers, SceneErrors};
 pub struct Config {
     /// Samples along each axis.
     #[serde(default = "two")]
-    n: IntegerIn<1, 64>,
+    samples_per_axis: IntegerIn<1, 64>,
 }
 
 fn two() -> IntegerIn<1, 64> {
@@ -31,7 +31,9 @@ impl Plugin<Samplers> for Grid {
     type Config = Config;
 
     fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Box<dyn Sampler>, SceneErrors> {
-        Ok(Box::new(Self { n: config.n.get() }))
+        Ok(Box::new(Self {
+            n: config.samples_per_axis.get(),
+        }))
     }
 }
 
@@ -54,7 +56,7 @@ mod tests {
     #[test]
     fn laws() {
         for n in 1..=64 {
-            let sampler = build::<Samplers, Grid>(&format!("n = {n}"), ()).unwrap();
+            let sampler = build::<Samplers, Grid>(&format!("samples_per_axis = {n}"), ()).unwrap();
             assert_eq!(sampler.count(), n * n);
             sampler_laws(&*sampler);
         }
@@ -73,8 +75,10 @@ mod tests {
     #[test]
     fn sizes_out_of_range_are_refused_at_the_value() {
         for n in ["0", "65", "-1", "9223372036854775807", "2.0", "\"2\""] {
-            let errors = build::<Samplers, Grid>(&format!("n = {n}"), ()).err().unwrap();
-            assert_eq!(errors.0[0].span, Some(4..4 + n.len()), "{n}");
+            let errors = build::<Samplers, Grid>(&format!("samples_per_axis = {n}"), ())
+                .err()
+                .unwrap();
+            assert_eq!(errors.0[0].span, Some(19..19 + n.len()), "{n}");
         }
     }
 }

@@ -21,7 +21,7 @@ use whitstone_core::{Context, DVec2, Plugin, Sampler, Samplers, SceneErrors};
 pub struct Config {
     /// Cells along each axis.
     #[serde(default = "two")]
-    n: IntegerIn<1, 64>,
+    samples_per_axis: IntegerIn<1, 64>,
     /// Seed of the positions; different seeds give different positions.
     #[serde(default = "zero")]
     seed: IntegerIn<0, 0xffff_ffff>,
@@ -47,7 +47,7 @@ impl Plugin<Samplers> for Stratified {
 
     fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Box<dyn Sampler>, SceneErrors> {
         Ok(Box::new(Self {
-            n: config.n.get(),
+            n: config.samples_per_axis.get(),
             seed: config.seed.get(),
         }))
     }
@@ -74,7 +74,7 @@ mod tests {
     #[test]
     fn laws() {
         for n in [1, 2, 3, 8, 64] {
-            let sampler = build::<Samplers, Stratified>(&format!("n = {n}"), ()).unwrap();
+            let sampler = build::<Samplers, Stratified>(&format!("samples_per_axis = {n}"), ()).unwrap();
             assert_eq!(sampler.count(), n * n);
             random_sampler_laws(&*sampler);
         }
@@ -82,7 +82,7 @@ mod tests {
 
     #[test]
     fn each_cell_has_one_sample() {
-        let sampler = build::<Samplers, Stratified>("n = 5\nseed = 7", ()).unwrap();
+        let sampler = build::<Samplers, Stratified>("samples_per_axis = 5\nseed = 7", ()).unwrap();
         for pixel in [[0, 0], [3, 4], [65_535, 1]] {
             for index in 0..25 {
                 let cell = (sampler.position(pixel, index) * 5.0).floor();
@@ -101,7 +101,7 @@ mod tests {
     /// `references/mitsuba/tests/test_samplers.py`.
     #[test]
     fn the_places_are_those_of_the_driver() {
-        let sampler = build::<Samplers, Stratified>("n = 3\nseed = 4294967295", ()).unwrap();
+        let sampler = build::<Samplers, Stratified>("samples_per_axis = 3\nseed = 4294967295", ()).unwrap();
         let found = sampler.position([12, 65_535], 6).to_array();
         assert_eq!(found, [0.206_475_330_283_865_33, 0.826_831_603_034_709_9]);
     }

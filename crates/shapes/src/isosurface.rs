@@ -65,7 +65,7 @@ pub struct Config {
     /// Iso value: the density at the surface; 0.5 by default.
     #[serde(default)]
     #[schemars(with = "Finite")]
-    level: Option<Spanned<Finite>>,
+    iso_value: Option<Spanned<Finite>>,
 }
 
 /// Number format of a file.
@@ -124,8 +124,11 @@ impl Plugin<Shapes> for Isosurface {
             return Err(SceneError::anywhere(message).into());
         }
         context.reserve(2 * count * size_of::<f64>() as u64)?;
-        let level = config.level.as_ref().map_or(0.5, |level| level.get_ref().get());
-        let place = config.level.as_ref().map(Spanned::span);
+        let level = config
+            .iso_value
+            .as_ref()
+            .map_or(0.5, |level| level.get_ref().get());
+        let place = config.iso_value.as_ref().map(Spanned::span);
         let mut values = density::read(config, size, context)?;
         let range = values
             .iter()
@@ -135,12 +138,12 @@ impl Plugin<Shapes> for Isosurface {
         let seen = range.0 <= level && level < range.1;
         if !seen {
             let message = format!(
-                "nothing to see: the density is from {} to {}, the level is {level}",
+                "nothing to see: the density ranges from {} to {}, `iso_value` is {level}",
                 range.0, range.1
             );
             context.warn(SceneError {
                 span: place,
-                ..SceneError::anywhere(message).with_help("choose a level between them")
+                ..SceneError::anywhere(message).with_help("choose an `iso_value` between them")
             });
         }
         for value in &mut values {
@@ -700,8 +703,11 @@ mod tests {
         assert!(message("size = [1, 2, 2]\nvalues = [1, 2, 3, 4]").contains("an integer from 2 to 2048"));
 
         let mut context = TestContext::default();
-        let shape =
-            build_in::<Shapes, Isosurface>(&format!("{CUBE}level = 1"), Transform::IDENTITY, &mut context);
+        let shape = build_in::<Shapes, Isosurface>(
+            &format!("{CUBE}iso_value = 1"),
+            Transform::IDENTITY,
+            &mut context,
+        );
         assert_eq!(context.warnings.len(), 1);
         let Ok(LoweredShape::Opaque(shape)) = shape else {
             panic!("it is built")

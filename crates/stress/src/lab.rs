@@ -63,8 +63,9 @@ impl<'a> Lab<'a> {
     /// All accelerators that promise exact answers, which third-party ones do not.
     pub(crate) fn accelerators(&self) -> impl Iterator<Item = &'static str> {
         let all = self.registry.entries();
-        let ours = all
-            .filter(|entry| entry.family == FamilyName::Accelerator && entry.crate_name != "whitstone-peers");
+        let ours = all.filter(|entry| {
+            entry.family == FamilyName::Accelerator && entry.crate_name != "whitstone-backends"
+        });
         ours.map(|entry| entry.name)
     }
 

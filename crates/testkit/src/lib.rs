@@ -13,10 +13,10 @@ pub use context::{TestContext, build, build_in};
 
 mod accelerators;
 pub mod assets;
+mod backends;
 mod ball;
 mod broken;
 mod instances;
-mod peers;
 mod random;
 mod shapes;
 mod solids;
@@ -52,12 +52,12 @@ pub use properties::{Failure, first_failure, hold, holds_in};
 #[doc(hidden)]
 pub use whitstone_core as core;
 
+pub use backends::{backend_agrees, backend_laws};
 pub use cameras::camera_laws;
 pub use integrators::{Lamp, Simple, Wall, floor, integrator_laws, world_of_walls};
 pub use lights::{light_laws, light_near_laws};
 pub use materials::{
     dielectric_laws, energy_laws, furnace_laws, material_laws, reciprocity_laws, sided_material_laws,
 };
-pub use peers::{peer_agrees, peer_laws};
 pub use samplers::{random_sampler_laws, sampler_laws};
 pub use textures::texture_laws;

@@ -449,7 +449,8 @@ mod tests {
                 let texture = build(folder.path(), &text).unwrap();
                 for step in [0.0, 1e-3, 0.05, 0.3, 1.7, 50.0] {
                     for other in [1e-4, 0.1, 3.0] {
-                        let found = filtered(&*texture, [0.3, 2.6], [[step, 0.2 * step], [-0.1 * other, other]]);
+                        let found =
+                            filtered(&*texture, [0.3, 2.6], [[step, 0.2 * step], [-0.1 * other, other]]);
                         // At most one single-precision rounding per texel of the longest ellipse.
                         let most = 1024.0 * f64::from(f32::EPSILON);
                         assert!(

@@ -246,7 +246,10 @@ impl Validator<'_> {
         // This accelerator does not promise identical images: its own validation measures the
         // difference.
         if let Some(approximation_note) = pipeline.scene.accelerator.approximation_note() {
-            return (Outcome::Skipped, format!("{approximation_note}: the image depends on it"));
+            return (
+                Outcome::Skipped,
+                format!("{approximation_note}: the image depends on it"),
+            );
         }
         match differing(&own.film, &self.picture(&pipeline, threads)) {
             0 => (Outcome::Pass, "the same bytes".to_owned()),
@@ -345,8 +348,8 @@ mod tests {
         let cells = [
             cell("accelerator", "bvh", Outcome::Pass, "the same bytes"),
             cell("accelerator", "grid", Outcome::Fail, "3 pixels"),
-            cell("accelerator", "x", Outcome::Skipped, "dear"),
-            cell("accelerator", "y", Outcome::Skipped, "dear"),
+            cell("accelerator", "x", Outcome::Skipped, "expensive"),
+            cell("accelerator", "y", Outcome::Skipped, "expensive"),
             cell("filter", "all", Outcome::Skipped, "no texture"),
         ];
         let found = rows(&cells);
@@ -354,7 +357,7 @@ mod tests {
         assert_eq!((found[0].axis, found[0].against), ("accelerator", "own picture"));
         assert_eq!(found[0].passed, ["bvh"]);
         assert_eq!(found[0].failed, [("grid", "3 pixels")]);
-        assert_eq!(found[0].skipped, [("x, y".to_owned(), "dear")]);
+        assert_eq!(found[0].skipped, [("x, y".to_owned(), "expensive")]);
         assert_eq!(found[1].skipped, [("all".to_owned(), "no texture")]);
         let tally = Tally {
             passed: 1,

@@ -268,7 +268,10 @@ impl<'a> Validator<'a> {
                 threads: self.options.threads,
                 progress: None,
             });
-            case.approximation_note = Some(format!("{approximation_note}: {}", departure(&film.rgb, &exact.rgb)));
+            case.approximation_note = Some(format!(
+                "{approximation_note}: {}",
+                departure(&film.rgb, &exact.rgb)
+            ));
         }
         let image = film
             .to_image(&pipeline.scene_hash)

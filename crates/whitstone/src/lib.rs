@@ -28,13 +28,13 @@ pub use whitstone_validate as validate;
 use whitstone_core::{DuplicateType, Registry};
 
 #[cfg(feature = "plugins")]
-/// Registers all built-in plugins: those of the families, and the peers whose features are on.
+/// Registers all built-in plugins: those of the families, and the backends whose features are on.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     whitstone_cameras::register(registry)?;
     whitstone_shapes::register(registry)?;
     whitstone_accelerators::register(registry)?;
     #[cfg(any(feature = "embree", feature = "obvhs"))]
-    whitstone_peers::register(registry)?;
+    whitstone_backends::register(registry)?;
     whitstone_materials::register(registry)?;
     whitstone_textures::register(registry)?;
     whitstone_lights::register(registry)?;

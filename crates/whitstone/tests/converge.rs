@@ -147,7 +147,12 @@ impl Plugin<Accelerators> for Leaky {
 }
 
 impl Accelerator for Leaky {
-    fn intersect(&self, ray: &Ray, interval: Interval, skip: SelfHitFilter) -> Option<PreliminaryIntersection> {
+    fn intersect(
+        &self,
+        ray: &Ray,
+        interval: Interval,
+        skip: SelfHitFilter,
+    ) -> Option<PreliminaryIntersection> {
         let lost = |hit: &PreliminaryIntersection| hit.primitive.is_multiple_of(128);
         self.0.intersect(ray, interval, skip).filter(|hit| !lost(hit))
     }
@@ -201,7 +206,7 @@ fn an_accelerator_that_loses_hits_is_found() {
     fails(
         "accelerators",
         &[["type = \"bvh2\"", "type = \"leaky\""]],
-        "differ in the error at sampler.n=1",
+        "differ in the error at sampler.samples_per_axis=1",
     );
 }
 
@@ -248,13 +253,13 @@ scene = "scene.toml"
 levels = [1e-2]
 
 [truth]
-set = ['sampler={ type = "grid", n = 32 }']
+set = ['sampler={ type = "grid", samples_per_axis = 32 }']
 check = [{ set = ['sampler={ type = "sobol", samples = 1024 }'] }]
 
 [[series]]
 name = "grid"
 set = ['sampler={ type = "grid" }']
-sweep = { "sampler.n" = [1, 2, 4, 8] }
+sweep = { "sampler.samples_per_axis" = [1, 2, 4, 8] }
 "#;
 
 struct Place(tempfile::TempDir);
@@ -346,7 +351,10 @@ fn a_study_is_measured_written_and_resumed() {
         "{csv}"
     );
     let svg = fs::read_to_string(place.0.path().join("plots/study.svg")).unwrap();
-    assert!(svg.contains("whitstone, grid, sampler.n=4: RMSE") && svg.contains("render scene.toml --set"));
+    assert!(
+        svg.contains("whitstone, grid, sampler.samples_per_axis=4: RMSE")
+            && svg.contains("render scene.toml --set")
+    );
     assert!(svg.contains("prefers-color-scheme: dark") && !svg.contains("NaN"));
     let page = fs::read_to_string(place.0.path().join("page.md")).unwrap();
     assert!(page.starts_with("a\n") && page.contains("| grid | whitstone | 4 |") && page.ends_with("b\n"));
@@ -365,7 +373,7 @@ fn a_study_is_measured_written_and_resumed() {
 #[test]
 fn a_scene_that_fails_half_way_leaves_what_it_has_and_goes_on_later() {
     let study = STUDY.replace(
-        r#"sweep = { "sampler.n" = [1, 2, 4, 8] }"#,
+        r#"sweep = { "sampler.samples_per_axis" = [1, 2, 4, 8] }"#,
         r#"sweep = { "shape.ball" = [
             { type = "sphere", radius = 0.8 },
             { type = "mesh", file = "late.obj" },
@@ -396,7 +404,7 @@ fn a_scene_that_fails_half_way_leaves_what_it_has_and_goes_on_later() {
 
 #[test]
 fn what_is_wrong_is_told_at_its_place() {
-    let sweep = r#""sampler.n" = [1, 2, 4, 8]"#;
+    let sweep = r#""sampler.samples_per_axis" = [1, 2, 4, 8]"#;
     let cases: [(&str, &str, &[&str]); 9] = [
         (
             sweep,
@@ -419,18 +427,21 @@ fn what_is_wrong_is_told_at_its_place() {
         ),
         (
             sweep,
-            r#""sampler.n" = []"#,
-            &["study.toml:13:25", "an empty sweep: `sampler.n` has no values"],
+            r#""sampler.samples_per_axis" = []"#,
+            &[
+                "study.toml:13:25",
+                "an empty sweep: `sampler.samples_per_axis` has no values",
+            ],
         ),
         (sweep, "", &["study.toml:13:9", "an empty sweep"]),
         (
             sweep,
-            r#""sampler.n" = [1, 2], "sampler.m" = [1]"#,
+            r#""sampler.samples_per_axis" = [1, 2], "sampler.m" = [1]"#,
             &["study.toml:13:", "as many values as the others"],
         ),
         (
             sweep,
-            r#""sampler.n" = [1, 2, 100]"#,
+            r#""sampler.samples_per_axis" = [1, 2, 100]"#,
             &["study.toml:13:11", "1 to 64"],
         ),
         (
@@ -452,7 +463,7 @@ fn what_is_wrong_is_told_at_its_place() {
     // Two faults are two messages.
     let place = Place::new(
         &STUDY
-            .replace(sweep, r#""sampler.n" = []"#)
+            .replace(sweep, r#""sampler.samples_per_axis" = []"#)
             .replace("levels = [1e-2]", "levels = [-1.0]"),
     );
     let text = texts(&place.run(&[]));

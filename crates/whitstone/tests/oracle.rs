@@ -41,12 +41,11 @@ fn agrees(shape: &str) {
             let mut agreement = Agreement::default();
             for number in 0..rays() {
                 let ray = aim.ray(number, &mut random);
-                let hit =
-                    subject
-                        .pipeline
-                        .scene
-                        .accelerator
-                        .intersect(&ray, Interval::FORWARD, SelfHitFilter::NOTHING);
+                let hit = subject.pipeline.scene.accelerator.intersect(
+                    &ray,
+                    Interval::FORWARD,
+                    SelfHitFilter::NOTHING,
+                );
                 agreement.add(&subject.oracle, &ray, hit.map(|hit| hit.t), &bounds);
             }
             println!(

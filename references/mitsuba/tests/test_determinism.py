@@ -17,7 +17,7 @@ type = "perspective"
 look_at = { origin = [0, 2, 6], target = [0, 1, 0] }
 [sampler]
 type = "grid"
-n = 2
+samples_per_axis = 2
 [[light]]
 type = "point"
 position = [3, 5, 4]

@@ -24,7 +24,7 @@ class Documents(Case):
             HEAD.replace("perspective", "thin_lens"): ("camera.aperture", "camera.focus_distance"),
             HEAD.replace("perspective", "environment"): ("camera.fov", "unknown key"),
             HEAD + "[sampler]\nn = 2\n": ("sampler.type", "required"),
-            HEAD + '[sampler]\ntype = "grid"\nn = 65\n': ("sampler.n",),
+            HEAD + '[sampler]\ntype = "grid"\nsamples_per_axis = 65\n': ("sampler.samples_per_axis",),
             HEAD + '[integrator]\ntype = "whitted"\nmax_depth = -1\n': ("integrator.max_depth",),
             HEAD + '[integrator]\ntype = "appel"\nmax_depth = 1\n': ("max_depth", "unknown key"),
             HEAD + '[[light]]\ntype = "point"\nposition = [0, 0, 0]\nintensity = -1\n': ("light[0].intensity", ">= 0"),

@@ -253,6 +253,6 @@ class Pyramids(Case):
                 picture = '{ type = "image", file = "t.png", wrap = "clamp", filter = "trilinear"%s }' % mapping
                 wall = f'[[shape]]\ntype = "rectangle"\nmaterial = {{ type = "matte", reflectance = {picture} }}\n'
                 self.near(self.value(view + wall, base=base), table.bilinear(2, np.array([[0.25, 0.25]]))[0], rel=1e-5)
-                four = self.value(view + wall + '[sampler]\ntype = "grid"\nn = 2\n', base=base)
+                four = self.value(view + wall + '[sampler]\ntype = "grid"\nsamples_per_axis = 2\n', base=base)
                 places = np.array(list(itertools.product((0.125, 0.375), (0.125, 0.375))))
                 self.near(four, table.bilinear(1, places).mean(axis=0), rel=1e-5)

@@ -135,7 +135,7 @@ class Cameras(Case):
     def test_grid(self):
         """A checker edge through the middle of a pixel: half of the positions see each side."""
         floor = FLOOR + 'material = { type = "matte", reflectance = { type = "checker", a = 1, b = 0 } }\n'
-        scene = film() + '[sampler]\ntype = "grid"\nn = 4\n' + DOWN.replace("fov = 90", "fov = 1")
+        scene = film() + '[sampler]\ntype = "grid"\nsamples_per_axis = 4\n' + DOWN.replace("fov = 90", "fov = 1")
         self.near(self.value(scene + '[[light]]\ntype = "ambient"\nradiance = 1\n' + floor), [0.5] * 3)
 
 

@@ -166,7 +166,7 @@ class Detail(Case):
         self.refuse(HEAD + floor('type = "bump", height = { type = "checker" }, material = { type = "mirror" }'), "scene", "height")
 
     def test_vectors_are_added(self):
-        text = 'type = "bump", vectors = {}, material = {{ type = "mirror" }}'
+        text = 'type = "bump", vector_map = {}, material = {{ type = "mirror" }}'
         # The normal (0.25, 0.5, 0) is half way between straight up and the ray, and tan of half the
         # angle is 1/2.
         sideways = text.format("[0.625, 0.25, 0.5]")

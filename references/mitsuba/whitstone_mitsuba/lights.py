@@ -363,7 +363,7 @@ def _projector(fields: Fields, index: int, reader: Any) -> Lamp:
     upwards = _direction(fields, "up", np.array(fields.vector("up", (0.0, 1.0, 0.0))))
     fov = fields.number("fov", 45.0, lambda angle: 0 < angle < 180, "an angle between 0 and 180 degrees")
     aspect = fields.number("aspect", 1.0, lambda ratio: 0.001 <= ratio <= 1000, "a ratio from 0.001 to 1000")
-    slide = reader.value(fields, "slide", REQUIRED, 0.0, float("inf"))
+    slide = reader.value(fields, "image", REQUIRED, 0.0, float("inf"))
     intensity = fields.color("intensity", REQUIRED)
     forward = _direction(fields, "target", target - position)
     right = np.cross(forward, upwards)

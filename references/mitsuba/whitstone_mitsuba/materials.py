@@ -333,7 +333,7 @@ def _normal_map(fields: Fields, textures: Textures, parts: List[Material]) -> Ma
 
 
 def _bump_vectors(fields: Fields, textures: Textures, parts: List[Material]) -> Material:
-    vectors = textures.value(fields, "vectors", REQUIRED, 0.0, math.inf)
+    vectors = textures.value(fields, "vector_map", REQUIRED, 0.0, math.inf)
     scale = fields.number("scale", 1.0)
     made = _made_of("bump", parts, textures={"vectors": vectors}, numbers={"scale": scale})
     if fields.choice("space", "world", ("world", "tangent")) == "world":
@@ -343,7 +343,7 @@ def _bump_vectors(fields: Fields, textures: Textures, parts: List[Material]) -> 
 
 
 def _bump(fields: Fields, textures: Textures, parts: List[Material]) -> Material:
-    if fields.has("vectors"):
+    if fields.has("vector_map"):
         return _bump_vectors(fields, textures, parts)
     height = textures.value(fields, "height", REQUIRED, 0.0, math.inf)
     if hasattr(height, "mapping") and height.mapping.projection == "uv":

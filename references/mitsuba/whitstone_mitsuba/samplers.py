@@ -188,16 +188,16 @@ def read(table: Any, errors: List[str], unsupported: List[str]) -> Any:
     kind = fields.kind()
     found: Any = CENTRE
     if kind == "grid":
-        n = fields.integer("n", 2, 1, 64)
+        n = fields.integer("samples_per_axis", 2, 1, 64)
         steps = (np.arange(n) + 0.5) / n
         found = Fixed(np.column_stack([np.tile(steps, n), np.repeat(steps, n)]))
     elif kind == "stratified":
-        found = Stratified(fields.integer("n", 2, 1, 64), fields.integer("seed", 0, 0, 2**32 - 1))
+        found = Stratified(fields.integer("samples_per_axis", 2, 1, 64), fields.integer("seed", 0, 0, 2**32 - 1))
     elif kind == "sobol":
         found = Sobol(fields.integer("samples", 4, 1, 65536), fields.integer("seed", 0, 0, 2**32 - 1))
     elif kind == "adaptive":
         count = fields.integer("samples", 256, 1, 65536)
-        first = fields.integer("first", min(8, count), 1, count)
+        first = fields.integer("initial_samples", min(8, count), 1, count)
         threshold = fields.number("threshold", 0.01, lambda radiance: radiance > 0, "a number > 0")
         found = Adaptive(count, fields.integer("seed", 0, 0, 2**32 - 1), Refinement(first, threshold))
     elif kind != "center" and kind is not None:

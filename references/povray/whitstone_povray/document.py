@@ -164,7 +164,7 @@ def _sampler(table: Any, context: Context) -> List[Tuple[float, float]]:
     kind = fields.take("type", REQUIRED)
     n = 1
     if kind == "grid":
-        n = fields.integer("n", 2, 1, 64)
+        n = fields.integer("samples_per_axis", 2, 1, 64)
     elif kind != "center":
         fields.unsupported(f"POV-Ray has no twin of the sampler type {kind!r}; {nearest(str(kind), ['center', 'grid'])}")
         return []

@@ -15,8 +15,8 @@ pub const UNEXPLAINED: [usize; 2] = [10, 20];
 const EDGE: [usize; 2] = [50, 40];
 /// What the second dot of the diagram says, and its command.
 pub const DOT: [&str; 2] = [
-    "grid, sampler.n=2: RMSE 1.00e-3, 1.00e-1 s",
-    "whitstone render scene.toml --set sampler.n=2",
+    "grid, sampler.samples_per_axis=2: RMSE 1.00e-3, 1.00e-1 s",
+    "whitstone render scene.toml --set sampler.samples_per_axis=2",
 ];
 
 /// Ours and the reference: a gradient, of which ours is 1e-5 brighter on the left and darker on the
@@ -97,7 +97,7 @@ fn diagram() -> Diagram {
         [across.at(0.02), up.at(5e-3)],
         "#0072b2",
         true,
-        "grid, sampler.n=1: RMSE 5.00e-3, 2.00e-2 s\nwhitstone render scene.toml",
+        "grid, sampler.samples_per_axis=1: RMSE 5.00e-3, 2.00e-2 s\nwhitstone render scene.toml",
     );
     figure.dot([across.at(0.1), up.at(1e-3)], "#0072b2", true, &DOT.join("\n"));
     Diagram {

@@ -341,7 +341,7 @@ fn diagrams(browser: &Browser) -> Result<(), Problem> {
         "the command is not told",
     )?;
     browser.run("document.querySelector('#studies circle').focus()")?;
-    check(output()?.contains("sampler.n=1"), output()?)?;
+    check(output()?.contains("sampler.samples_per_axis=1"), output()?)?;
     browser.type_keys(&key_text(Key::Right))?;
     check(output()? == DOT.join(" "), output()?)
 }

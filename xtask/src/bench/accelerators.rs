@@ -1,12 +1,12 @@
 //! `bench accelerators`: rays per second of every accelerator, compared with Embree in the same
 //! run.
 
+use super::backend::{self, Backend};
 use super::chart;
 use super::data;
 use super::fetch;
 use super::machine::processor_time;
 use super::median;
-use super::peer::{self, Peer};
 use super::prepare::prepare;
 use super::rays::{Difference, Mode, Rays};
 use clap::Args;
@@ -144,7 +144,7 @@ struct Bench<'a> {
     registry: &'a Registry,
     folder: PathBuf,
     choices: Vec<Choice>,
-    peer: Option<PathBuf>,
+    backend: Option<PathBuf>,
     rounds: usize,
     stride: usize,
 }
@@ -152,8 +152,8 @@ struct Bench<'a> {
 impl<'a> Bench<'a> {
     fn new(arguments: &'a Arguments, registry: &'a Registry) -> Result<Self, Failure> {
         let folder = arguments.folder.ensure().map_err(Failure::environment)?;
-        let peer = peer::compile(&folder);
-        if let Err(why) = &peer {
+        let backend = backend::compile(&folder);
+        if let Err(why) = &backend {
             eprintln!("without Embree: {why}");
         }
         let mut choices: Vec<Choice> = arguments
@@ -170,7 +170,7 @@ impl<'a> Bench<'a> {
             registry,
             folder,
             choices,
-            peer: peer.ok(),
+            backend: backend.ok(),
             rounds: if arguments.quick {
                 3
             } else {
@@ -200,10 +200,10 @@ impl<'a> Bench<'a> {
                 one.bytes_per_triangle
             );
         }
-        let mut peer = None;
-        if let Some(program) = &self.peer {
+        let mut backend = None;
+        if let Some(program) = &self.backend {
             for quality in ["LOW", "MEDIUM", PEER_QUALITY] {
-                let started = Peer::start(program, &self.folder, name, quality)?;
+                let started = Backend::start(program, &self.folder, name, quality)?;
                 println!(
                     "  {:28} build {:8.4} s  {:6.1} bytes a triangle",
                     format!("embree {quality}"),
@@ -211,13 +211,13 @@ impl<'a> Bench<'a> {
                     started.bytes / triangles as f64
                 );
                 *version = json!(started.version);
-                peer = Some(started);
+                backend = Some(started);
             }
         }
         let mut rows = Vec::new();
         for set in &self.arguments.sets {
             let rays = Rays::read(&self.folder.join(format!("{name}_{set}.rays")), self.stride, set)?;
-            let figures = self.set(set, &rays, &built, &*truth, peer.as_mut())?;
+            let figures = self.set(set, &rays, &built, &*truth, backend.as_mut())?;
             for (row, figures) in figures.iter().enumerate() {
                 let (one, mode) = (
                     &built[row / Mode::ALL.len()],
@@ -292,7 +292,7 @@ impl<'a> Bench<'a> {
         rays: &Rays,
         built: &[Built<'_>],
         truth: &dyn Accelerator,
-        mut peer: Option<&mut Peer>,
+        mut backend: Option<&mut Backend>,
     ) -> Result<Vec<Figures>, String> {
         let rows: Vec<(&Built<'_>, Mode)> = built
             .iter()
@@ -301,8 +301,8 @@ impl<'a> Bench<'a> {
         let mut seconds = vec![Vec::new(); rows.len()];
         let mut ratios = vec![Vec::new(); rows.len()];
         for round in 0..=self.rounds {
-            let theirs = match &mut peer {
-                Some(peer) => Some(peer.trace(set, self.stride)?.0),
+            let theirs = match &mut backend {
+                Some(backend) => Some(backend.trace(set, self.stride)?.0),
                 None => None,
             };
             for (i, (one, mode)) in rows.iter().enumerate() {

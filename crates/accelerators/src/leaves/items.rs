@@ -3,7 +3,7 @@
 use super::Slot;
 use super::filter::{NUMBERS, WINDOW};
 use super::frame::{Frame, ROUNDING};
-use crate::vast::vast;
+use crate::oversized::oversized;
 use glam::{Vec3A, Vec4, Vec4Swizzles};
 use rayon::prelude::*;
 use whitstone_core::{Aabb, DVec3, Element, Geometry, LoweredShape, TriangleMesh};
@@ -127,8 +127,8 @@ pub(crate) struct Items<'a> {
     centers: Aabb,
     /// Elements without a box of reasonable size, and those of oversized shapes.
     pub(crate) unbounded: Vec<Element>,
-    /// Numbers of the oversized shapes; see [`vast`](crate::vast).
-    vast: Vec<u32>,
+    /// Numbers of the oversized shapes; see [`oversized`](crate::oversized).
+    oversized: Vec<u32>,
     /// The index of the first element of each shape, then the total number of elements.
     starts: Vec<u32>,
 }
@@ -169,13 +169,13 @@ impl<'a> Items<'a> {
             .iter()
             .map(|(part, count)| (part.whole, *count as usize))
             .collect();
-        let vast = vast(&boxes);
+        let oversized = oversized(&boxes);
         let mut extent = Extent {
-            unbounded: !vast.is_empty(),
+            unbounded: !oversized.is_empty(),
             ..Extent::default()
         };
         for ((part, _), shape) in parts.into_iter().zip(0..) {
-            if vast.binary_search(&shape).is_err() {
+            if oversized.binary_search(&shape).is_err() {
                 extent = extent.union(part);
             }
         }
@@ -190,7 +190,7 @@ impl<'a> Items<'a> {
             frame: unmoved.unwrap_or_else(|| Frame::around(&whole)),
             centers: extent.centers,
             unbounded: Vec::new(),
-            vast,
+            oversized,
             starts,
         };
         if extent.unbounded {
@@ -214,7 +214,7 @@ impl<'a> Items<'a> {
 
     /// Whether an element is part of the structure.
     fn is_bounded(&self, element: Element) -> bool {
-        self.vast.binary_search(&element.shape()).is_err() && bounded(&self.geometry.bounds(element))
+        self.oversized.binary_search(&element.shape()).is_err() && bounded(&self.geometry.bounds(element))
     }
 
     /// The element with this number.

@@ -66,7 +66,7 @@ struct Projector {
     up: Option<[f64; 3]>,
     fov: Option<f64>,
     aspect: Option<f64>,
-    slide: TextureRef,
+    image: TextureRef,
     intensity: Color,
 }
 
@@ -193,7 +193,7 @@ impl Lights {
                 }
                 "projector" => {
                     let config: Projector = decode(&plugin.table)?;
-                    let slide = Texture::new(description, &config.slide)?;
+                    let slide = Texture::new(description, &config.image)?;
                     lights.all.push(Light::Thrown(thrown(&config, slide)));
                 }
                 "ambient" => lights.ambient += decode::<Uniform>(&plugin.table)?.radiance.get(),

@@ -15,7 +15,7 @@ pub(super) enum Sampler {
     Stratified { n: u32, seed: u32 },
     /// Points of the Sobol sequence.
     Sobol { samples: u32, seed: u32 },
-    /// `first` of these points, then more up to `samples` where they are needed.
+    /// `initial_samples` of these points, then more up to `samples` where they are needed.
     Adaptive {
         samples: u32,
         seed: u32,
@@ -28,7 +28,7 @@ pub(super) enum Sampler {
 #[serde(deny_unknown_fields)]
 struct Adaptive {
     samples: Option<u32>,
-    first: Option<u32>,
+    initial_samples: Option<u32>,
     threshold: Option<f64>,
     #[serde(default)]
     seed: u32,
@@ -38,7 +38,7 @@ struct Adaptive {
 #[serde(deny_unknown_fields)]
 struct Cells {
     #[serde(default = "two")]
-    n: u32,
+    samples_per_axis: u32,
     #[serde(default)]
     seed: u32,
 }
@@ -65,12 +65,17 @@ impl Sampler {
         Ok(match &*plugin.name {
             "center" => Self::Fixed(vec![[0.5; 2]]),
             "grid" => {
-                let Cells { n, .. } = decode(&plugin.table)?;
+                let Cells {
+                    samples_per_axis: n, ..
+                } = decode(&plugin.table)?;
                 let at = |i: u32| (f64::from(i) + 0.5) / f64::from(n);
                 Self::Fixed((0..n).flat_map(|b| (0..n).map(move |a| [at(a), at(b)])).collect())
             }
             "stratified" => {
-                let Cells { n, seed } = decode(&plugin.table)?;
+                let Cells {
+                    samples_per_axis: n,
+                    seed,
+                } = decode(&plugin.table)?;
                 Self::Stratified { n, seed }
             }
             "sobol" => {
@@ -83,7 +88,7 @@ impl Sampler {
                 Self::Adaptive {
                     samples,
                     seed: config.seed,
-                    first: config.first.unwrap_or(samples.min(8)) as usize,
+                    first: config.initial_samples.unwrap_or(samples.min(8)) as usize,
                     threshold: config.threshold.unwrap_or(0.01),
                 }
             }

@@ -108,7 +108,7 @@ impl Facts {
         let others = entries.filter(|entry| entry.name != self.accelerator);
         let setting = |name: &str| {
             let tests = self.rays.saturating_mul(count as u64);
-            let dear = name == "brute_force" && tests > MOST_TESTS;
+            let expensive = name == "brute_force" && tests > MOST_TESTS;
             let why = || {
                 format!(
                     "trying each of {count} elements for {} rays takes too long",
@@ -116,7 +116,7 @@ impl Facts {
                 )
             };
             Setting {
-                left_out: dear.then(why),
+                left_out: expensive.then(why),
                 ..Setting::named(name)
             }
         };

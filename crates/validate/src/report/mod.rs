@@ -21,7 +21,7 @@ use crate::sensitivity::Parameter;
 use crate::{CaseResult, Results, Summary};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
-use view::{Shape, Page};
+use view::{Page, Shape};
 use whitstone_image::error_map::{ErrorView, Quantity, Scale};
 
 /// The quantity that the error pictures of a report show, and its legend.

@@ -208,13 +208,13 @@ fn of_scene(path: &Path) -> Result<Study, Failure> {
 about = "Samples a pixel."
 scene = {scene}
 [truth]
-set = ["sampler={{ type = \"grid\", n = 32 }}"]
+set = ["sampler={{ type = \"grid\", samples_per_axis = 32 }}"]
 check = [{{ set = ["sampler={{ type = \"sobol\", samples = 1024 }}"] }}]
 [[series]]
 name = "grid"
 engines = ["whitstone", "mitsuba"]
 set = ["sampler={{ type = \"grid\" }}"]
-sweep = {{ "sampler.n" = [1, 2, 3, 4, 6, 8] }}
+sweep = {{ "sampler.samples_per_axis" = [1, 2, 3, 4, 6, 8] }}
 [[series]]
 name = "sobol"
 engines = ["whitstone", "mitsuba"]

@@ -13,12 +13,12 @@ pub mod new_plugin;
 #[cfg(any(feature = "converge", feature = "stress"))]
 mod page;
 mod pixel;
+pub mod reduce;
 pub mod reference;
 pub mod render;
 pub mod report;
 pub mod schema;
 pub mod sensitivity;
-pub mod shrink;
 #[cfg(feature = "stress")]
 pub mod stress;
 pub mod validate;
@@ -50,7 +50,7 @@ struct Arguments {
 pub enum Command {
     Render(render::Arguments),
     Validate(validate::Arguments),
-    Shrink(shrink::Arguments),
+    Reduce(reduce::Arguments),
     Report(report::Arguments),
     Compare(compare::Arguments),
     Explain(explain::Arguments),
@@ -75,7 +75,7 @@ impl Command {
         match self {
             Self::Render(arguments) => render::run(arguments, registry),
             Self::Validate(arguments) => validate::run(arguments, registry, program),
-            Self::Shrink(arguments) => shrink::run(arguments, registry, program),
+            Self::Reduce(arguments) => reduce::run(arguments, registry, program),
             Self::Report(arguments) => report::run(arguments, program),
             Self::Compare(arguments) => compare::run(arguments),
             Self::Explain(arguments) => explain::run(arguments, registry),

@@ -112,9 +112,9 @@ def _steepest(size: List[int], found: List[float]) -> float:
 
 
 def twin(fields: Fields, place: Place) -> Solid:
-    """`size`, `values`, `file`, `format`, `generator`, `seed`, `balls`, `level`."""
+    """`size`, `values`, `file`, `format`, `generator`, `seed`, `balls`, `iso_value`."""
     size = [int(n) for n in fields.vector("size", (0, 0, 0))]
-    level = fields.number("level", 0.5)
+    level = fields.number("iso_value", 0.5)
     nothing = Solid("union {", Surface("0", "0"), True)
     if not all(2 <= n <= 2048 for n in size):
         fields.error("size", "expected three integers from 2 to 2048")

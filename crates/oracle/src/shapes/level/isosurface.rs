@@ -21,7 +21,7 @@ pub(crate) struct Config {
     #[serde(default)]
     seed: u32,
     balls: Option<u32>,
-    level: Option<f64>,
+    iso_value: Option<f64>,
 }
 
 /// Grid values, negative where the density is above the iso value.
@@ -57,7 +57,7 @@ impl Config {
                 .map(|n| of([n % nx, n / nx % ny, n / (nx * ny)]))
                 .collect()
         };
-        let level = self.level.unwrap_or(0.5);
+        let level = self.iso_value.unwrap_or(0.5);
         Ok(LevelSet(Grid {
             size,
             values: values.into_iter().map(|value| -(value - level)).collect(),

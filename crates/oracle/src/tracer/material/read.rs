@@ -117,7 +117,7 @@ struct NormalMap {
 #[serde(deny_unknown_fields)]
 struct Bump {
     height: Option<TextureRef>,
-    vectors: Option<TextureRef>,
+    vector_map: Option<TextureRef>,
     space: Option<String>,
     tangent: Option<[f64; 3]>,
     axis: Option<[f64; 3]>,
@@ -250,7 +250,7 @@ impl Source<'_, '_> {
                 let bump: Bump = decode(&plugin.table)?;
                 let scale = bump.scale.unwrap_or(1.0);
                 let inner = self.boxed(&bump.material)?;
-                match bump.vectors {
+                match bump.vector_map {
                     Some(vectors) => {
                         let own = bump.space.as_deref() == Some("tangent");
                         let tangent = own.then(|| Tangent::new(bump.tangent, bump.axis));

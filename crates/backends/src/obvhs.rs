@@ -91,7 +91,7 @@ impl Plugin<Accelerators> for Obvhs {
         _: &mut dyn Context,
     ) -> Result<Box<dyn Accelerator>, SceneErrors> {
         let start = Instant::now();
-        let mut peer = Self {
+        let mut backend = Self {
             hierarchy: Hierarchy::Binary(Bvh2::zeroed(0)),
             triangles: Vec::new(),
             ids: Vec::new(),
@@ -99,25 +99,25 @@ impl Plugin<Accelerators> for Obvhs {
         for (number, mesh) in meshes(&geometry, FARTHEST)? {
             for triangle in 0..mesh.triangles.len() as u32 {
                 let [v0, v1, v2] = mesh.corners(triangle).map(|p| Vec3A::from(p.as_vec3()));
-                peer.triangles.push(Triangle { v0, v1, v2 });
-                peer.ids.push((number, triangle));
+                backend.triangles.push(Triangle { v0, v1, v2 });
+                backend.ids.push((number, triangle));
             }
         }
-        if !peer.ids.is_empty() {
-            peer.hierarchy = build(config.structure, config.quality, &peer.triangles)?;
+        if !backend.ids.is_empty() {
+            backend.hierarchy = build(config.structure, config.quality, &backend.triangles)?;
         }
         let others = others(&geometry);
-        let own = size_of_val(&*peer.triangles) + size_of_val(&*peer.ids) + size_of_val(&*others);
+        let own = size_of_val(&*backend.triangles) + size_of_val(&*backend.ids) + size_of_val(&*others);
         let statistics = Statistics::from([
             ("elements", geometry.elements().count() as f64),
             ("others", others.len() as f64),
-            ("nodes", peer.hierarchy.nodes() as f64),
-            ("bytes", (own + peer.hierarchy.bytes()) as f64),
+            ("nodes", backend.hierarchy.nodes() as f64),
+            ("bytes", (own + backend.hierarchy.bytes()) as f64),
             ("build_seconds", start.elapsed().as_secs_f64()),
         ]);
         Ok(Box::new(Single {
             geometry,
-            triangles: peer,
+            triangles: backend,
             others,
             statistics,
             approximation_note: "obvhs finds triangles in single precision".to_owned(),

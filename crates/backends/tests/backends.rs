@@ -1,7 +1,7 @@
-//! Compares images of peers with ours; tests of Embree are ignored where it is not installed.
+//! Compares images of backends with ours; tests of Embree are ignored where it is not installed.
 
 #[cfg(any(feature = "embree", feature = "obvhs"))]
-mod peers {
+mod backends {
     use libtest_mimic::{Failed, Trial};
     use std::path::Path;
     use whitstone::core::{FamilyName, Registry};
@@ -20,9 +20,9 @@ mod peers {
         // When the whole workspace is built, the features are enabled in both crates.
         if !["embree", "obvhs"]
             .iter()
-            .any(|peer| registry.get(FamilyName::Accelerator, peer).is_ok())
+            .any(|backend| registry.get(FamilyName::Accelerator, backend).is_ok())
         {
-            whitstone_peers::register(&mut registry).expect("the types are distinct");
+            whitstone_backends::register(&mut registry).expect("the types are distinct");
         }
         registry
     }
@@ -62,7 +62,7 @@ mod peers {
         if others as f64 > MOST_OTHERS * all as f64 {
             return Err(format!("{others} of {all} pixels are not close").into());
         }
-        // A mesh that looks exactly like ours was not rendered by the peer; all else must look
+        // A mesh that looks exactly like ours was not rendered by the backend; all else must look
         // exactly like ours.
         if (differ == 0) == has_mesh {
             return Err(format!("{differ} pixels differ").into());
@@ -121,10 +121,10 @@ mod peers {
 
     #[cfg(feature = "embree")]
     pub(super) fn embree() -> Vec<Trial> {
-        use whitstone_peers::embree::{Embree, version};
+        use whitstone_backends::embree::{Embree, version};
         let laws = || {
             for text in ["", "quality = \"low\"", "quality = \"medium\"", "robust = true"] {
-                whitstone_testkit::peer_laws::<Embree>(text);
+                whitstone_testkit::backend_laws::<Embree>(text);
             }
             Ok(())
         };
@@ -132,7 +132,7 @@ mod peers {
         if let Some(why) = &missing {
             eprintln!("skipped, Embree cannot be loaded: {why}");
         }
-        let mut trials = vec![Trial::test("embree obeys the laws of peers", laws)];
+        let mut trials = vec![Trial::test("embree obeys the laws of backends", laws)];
         trials.extend(pictures(
             "{ type = \"embree\", quality = \"high\", robust = true }",
         ));
@@ -146,14 +146,14 @@ mod peers {
 
     #[cfg(feature = "obvhs")]
     pub(super) fn obvhs() -> Vec<Trial> {
-        use whitstone_peers::obvhs::Obvhs;
+        use whitstone_backends::obvhs::Obvhs;
         let laws = || {
             for text in ["", "quality = \"fastest\"", "structure = \"bvh2\""] {
-                whitstone_testkit::peer_laws::<Obvhs>(text);
+                whitstone_testkit::backend_laws::<Obvhs>(text);
             }
             Ok(())
         };
-        let mut trials = vec![Trial::test("obvhs obeys the laws of peers", laws)];
+        let mut trials = vec![Trial::test("obvhs obeys the laws of backends", laws)];
         trials.extend(pictures("{ type = \"obvhs\" }"));
         trials
     }
@@ -161,14 +161,14 @@ mod peers {
 
 fn main() {
     #[cfg(feature = "embree")]
-    if std::env::var_os(peers::ABSENT).is_some() {
-        return peers::say_what_is_absent();
+    if std::env::var_os(backends::ABSENT).is_some() {
+        return backends::say_what_is_absent();
     }
     let mut trials = Vec::new();
     #[cfg(feature = "embree")]
-    trials.extend(peers::embree());
+    trials.extend(backends::embree());
     #[cfg(feature = "obvhs")]
-    trials.extend(peers::obvhs());
+    trials.extend(backends::obvhs());
     trials.extend(std::iter::empty::<libtest_mimic::Trial>());
     libtest_mimic::run(&libtest_mimic::Arguments::from_args(), trials).exit();
 }

@@ -5,11 +5,14 @@ use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
-const SOURCE: &str = include_str!("embree_peer.cpp");
+const SOURCE: &str = include_str!("embree_backend.cpp");
 
 /// Compiles the program into a folder. The error names the missing parts.
 pub(super) fn compile(folder: &Path) -> Result<PathBuf, String> {
-    let (source, program) = (folder.join("embree_peer.cpp"), folder.join("embree_peer_lines"));
+    let (source, program) = (
+        folder.join("embree_backend.cpp"),
+        folder.join("embree_backend_lines"),
+    );
     if std::fs::read_to_string(&source).is_ok_and(|text| text == SOURCE) && program.is_file() {
         return Ok(program);
     }
@@ -35,7 +38,7 @@ pub(super) fn compile(folder: &Path) -> Result<PathBuf, String> {
 }
 
 /// A running Embree program with one mesh.
-pub(super) struct Peer {
+pub(super) struct Backend {
     child: Child,
     input: ChildStdin,
     output: BufReader<ChildStdout>,
@@ -44,7 +47,7 @@ pub(super) struct Peer {
     pub(super) bytes: f64,
 }
 
-impl Peer {
+impl Backend {
     pub(super) fn start(program: &Path, folder: &Path, mesh: &str, quality: &str) -> Result<Self, String> {
         let mut child = Command::new(program)
             .args([folder.as_os_str(), mesh.as_ref(), quality.as_ref()])
@@ -53,9 +56,9 @@ impl Peer {
             .spawn()
             .map_err(|error| error.to_string())?;
         let (Some(input), Some(output)) = (child.stdin.take(), child.stdout.take()) else {
-            return Err("the peer has no pipes".to_owned());
+            return Err("the backend has no pipes".to_owned());
         };
-        let mut peer = Self {
+        let mut backend = Self {
             child,
             input,
             output: BufReader::new(output),
@@ -63,21 +66,21 @@ impl Peer {
             build_seconds: f64::NAN,
             bytes: f64::NAN,
         };
-        let line = peer.line()?;
+        let line = backend.line()?;
         let [_, version, seconds, bytes] = line.split_whitespace().collect::<Vec<_>>()[..] else {
-            return Err(format!("the peer says \"{line}\""));
+            return Err(format!("the backend says \"{line}\""));
         };
-        peer.version = version.to_owned();
-        peer.build_seconds = seconds.parse().unwrap_or(f64::NAN);
-        peer.bytes = bytes.parse().unwrap_or(f64::NAN);
-        Ok(peer)
+        backend.version = version.to_owned();
+        backend.build_seconds = seconds.parse().unwrap_or(f64::NAN);
+        backend.bytes = bytes.parse().unwrap_or(f64::NAN);
+        Ok(backend)
     }
 
     fn line(&mut self) -> Result<String, String> {
         let mut line = String::new();
         match self.output.read_line(&mut line) {
             Ok(n) if n > 0 => Ok(line),
-            Ok(_) => Err("the peer has ended".to_owned()),
+            Ok(_) => Err("the backend has ended".to_owned()),
             Err(error) => Err(error.to_string()),
         }
     }
@@ -91,11 +94,11 @@ impl Peer {
         let hits = words.next().and_then(|word| word.parse().ok());
         seconds
             .zip(hits)
-            .ok_or_else(|| format!("the peer says \"{line}\""))
+            .ok_or_else(|| format!("the backend says \"{line}\""))
     }
 }
 
-impl Drop for Peer {
+impl Drop for Backend {
     fn drop(&mut self) {
         // Kills it without waiting for an answer.
         let _ = self.child.kill();

@@ -15,14 +15,14 @@ const MOST: usize = 64;
 
 /// The numbers of the oversized shapes, ascending, given the box and the number of elements of each
 /// shape. Empty boxes are ignored.
-pub(crate) fn vast(shapes: &[(Aabb, usize)]) -> Vec<u32> {
+pub(crate) fn oversized(shapes: &[(Aabb, usize)]) -> Vec<u32> {
     let size = |aabb: &Aabb| (aabb.max - aabb.min).max_element();
-    let mut vast: Vec<u32> = Vec::new();
+    let mut oversized: Vec<u32> = Vec::new();
     let mut left = MOST;
     loop {
         let others = || {
             let all = (0..).zip(shapes);
-            all.filter(|(number, (aabb, _))| !aabb.is_empty() && !vast.contains(number))
+            all.filter(|(number, (aabb, _))| !aabb.is_empty() && !oversized.contains(number))
         };
         let largest = others().max_by(|(_, (a, _)), (_, (b, _))| size(a).total_cmp(&size(b)));
         let Some((number, (aabb, count))) = largest else {
@@ -34,10 +34,10 @@ pub(crate) fn vast(shapes: &[(Aabb, usize)]) -> Vec<u32> {
             break;
         }
         left -= count;
-        vast.push(number);
+        oversized.push(number);
     }
-    vast.sort_unstable();
-    vast
+    oversized.sort_unstable();
+    oversized
 }
 
 #[cfg(test)]
@@ -52,8 +52,8 @@ mod tests {
     #[test]
     fn what_is_vast_beside_the_rest_is_found() {
         let scene = |half: f64| [(cube(0.0, half), 2), (cube(3.0, 1.0), 100), (cube(-2.0, 0.5), 1)];
-        assert!(vast(&scene(1e4)).is_empty());
-        assert_eq!(vast(&scene(1e6)), [0]);
+        assert!(oversized(&scene(1e4)).is_empty());
+        assert_eq!(oversized(&scene(1e6)), [0]);
         // Three nested shapes.
         let nested = [
             (cube(0.0, 1e5), 1),
@@ -61,10 +61,10 @@ mod tests {
             (Aabb::EMPTY, 0),
             (cube(0.0, 1e12), 1),
         ];
-        assert_eq!(vast(&nested), [0, 3]);
+        assert_eq!(oversized(&nested), [0, 3]);
         // Neither a mesh of many elements nor a single shape is oversized.
-        assert!(vast(&[(cube(0.0, 1e9), 65), (cube(0.0, 1.0), 1)]).is_empty());
-        assert!(vast(&[(cube(0.0, 1e9), 1)]).is_empty());
-        assert!(vast(&[]).is_empty());
+        assert!(oversized(&[(cube(0.0, 1e9), 65), (cube(0.0, 1.0), 1)]).is_empty());
+        assert!(oversized(&[(cube(0.0, 1e9), 1)]).is_empty());
+        assert!(oversized(&[]).is_empty());
     }
 }

@@ -1,4 +1,4 @@
-//! Laws of third-party accelerators in single precision (peers): they differ from ours by rounding
+//! Laws of third-party accelerators in single precision (backends): they differ from ours by rounding
 //! and declare it.
 
 use crate::ball::Ball;
@@ -21,33 +21,33 @@ const MOST_OTHERS: u32 = RAYS / 500;
 /// Tolerance of distances, relative to the size of the scene and the distance of the ray's origin.
 const CLOSE: f64 = 2e-5;
 
-/// Checks that a peer finds, within single precision, the results of testing every element in
+/// Checks that a backend finds, within single precision, the results of testing every element in
 /// double precision, over triangles of two meshes, balls and an unbounded wall; for elements other
-/// than triangles the results must be exact. The peer never reports the skipped primitive or a hit
+/// than triangles the results must be exact. The backend never reports the skipped primitive or a hit
 /// outside the interval, its streams agree bit for bit with its single rays, and it declares that
 /// images depend on it.
 ///
 /// # Panics
 ///
 /// If it cannot be built or breaks a law; the message says how.
-pub fn peer_laws<P: Plugin<Accelerators>>(text: &str) {
+pub fn backend_laws<P: Plugin<Accelerators>>(text: &str) {
     for (name, shapes) in worlds() {
         let geometry = Arc::new(Geometry::new(shapes));
         let accelerator = match build::<Accelerators, P>(text, geometry.clone()) {
             Ok(accelerator) => accelerator,
             Err(error) => panic!("{}: {error}", P::TYPE),
         };
-        let broken = peer_agrees(&geometry, &*accelerator);
+        let broken = backend_agrees(&geometry, &*accelerator);
         assert_eq!(broken.err(), None, "{} with \"{text}\" over {name}", P::TYPE);
     }
 }
 
-/// Checks a built accelerator against the laws of [`peer_laws`].
+/// Checks a built accelerator against the laws of [`backend_laws`].
 ///
 /// # Errors
 ///
 /// The first law that is broken.
-pub fn peer_agrees(geometry: &Geometry, accelerator: &dyn Accelerator) -> Result<(), String> {
+pub fn backend_agrees(geometry: &Geometry, accelerator: &dyn Accelerator) -> Result<(), String> {
     if accelerator.approximation_note().is_none() {
         return Err("it does not say that images depend on it".to_owned());
     }
@@ -254,7 +254,7 @@ mod tests {
         let check = |fault| {
             let (_, shapes) = worlds().pop().expect("there are worlds");
             let geometry = Geometry::new(shapes);
-            peer_agrees(
+            backend_agrees(
                 &geometry,
                 &Faulty {
                     geometry: Geometry::new(worlds().pop().expect("as above").1),

@@ -1,10 +1,10 @@
-//! Third-party ray tracing kernels (peers) as accelerators: each is one file, one Cargo feature and
+//! Third-party ray tracing kernels (backends) as accelerators: each is one file, one Cargo feature and
 //! one TOML `type`.
 //!
 //! They render the same scenes with the same surrounding code, so that their errors and times are
 //! directly comparable with ours. They find all hits on triangles, **in single precision**. So they
 //! do not obey the law of accelerators, and report that ([`whitstone_core::Accelerator::approximation_note`]).
-//! All other shapes are tested one by one in double precision. `docs/peers.md` says what differs
+//! All other shapes are tested one by one in double precision. `docs/backends.md` says what differs
 //! and by how much.
 
 use whitstone_core::{DuplicateType, Registry};
@@ -16,7 +16,7 @@ pub mod obvhs;
 #[cfg(any(feature = "embree", feature = "obvhs"))]
 mod single;
 
-/// Registers every peer whose feature is enabled.
+/// Registers every backend whose feature is enabled.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     #[cfg(feature = "embree")]
     registry.add::<whitstone_core::Accelerators, embree::Embree>(env!("CARGO_PKG_NAME"))?;

@@ -1,4 +1,4 @@
-//! Shared code of the peers: triangles in single precision, all other elements in double precision.
+//! Shared code of the backends: triangles in single precision, all other elements in double precision.
 
 use std::sync::Arc;
 use whitstone_core::triangle::ShearedRay;
@@ -28,7 +28,7 @@ pub(crate) struct SingleHit {
     pub(crate) uv: [f32; 2],
 }
 
-/// Ray-triangle queries of a peer.
+/// Ray-triangle queries of a backend.
 pub(crate) trait Triangles: Send + Sync {
     /// The nearest hit of a triangle other than `skip`.
     fn intersect(&self, ray: &SingleRay, skip: Option<TriangleId>) -> Option<SingleHit>;
@@ -37,7 +37,7 @@ pub(crate) trait Triangles: Send + Sync {
     fn occluded(&self, ray: &SingleRay, skip: Option<TriangleId>) -> bool;
 }
 
-/// The triangles of a peer, and all elements that are not triangles.
+/// The triangles of a backend, and all elements that are not triangles.
 pub(crate) struct Single<T> {
     pub(crate) geometry: Arc<Geometry>,
     pub(crate) triangles: T,
@@ -54,7 +54,7 @@ pub(crate) fn others(geometry: &Geometry) -> Vec<Element> {
 }
 
 /// The meshes with their shape numbers. Fails if a coordinate exceeds `limit`: single precision
-/// holds up to about 10^38, and peers multiply coordinates.
+/// holds up to about 10^38, and backends multiply coordinates.
 pub(crate) fn meshes(geometry: &Geometry, limit: f64) -> Result<Vec<(u32, &TriangleMesh)>, SceneErrors> {
     let shapes = geometry.shapes().iter().zip(0u32..);
     let meshes: Vec<_> = shapes

@@ -1,4 +1,4 @@
-//! The checks of `tidy` for third-party backends (peers), which replace those for plugins. Peers
+//! The checks of `tidy` for third-party backends, which replace those for plugins. Backends
 //! have no example scene, no stored reference and no property tests of accelerators, because they
 //! are not built by default and their images are not ours.
 
@@ -8,13 +8,13 @@ use std::path::Path;
 use whitstone::core::Entry;
 
 /// The crate that registers them.
-pub(crate) const CRATE: &str = "whitstone-peers";
+pub(crate) const CRATE: &str = "whitstone-backends";
 
-const FOLDER: &str = "crates/peers";
-const TESTS: &str = "crates/peers/tests/peers.rs";
-const DOCUMENTATION: &str = "docs/peers.md";
+const FOLDER: &str = "crates/backends";
+const TESTS: &str = "crates/backends/tests/backends.rs";
+const DOCUMENTATION: &str = "docs/backends.md";
 
-/// Its features: the names of the peers.
+/// Its features: the names of the backends.
 pub(crate) fn names() -> Vec<String> {
     features(&read(&format!("{FOLDER}/Cargo.toml")))
         .map(|(name, _)| name.to_owned())
@@ -33,8 +33,8 @@ fn features(manifest: &str) -> impl Iterator<Item = (&str, &str)> {
     entries.filter(|(name, _)| *name != "default")
 }
 
-/// Each peer must have a file, tests and documentation. Every crate that passes it on must have it
-/// as a feature, and none may enable it by default. `built` are the peers in this program.
+/// Each backend must have a file, tests and documentation. Every crate that passes it on must have it
+/// as a feature, and none may enable it by default. `built` are the backends in this program.
 pub(crate) fn check(built: &[&Entry]) -> Vec<String> {
     let mut problems = check_names(&names(), &read);
     for entry in built {
@@ -48,7 +48,7 @@ pub(crate) fn check(built: &[&Entry]) -> Vec<String> {
             ));
         }
     }
-    // Apart from the crate root and the shared files, each file is a peer.
+    // Apart from the crate root and the shared files, each file is a backend.
     for file in fs::read_dir(Path::new(FOLDER).join("src"))
         .into_iter()
         .flatten()
@@ -56,7 +56,7 @@ pub(crate) fn check(built: &[&Entry]) -> Vec<String> {
     {
         let name = file.file_name().to_string_lossy().into_owned();
         let stem = name.strip_suffix(".rs").unwrap_or("lib");
-        if !["lib", "single"].contains(&stem) && !names().iter().any(|peer| peer == stem) {
+        if !["lib", "single"].contains(&stem) && !names().iter().any(|backend| backend == stem) {
             problems.push(format!("{FOLDER}/src/{name}: there is no feature `{stem}`"));
         }
     }
@@ -92,7 +92,7 @@ fn check_names(names: &[String], read: &dyn Fn(&str) -> String) -> Vec<String> {
         );
         let tests = read(TESTS);
         for part in [
-            format!("whitstone_peers::{name}::"),
+            format!("whitstone_backends::{name}::"),
             format!("type = \\\"{name}\\\""),
         ] {
             require(tests.contains(&part), format!("{TESTS}: nowhere is `{part}`"));
@@ -110,7 +110,7 @@ fn check_names(names: &[String], read: &dyn Fn(&str) -> String) -> Vec<String> {
         }
     }
     let defaults = [
-        "crates/peers/Cargo.toml",
+        "crates/backends/Cargo.toml",
         "crates/whitstone/Cargo.toml",
         "xtask/Cargo.toml",
     ];
@@ -119,7 +119,7 @@ fn check_names(names: &[String], read: &dyn Fn(&str) -> String) -> Vec<String> {
         let default = text.lines().find_map(|line| line.strip_prefix("default = "));
         require(
             !default.is_some_and(|default| names.iter().any(|name| default.contains(&format!("\"{name}\"")))),
-            format!("{manifest}: a peer is on by default; peers must be asked for"),
+            format!("{manifest}: a backend is on by default; backends must be asked for"),
         );
     }
     problems
@@ -130,7 +130,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_a_peer_lacks_is_named() {
+    fn what_a_backend_lacks_is_named() {
         std::env::set_current_dir(crate::root()).unwrap();
         assert_eq!(names(), ["embree", "obvhs"]);
         assert_eq!(check(&[]), Vec::<String>::new());

@@ -1,4 +1,4 @@
-//! `shrink`: reduces a failing scene to a minimal reproducer.
+//! `reduce`: reduces a failing scene to a minimal reproducer.
 
 use super::validate;
 use crate::terminal::{Exit, Failure, progress};
@@ -8,7 +8,7 @@ use std::time::Duration;
 use whitstone_core::Registry;
 use whitstone_image::atomic;
 use whitstone_validate::Validator;
-use whitstone_validate::shrink::shrink;
+use whitstone_validate::reduce::reduce;
 
 /// Reduce a failing scene to a minimal reproducer
 ///
@@ -19,7 +19,7 @@ use whitstone_validate::shrink::shrink;
 #[command(
     mut_arg("reference", |argument| argument.default_value("live")),
     mut_arg("paths", |argument| argument.value_name("SCENE").help("A scene file").default_value(None::<&str>).required(true).num_args(1).action(clap::ArgAction::Set)),
-    after_help = "Example, with a fault put in:\n  whitstone shrink scenes/showcase/classic.toml --ours camera.fov=50.1 -o small.toml"
+    after_help = "Example, with a fault put in:\n  whitstone reduce scenes/showcase/classic.toml --ours camera.fov=50.1 -o small.toml"
 )]
 pub struct Arguments {
     #[command(flatten)]
@@ -48,10 +48,10 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     options.ours_overrides.clone_from(&arguments.ours);
     let mut validator =
         Validator::new(registry, options, &|text| eprintln!("{text}")).map_err(Failure::environment)?;
-    let bar = progress(0, "shrinking");
+    let bar = progress(0, "reducing");
     bar.enable_steady_tick(Duration::from_millis(200));
-    let left = shrink(&mut validator, scene, overrides, &|values| {
-        bar.set_message(format!("shrinking: {values} values left"));
+    let left = reduce(&mut validator, scene, overrides, &|values| {
+        bar.set_message(format!("reducing: {values} values left"));
     });
     bar.finish_and_clear();
     let left = left.map_err(Failure::usage)?;

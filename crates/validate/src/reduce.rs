@@ -19,7 +19,7 @@ const SMALLEST_FILM: i64 = 4;
 /// # Errors
 ///
 /// If the scene cannot be read, does not fail, or cannot be compared at all.
-pub fn shrink(
+pub fn reduce(
     validator: &mut Validator<'_>,
     scene: &Path,
     overrides: &[String],
@@ -32,7 +32,7 @@ pub fn shrink(
     let mut document: Table = toml::from_str(&flattened.text).map_err(|error| error.to_string())?;
     absolute(&mut document, &flattened.base);
     let folder = tempfile::tempdir().map_err(|error| error.to_string())?;
-    let file = folder.path().join("shrunk.toml");
+    let file = folder.path().join("reduced.toml");
     let mut ask = |document: &Table| -> Result<CaseResult, String> {
         std::fs::write(&file, document.to_string()).map_err(|error| error.to_string())?;
         Ok(validator.validate(&file))
