@@ -46,7 +46,7 @@ pub fn reduce(
         });
     }
     // A candidate that cannot be written or compared is rejected.
-    reduce(&mut document, &mut |candidate| {
+    minimize(&mut document, &mut |candidate| {
         let still = ask(candidate).is_ok_and(|case| fails(&case));
         if still {
             tell(size(&Value::Table(candidate.clone())));
@@ -86,7 +86,7 @@ fn size(value: &Value) -> usize {
 }
 
 /// Removes everything that can be removed while `fails` holds.
-fn reduce(document: &mut Table, fails: &mut dyn FnMut(&Table) -> bool) {
+fn minimize(document: &mut Table, fails: &mut dyn FnMut(&Table) -> bool) {
     smaller_film(document, fails);
     loop {
         let before = document.clone();
@@ -268,7 +268,7 @@ mod tests {
     fn what_has_no_part_in_the_failure_goes() {
         let mut document: Table = toml::from_str(SCENE).unwrap();
         let mut asked = 0;
-        reduce(&mut document, &mut |candidate| {
+        minimize(&mut document, &mut |candidate| {
             asked += 1;
             // The larger sphere under a camera, at 10 pixels or more.
             candidate.contains_key("camera")
@@ -285,7 +285,7 @@ mod tests {
     #[test]
     fn two_that_fail_together_stay_together() {
         let mut document: Table = toml::from_str(SCENE).unwrap();
-        reduce(&mut document, &mut |candidate| {
+        minimize(&mut document, &mut |candidate| {
             shapes(candidate, |shape| shape.get("file").is_some()) == 1
                 && shapes(candidate, |shape| shape.get("transform").is_some()) == 1
         });
@@ -298,7 +298,7 @@ mod tests {
     fn nothing_goes_where_all_is_needed() {
         let mut document: Table = toml::from_str(SCENE).unwrap();
         let whole = document.clone();
-        reduce(&mut document, &mut |candidate| *candidate == whole);
+        minimize(&mut document, &mut |candidate| *candidate == whole);
         assert_eq!(document, whole);
     }
 
