@@ -176,7 +176,60 @@ struct Row {
     key: String,
     kind: String,
     required: bool,
+    /// In Markdown; `None` if the key is required, or its default is not declared.
+    default: Option<String>,
     about: String,
+}
+
+/// The key of a schema that describes a default which is no constant, such as "that of `k_d`".
+const COMPUTED_DEFAULT: &str = "x-default";
+
+/// The optional keys of a plugin whose schema declares no default.
+pub(crate) fn undeclared_defaults(entry: &Entry) -> Vec<String> {
+    let schema = table_schema(entry);
+    let forms = ["oneOf", "anyOf"].iter().filter_map(|key| schema[key].as_array());
+    let tables = std::iter::once(&schema).chain(forms.flatten().map(|form| resolved(form, &schema)));
+    let rows = tables.flat_map(|table| rows(table, &schema));
+    let mut keys: Vec<String> = rows
+        .filter(|row| !row.required && row.default.is_none())
+        .map(|row| row.key)
+        .collect();
+    keys.dedup();
+    keys
+}
+
+/// The default of a key in Markdown.
+fn default(value: &Value) -> Option<String> {
+    let constant = || {
+        let constant = value.get("default").filter(|constant| !constant.is_null())?;
+        Some(format!("`{}`", as_toml(constant)))
+    };
+    value[COMPUTED_DEFAULT]
+        .as_str()
+        .map(str::to_owned)
+        .or_else(constant)
+}
+
+/// A JSON value as it would be written in a scene file.
+fn as_toml(value: &Value) -> String {
+    match value {
+        Value::Number(number) => match number.as_f64() {
+            Some(number) if number.fract() == 0.0 && number.abs() < 1e15 => format!("{number:.0}"),
+            _ => number.to_string(),
+        },
+        Value::Array(items) => {
+            let items: Vec<String> = items.iter().map(as_toml).collect();
+            format!("[{}]", items.join(", "))
+        }
+        Value::Object(keys) => {
+            let keys: Vec<String> = keys
+                .iter()
+                .map(|(key, value)| format!("{key} = {}", as_toml(value)))
+                .collect();
+            format!("{{ {} }}", keys.join(", "))
+        }
+        other => other.to_string(),
+    }
 }
 
 fn rows(table: &Value, root: &Value) -> Vec<Row> {
@@ -195,6 +248,7 @@ fn rows(table: &Value, root: &Value) -> Vec<Row> {
             key: key.clone(),
             kind: kind(value, root),
             required: required.contains(&key.as_str()),
+            default: default(value).filter(|_| !required.contains(&key.as_str())),
             about: one_line(value["description"].as_str().unwrap_or_default()),
         })
         .collect();
@@ -203,16 +257,18 @@ fn rows(table: &Value, root: &Value) -> Vec<Row> {
 }
 
 fn table(rows: &[Row]) -> String {
-    let mut text = String::from("| key | value | |\n|---|---|---|\n");
-    for Row {
-        key,
-        kind,
-        required,
-        about,
-    } in rows
-    {
-        let required = if *required { "**required.** " } else { "" };
-        let _ = writeln!(text, "| `{key}` | {kind} | {required}{about} |");
+    let mut text = String::from("| key | value | default | meaning |\n|---|---|---|---|\n");
+    for row in rows {
+        let default = match (&row.default, row.required) {
+            (_, true) => "required",
+            (Some(default), false) => default,
+            (None, false) => "none",
+        };
+        let _ = writeln!(
+            text,
+            "| `{}` | {} | {default} | {} |",
+            row.key, row.kind, row.about
+        );
     }
     text
 }
@@ -303,6 +359,23 @@ fn range(value: &Value) -> String {
 mod tests {
     use super::*;
     use serde_json::json;
+
+    #[test]
+    fn defaults_are_written_as_in_a_scene_file() {
+        let said = |value: Value| default(&value);
+        assert_eq!(said(json!({ "default": 32.0 })), Some("`32`".to_owned()));
+        assert_eq!(
+            said(json!({ "default": [0.5, 1.0] })),
+            Some("`[0.5, 1]`".to_owned())
+        );
+        assert_eq!(said(json!({ "default": "uv" })), Some("`\"uv\"`".to_owned()));
+        assert_eq!(
+            said(json!({ "x-default": "that of `k_d`" })),
+            Some("that of `k_d`".to_owned())
+        );
+        assert_eq!(said(json!({ "default": null })), None);
+        assert_eq!(said(json!({})), None);
+    }
 
     #[test]
     fn kinds_are_put_into_words() {

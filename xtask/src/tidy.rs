@@ -1,7 +1,7 @@
 //! Checks that the compiler cannot make: the same name in all places of a plugin, and lists that
 //! are complete.
 
-use crate::{assets, backends, dependencies, links, places, verdict, width};
+use crate::{assets, backends, dependencies, links, pages, places, verdict, width};
 use std::fs;
 use std::path::{Path, PathBuf};
 use whitstone::core::{Entry, FamilyName, Registry};
@@ -103,6 +103,16 @@ fn check_plugin(entry: &Entry) -> Vec<String> {
             example.display()
         ),
     );
+    for key in pages::undeclared_defaults(entry) {
+        require(
+            false,
+            format!(
+                "{}: the optional key `{key}` declares no default; add a constant one, or a text by \
+                 #[schemars(extend(\"x-default\" = \"...\"))]",
+                file.display()
+            ),
+        );
+    }
     let laws = format!("{}_laws", entry.family.singular());
     require(
         source.contains(&laws),

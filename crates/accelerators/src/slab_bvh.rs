@@ -25,7 +25,7 @@ use crate::hierarchy::{Below, Hierarchy, Volume};
 use crate::polyhedron::{Plane, Polyhedron};
 use crate::split::{Axes, Split};
 use schemars::JsonSchema;
-use serde::{Deserialize, Deserializer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 use std::num::NonZeroU32;
@@ -66,6 +66,17 @@ enum Planes {
     #[default]
     Fourteen,
     TwentySix,
+}
+
+impl Serialize for Planes {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let number: u32 = match self {
+            Self::Six => 6,
+            Self::Fourteen => 14,
+            Self::TwentySix => 26,
+        };
+        number.serialize(serializer)
+    }
 }
 
 impl<'de> Deserialize<'de> for Planes {

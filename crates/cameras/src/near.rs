@@ -3,14 +3,14 @@
 use crate::pinhole::{Pinhole, normalize};
 use crate::view::Frame;
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use toml::Spanned;
 use whitstone_core::config::NonNegative;
 use whitstone_core::simd::select;
 use whitstone_core::{DVec2, DVec3, SceneError, SceneErrors};
 
 /// Shape of the near limit.
-#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize, JsonSchema, PartialEq)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum NearKind {
     /// A plane perpendicular to the view axis.

@@ -6,13 +6,13 @@
 
 use crate::view::{self, Frame};
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use toml::Spanned;
 use whitstone_core::config::{Finite, Positive};
 use whitstone_core::{DMat4, DVec2, DVec3, FilmSize, SceneError, SceneErrors};
 
 /// The side of the image that an angle of view spans.
-#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum FovAxis {
     /// The width.

@@ -19,7 +19,7 @@ use crate::rules::Rules;
 use bins::Bins;
 use fill::{Depths, Projected, project};
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use toml::Spanned;
 use whitstone_core::stream::{Colors, HitStream, Lanes, RayStream};
 use whitstone_core::{
@@ -43,7 +43,7 @@ pub struct Config {
 }
 
 /// The quantity that is interpolated over a triangle.
-#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize, JsonSchema, PartialEq)]
 #[serde(rename_all = "snake_case")]
 enum Interpolation {
     /// Normals; each pixel is shaded.

@@ -14,7 +14,7 @@
 
 use crate::emission::{self, Falloff};
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 use toml::Spanned;
@@ -67,7 +67,7 @@ fn rectangle() -> Spanned<Surface> {
 }
 
 /// Shape of the light.
-#[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema, PartialEq)]
 #[serde(rename_all = "snake_case")]
 enum Surface {
     /// z = 0, -1 <= x, y <= 1.

@@ -2,12 +2,12 @@
 //! falloff.
 
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use whitstone_core::stream::{GROUP, SampleStreams, Vectors, groups};
 use whitstone_core::{Aabb, DVec3, LightSample, Rgb, simd};
 
 /// Falloff of a light with a position, as a function of the distance d.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Falloff {
     /// Proportional to 1/d².

@@ -13,7 +13,7 @@
 
 use crate::detail::{Detail, Detailed, Frame, coded};
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::{Finite, MaterialRef, Positive, TextureRef, Vector3};
@@ -72,7 +72,7 @@ fn one() -> Finite {
 }
 
 /// Axes of the components of a vector.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Space {
     /// World axes.

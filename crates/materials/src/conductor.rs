@@ -19,7 +19,7 @@
 use crate::optics::reflect;
 use crate::reflectance::share;
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::{Color, TextureRef};
@@ -60,7 +60,7 @@ fn one() -> TextureRef {
 }
 
 /// Metals by chemical symbol.
-#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema)]
 enum Metal {
     Ag,
     Al,

@@ -10,7 +10,7 @@
 //! - Example: `scenes/shapes/csg.toml`.
 
 use schemars::JsonSchema;
-use serde::{Deserialize, Deserializer};
+use serde::{Deserialize, Deserializer, Serialize};
 use whitstone_core::config::SolidRef;
 use whitstone_core::{
     Aabb, Context, DVec3, Interval, LoweredShape, Plugin, PreliminaryIntersection, Ray, SceneError,
@@ -35,7 +35,7 @@ pub struct Config {
     operands: Operands,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Operation {
     Union,

@@ -9,7 +9,7 @@
 
 use crate::conic::{Clipped, Conic, Mapping, angle};
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize, Serializer};
 use whitstone_core::config::Vector3;
 use whitstone_core::{
     Context, DAffine3, DMat3, DVec2, DVec3, LoweredShape, Plugin, SceneError, SceneErrors, Shapes, Transform,
@@ -32,6 +32,12 @@ fn ones() -> Radii {
 /// Three numbers greater than 0.
 #[derive(Debug)]
 struct Radii(DVec3);
+
+impl Serialize for Radii {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.0.to_array().serialize(serializer)
+    }
+}
 
 impl<'de> Deserialize<'de> for Radii {
     fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {

@@ -14,7 +14,7 @@
 use crate::crossings::{Along, Known, crossings};
 use crate::level::{Level, ROOM, Sample, Segment};
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 use toml::Spanned;
 use whitstone_core::config::{Finite, IntegerIn};
@@ -59,7 +59,7 @@ fn eight() -> IntegerIn<1, 30> {
 }
 
 /// See [`Config::kind`].
-#[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema, PartialEq)]
 #[serde(rename_all = "snake_case")]
 enum Kind {
     /// z² + c in quaternions.

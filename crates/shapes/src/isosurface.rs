@@ -19,7 +19,7 @@ use crate::level::{Level, Sample, Segment, whole};
 use cubic::{Cubic, lerp, trilinear};
 use density::Values;
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 use toml::Spanned;
 use whitstone_core::config::{FilePath, Finite, IntegerIn};
@@ -69,7 +69,7 @@ pub struct Config {
 }
 
 /// Number format of a file.
-#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize, JsonSchema, PartialEq)]
 #[serde(rename_all = "snake_case")]
 enum Format {
     /// 32-bit floats, little-endian.
@@ -80,7 +80,7 @@ enum Format {
 }
 
 /// Procedural densities.
-#[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema, PartialEq)]
 #[serde(rename_all = "snake_case")]
 enum Generator {
     /// Metaballs: soft spheres that blend into one another.

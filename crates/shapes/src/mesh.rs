@@ -16,7 +16,7 @@ mod subdivision;
 use crate::lower::{Lowered, Triangles, lower};
 use displacement::Displacement;
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::path::Path;
 use subdivision::{Subdivision, Surface};
@@ -45,7 +45,7 @@ pub struct Config {
 }
 
 /// How normals vary over a triangle.
-#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize, JsonSchema, PartialEq)]
 #[serde(rename_all = "snake_case")]
 enum Shading {
     /// Interpolated between the vertex normals in the file, if it has any.

@@ -10,7 +10,7 @@
 
 use crate::conic::{Clipped, Conic, Mapping};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
-use serde::{Deserialize, Deserializer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::borrow::Cow;
 use whitstone_core::config::{Finite, Vector3};
 use whitstone_core::{
@@ -233,6 +233,12 @@ impl<'de> Deserialize<'de> for Coefficients {
         function
             .map(Self)
             .map_err(|what| serde::de::Error::custom(format!("expected {what}")))
+    }
+}
+
+impl Serialize for Corners {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        [self.0.to_array(), self.1.to_array()].serialize(serializer)
     }
 }
 

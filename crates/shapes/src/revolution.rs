@@ -4,13 +4,19 @@
 use crate::conic::{Clipped, Conic, Mapping, angle};
 use crate::frame::Frame;
 use crate::near::check_radius;
-use serde::{Deserialize, Deserializer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use whitstone_core::config::Vector2;
 use whitstone_core::{Aabb, DMat3, DVec2, DVec3, LoweredShape, SceneErrors, SurfacePart, Transform};
 
 /// Two heights, the lower one first.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Heights(pub(crate) [f64; 2]);
+
+impl Serialize for Heights {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.0.serialize(serializer)
+    }
+}
 
 impl<'de> Deserialize<'de> for Heights {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {

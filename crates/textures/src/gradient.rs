@@ -6,7 +6,7 @@
 use crate::cells::cell;
 use crate::mapping::{Mapping, Projection, TextureFunction};
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::{Color, Finite, Positive, UnitInterval};
@@ -51,7 +51,7 @@ pub struct Stop {
     color: Color,
 }
 
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Wrap {
     /// Repeats the ramp.

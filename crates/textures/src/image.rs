@@ -12,7 +12,7 @@ use crate::mapping::{Mapping, Projection};
 use crate::raster::{ColorSpace, Filter, Lookup, MaxAnisotropy, Raster, Store};
 use crate::wrap::Wraps;
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::{FilePath, IntegerIn, Scale2, Vector2};
@@ -63,7 +63,7 @@ pub struct Config {
 }
 
 /// A channel of an image.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Channel {
     /// Its colours.

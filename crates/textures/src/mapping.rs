@@ -9,7 +9,7 @@
 //! procedural terrains using the GPU*, GPU Gems 3, 2007, section 1.5).
 
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 use toml::Spanned;
@@ -74,7 +74,7 @@ const fn none() -> TransformSteps {
 }
 
 /// Projection to texture space; see [`Mapping`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Projection {
     /// The texture coordinates of the shape.

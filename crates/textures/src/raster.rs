@@ -8,7 +8,7 @@ use crate::mapping::TextureFunction;
 use crate::pyramid::{Ellipse, Grid, Pyramid, elliptical};
 use crate::wrap::Wrap;
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use toml::Spanned;
 use whitstone_core::config::IntegerIn;
 use whitstone_core::{Context, DVec2, DVec3, Rgb, SceneError, SceneErrors, TextureBytes, Vec4};
@@ -16,7 +16,7 @@ use whitstone_image::texels::{Encoding, Texels};
 use whitstone_image::tone::srgb_to_linear;
 
 /// Texture filter.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Filter {
     /// Interpolates between the four nearest texels.
@@ -36,7 +36,7 @@ pub(crate) type MaxAnisotropy = Option<Spanned<IntegerIn<1, 64>>>;
 const USUAL_ANISOTROPY: u32 = 16;
 
 /// Encoding of the values in a file.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum ColorSpace {
     /// Depends on the file format.

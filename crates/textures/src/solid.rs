@@ -9,7 +9,7 @@ use crate::mapping::{Mapping, Projection, TextureFunction};
 use crate::wrap::Wrap;
 use schemars::JsonSchema;
 use serde::de::{Error, SeqAccess, Visitor};
-use serde::{Deserialize, Deserializer};
+use serde::{Deserialize, Deserializer, Serialize};
 use std::fmt;
 use std::path::Path;
 use std::sync::Arc;
@@ -79,8 +79,8 @@ impl<'de> Deserialize<'de> for Values {
 }
 
 /// Numbers per voxel.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
-#[serde(try_from = "u8")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(try_from = "u8", into = "u8")]
 enum Channels {
     /// Grey.
     #[default]
@@ -100,8 +100,17 @@ impl TryFrom<u8> for Channels {
     }
 }
 
+impl From<Channels> for u8 {
+    fn from(channels: Channels) -> Self {
+        match channels {
+            Channels::One => 1,
+            Channels::Three => 3,
+        }
+    }
+}
+
 /// Format of a file.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Format {
     /// Bytes; 255 means 1.
@@ -112,7 +121,7 @@ enum Format {
 }
 
 /// Texture filter.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Filter {
     /// Interpolates between the eight nearest voxels.

@@ -8,7 +8,7 @@
 
 use crate::mapping::{Mapping, Projection, TextureFunction};
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use whitstone_core::config::{Color, IntegerIn, Positive};
 use whitstone_core::hash::mix;
@@ -56,7 +56,7 @@ fn first() -> IntegerIn<0, { u32::MAX }> {
 }
 
 /// The displayed value.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Value {
     /// The distance to the nearest point.

@@ -15,7 +15,7 @@ use crate::{Rgb, SourceSpan};
 use glam::{DVec2, DVec3};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::{Error, SeqAccess, Visitor};
-use serde::{Deserialize, Deserializer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::borrow::Cow;
 use std::fmt;
 use toml::Spanned;
@@ -56,6 +56,14 @@ pub fn inline_plugins(table: &Table<'_>) -> Vec<usize> {
     found
 }
 
+/// Components as users write them: one number if all are equal.
+fn one_or_all<S: Serializer>(values: &[f64], serializer: S) -> Result<S::Ok, S::Error> {
+    match values {
+        [first, rest @ ..] if rest.iter().all(|value| value == first) => first.serialize(serializer),
+        _ => values.serialize(serializer),
+    }
+}
+
 macro_rules! number {
     ($(#[$doc:meta])* $name:ident, $expected:literal, $schema:tt, $accept:expr) => {
         $(#[$doc])*
@@ -80,6 +88,12 @@ macro_rules! number {
                 let value = deserializer.deserialize_any(NumberVisitor($expected))?;
                 Self::new(value)
                     .ok_or_else(|| D::Error::custom(format!("expected {}, found {value}", $expected)))
+            }
+        }
+
+        impl Serialize for $name {
+            fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+                self.0.serialize(serializer)
             }
         }
 
@@ -127,6 +141,13 @@ impl<const MIN: u32, const MAX: u32> IntegerIn<MIN, MAX> {
         (MIN..=MAX).contains(&value).then_some(Self(value))
     }
 
+    /// A constant in range, for defaults: `#[serde(default = "IntegerIn::of::<8>")]`. A value out of
+    /// range does not compile.
+    pub const fn of<const VALUE: u32>() -> Self {
+        const { assert!(MIN <= VALUE && VALUE <= MAX, "the constant is out of range") };
+        Self(VALUE)
+    }
+
     /// The value.
     pub const fn get(self) -> u32 {
         self.0
@@ -148,6 +169,12 @@ impl<'de, const MIN: u32, const MAX: u32> Deserialize<'de> for IntegerIn<MIN, MA
             }
         }
         deserializer.deserialize_any(InRange::<MIN, MAX>)
+    }
+}
+
+impl<const MIN: u32, const MAX: u32> Serialize for IntegerIn<MIN, MAX> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_u32(self.0)
     }
 }
 
@@ -204,6 +231,12 @@ impl<'de> Deserialize<'de> for Vector3 {
     }
 }
 
+impl Serialize for Vector3 {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.0.to_array().serialize(serializer)
+    }
+}
+
 impl JsonSchema for Vector3 {
     fn schema_name() -> Cow<'static, str> {
         "Vector3".into()
@@ -236,6 +269,12 @@ impl<'de> Deserialize<'de> for Vector2 {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let [x, y] = deserializer.deserialize_seq(ArrayVisitor::<Finite, 2>::new())?;
         Ok(Self::new(x.get(), y.get()))
+    }
+}
+
+impl Serialize for Vector2 {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.0.to_array().serialize(serializer)
     }
 }
 
@@ -272,6 +311,12 @@ impl<'de> Deserialize<'de> for Scale2 {
         let visitor = GreyOr::<Finite, 2>::new("a number or a pair of numbers");
         let [x, y] = deserializer.deserialize_any(visitor)?;
         Ok(Self(DVec2::new(x.get(), y.get())))
+    }
+}
+
+impl Serialize for Scale2 {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        one_or_all(&self.0.to_array(), serializer)
     }
 }
 
@@ -314,6 +359,12 @@ impl<'de> Deserialize<'de> for Color {
     }
 }
 
+impl Serialize for Color {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        one_or_all(&self.0.to_array(), serializer)
+    }
+}
+
 impl JsonSchema for Color {
     fn schema_name() -> Cow<'static, str> {
         "Color".into()
@@ -342,6 +393,15 @@ pub enum PluginRef {
 impl From<&str> for PluginRef {
     fn from(text: &str) -> Self {
         inline_index(text).map_or_else(|| Self::Shared(text.to_owned()), Self::Inline)
+    }
+}
+
+impl Serialize for PluginRef {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Self::Shared(id) => serializer.serialize_str(id),
+            Self::Inline(index) => serializer.serialize_str(&inline_reference(*index)),
+        }
     }
 }
 
@@ -409,6 +469,15 @@ impl<'de> Deserialize<'de> for TextureValue {
             }
         }
         deserializer.deserialize_any(AnyTexture)
+    }
+}
+
+impl Serialize for TextureRef {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match &self.value {
+            TextureValue::Constant(color) => one_or_all(&color.to_array(), serializer),
+            TextureValue::Plugin(reference) => reference.serialize(serializer),
+        }
     }
 }
 

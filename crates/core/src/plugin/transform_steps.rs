@@ -5,7 +5,7 @@ use crate::config::{Finite, Vector3};
 use glam::{DAffine3, DMat3, DVec3};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::{Error, MapAccess, SeqAccess, Visitor};
-use serde::{Deserialize, Deserializer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::borrow::Cow;
 use std::fmt;
 
@@ -164,6 +164,17 @@ impl<'de> Deserialize<'de> for TransformSteps {
         }
 
         deserializer.deserialize_any(OneOrMore)
+    }
+}
+
+/// Only the default is serialised, into the JSON Schema: the steps themselves are not kept.
+impl Serialize for TransformSteps {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        if self.0 == Transform::IDENTITY {
+            serializer.collect_seq([(); 0])
+        } else {
+            Err(serde::ser::Error::custom("only the identity is serialised"))
+        }
     }
 }
 

@@ -4,7 +4,7 @@ use crate::{GlossyLobe, PrioritizedDielectric, Rgb, SourceSpan, SurfaceAttribute
 use glam::DVec3;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::{Error, Visitor};
-use serde::{Deserialize, Deserializer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::borrow::Cow;
 use std::fmt;
 use std::ops::BitOr;
@@ -253,6 +253,12 @@ impl<'de> Deserialize<'de> for MaterialRef {
             span: material.span(),
             material: material.into_inner().0,
         })
+    }
+}
+
+impl Serialize for MaterialRef {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.material.serialize(serializer)
     }
 }
 

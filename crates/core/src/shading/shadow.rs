@@ -6,7 +6,7 @@ use crate::{
 };
 use glam::DVec3;
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 /// Transmittance below this in every channel counts as zero: the threshold of the lecture notes.
 const CUT: f64 = 0.002;
@@ -15,7 +15,7 @@ const CUT: f64 = 0.002;
 const MOST_CROSSINGS: usize = 1000;
 
 /// Treatment of surfaces between a surface point and a light.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ShadowMode {
     /// Every surface hides the lights behind it, except through its holes.

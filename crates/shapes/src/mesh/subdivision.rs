@@ -7,7 +7,7 @@
 
 use super::Triangles;
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use toml::Spanned;
 use whitstone_core::config::IntegerIn;
@@ -36,7 +36,7 @@ impl Subdivision {
 }
 
 /// Subdivision schemes.
-#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Scheme {
     /// Loop's scheme, for triangles.
