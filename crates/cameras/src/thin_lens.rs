@@ -28,17 +28,17 @@ pub struct Config {
     /// Position of the camera, the point it looks at and the up direction.
     #[schemars(with = "LookAt")]
     look_at: Spanned<LookAt>,
-    /// Angle of view along `fov_axis`, in degrees between 0 and 180; 45 if there is no `window`.
+    /// Angle of view along `fov_axis`, in degrees between 0 and 180.
     #[serde(default)]
-    #[schemars(with = "Finite", extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 180))]
+    #[schemars(with = "Finite", extend("x-default" = "45 without `window`", "exclusiveMinimum" = 0, "exclusiveMaximum" = 180))]
     fov: Option<Spanned<Finite>>,
-    /// The side of the image that `fov` spans; "x" if omitted.
+    /// The side of the image that `fov` spans.
     #[serde(default)]
-    #[schemars(with = "FovAxis")]
+    #[schemars(extend("default" = "x"), with = "FovAxis")]
     fov_axis: Option<Spanned<FovAxis>>,
     /// Window in front of the camera; replaces `fov`.
     #[serde(default)]
-    #[schemars(with = "Window")]
+    #[schemars(extend("x-default" = "none"), with = "Window")]
     window: Option<Spanned<Window>>,
     /// Radius of the lens in metres.
     aperture: NonNegative,

@@ -15,10 +15,9 @@ pub(crate) struct LookAt {
     /// A point on the view axis in front of the camera, in metres; must differ from the origin.
     #[schemars(with = "Vector3")]
     target: Spanned<Vector3>,
-    /// Direction that is up in the image, of any length and not parallel to the view; [0, 1, 0] if
-    /// omitted.
+    /// Direction that is up in the image, of any length and not parallel to the view.
     #[serde(default)]
-    #[schemars(with = "Vector3")]
+    #[schemars(extend("default" = [0, 1, 0]), with = "Vector3")]
     up: Option<Spanned<Vector3>>,
 }
 

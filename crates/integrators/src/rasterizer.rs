@@ -38,7 +38,7 @@ pub struct Config {
     /// Interpolation over a triangle: "phong" interpolates normals; "gouraud" interpolates colours
     /// and requires `shadows = "none"`.
     #[serde(default)]
-    #[schemars(with = "Interpolation")]
+    #[schemars(extend("default" = "phong"), with = "Interpolation")]
     interpolation: Option<Spanned<Interpolation>>,
 }
 

@@ -28,6 +28,10 @@ use whitstone_core::{
 /// Upper limit of points of a mesh; each one costs a shadow ray per surface point.
 const MAX_POINTS: usize = 4096;
 
+/// Default points along each side of the grid, and default parts of each side of a mesh triangle.
+const GRID_SAMPLES: u32 = 4;
+const MESH_SAMPLES: u32 = 1;
+
 /// An area light, sampled at a fixed grid of points.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -41,7 +45,7 @@ pub struct Config {
     /// For "mesh" only: a file as for the shape mesh, ending in .obj or .ply. Its vertex normals
     /// are ignored. It need not be closed.
     #[serde(default)]
-    #[schemars(with = "FilePath")]
+    #[schemars(extend("x-default" = "none: required for \"mesh\""), with = "FilePath")]
     file: Option<FilePath>,
     /// Placement of the light: one step, or steps in the order in which they are applied. For a
     /// sphere it must be a similarity.
@@ -50,11 +54,11 @@ pub struct Config {
     transform: Spanned<TransformSteps>,
     /// Emitted radiance in W/(m² sr), the same in all directions.
     radiance: Color,
-    /// Points along each side of the grid (default 4), or parts of each side of a mesh triangle
-    /// (default 1). The square of this is the number of shadow rays per surface point; for a mesh,
-    /// per triangle, up to 4096 in total.
+    /// Points along each side of the grid, or parts of each side of a mesh triangle. The square of
+    /// this is the number of shadow rays per surface point; for a mesh, per triangle, up to 4096 in
+    /// total.
     #[serde(default)]
-    #[schemars(with = "IntegerIn<1, 32>")]
+    #[schemars(extend("x-default" = format!("{GRID_SAMPLES}; {MESH_SAMPLES} for \"mesh\"")), with = "IntegerIn<1, 32>")]
     samples: Option<Spanned<IntegerIn<1, 32>>>,
 }
 
@@ -145,7 +149,10 @@ impl Plugin<Lights> for Area {
 /// The points of a rectangle, a disk or a sphere.
 fn grid(config: &Config, transform: &Transform) -> Result<Vec<Spot>, SceneErrors> {
     let surface = *config.shape.get_ref();
-    let n = config.samples.as_ref().map_or(4, |n| n.get_ref().get());
+    let n = config
+        .samples
+        .as_ref()
+        .map_or(GRID_SAMPLES, |n| n.get_ref().get());
     let area = area(surface, transform).ok_or_else(|| {
         let message = "the transform of a sphere that shines must be a similarity";
         SceneError::at(config.transform.span(), message).with_help("scale by one number, not by axis")
@@ -174,7 +181,10 @@ fn mesh(
     context: &mut dyn Context,
 ) -> Result<Vec<Spot>, SceneErrors> {
     let mesh = context.triangles(file, transform)?;
-    let n = config.samples.as_ref().map_or(1, |n| n.get_ref().get());
+    let n = config
+        .samples
+        .as_ref()
+        .map_or(MESH_SAMPLES, |n| n.get_ref().get());
     let each = n as usize * n as usize;
     let most = mesh.triangles.len().saturating_mul(each);
     if most > MAX_POINTS {

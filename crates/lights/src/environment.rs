@@ -43,13 +43,13 @@ impl TryFrom<Keys> for Config {
 #[serde(deny_unknown_fields)]
 struct Keys {
     /// Radiance in W/(m² sr) as a texture on the sphere of directions, such as a latitude-longitude
-    /// map, or a colour. Exactly one of this and `faces` is required.
+    /// map, or a colour.
     #[serde(default)]
-    #[schemars(with = "TextureRef")]
+    #[schemars(extend("x-default" = "none: this or `faces` is required"), with = "TextureRef")]
     radiance: Option<TextureRef>,
     /// Radiance in W/(m² sr) as a cube map: six square images of the same size.
     #[serde(default)]
-    #[schemars(with = "Faces")]
+    #[schemars(extend("x-default" = "none: this or `radiance` is required"), with = "Faces")]
     faces: Option<Spanned<Faces>>,
     /// The map illuminates surfaces from up to 2 samples² directions, placed by luminance; each
     /// costs a shadow ray per surface point. 0: the map is visible but illuminates nothing.

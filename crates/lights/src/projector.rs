@@ -21,6 +21,9 @@ use whitstone_core::{
     SceneError, SceneErrors, SurfaceInteraction,
 };
 
+/// Default angle of the image, in degrees.
+const DEFAULT_FOV: f64 = 45.0;
+
 /// A point light that projects an image (a slide) into a pyramid.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -31,19 +34,18 @@ pub struct Config {
     /// position.
     #[schemars(with = "Vector3")]
     target: Spanned<Vector3>,
-    /// Direction that is up in the image, of any length and not parallel to the axis; [0, 1, 0] if
-    /// omitted.
+    /// Direction that is up in the image, of any length and not parallel to the axis.
     #[serde(default)]
-    #[schemars(with = "Vector3")]
+    #[schemars(extend("default" = [0, 1, 0]), with = "Vector3")]
     up: Option<Spanned<Vector3>>,
-    /// Full horizontal angle of the image in degrees, between 0 and 180; 45 if omitted.
+    /// Full horizontal angle of the image in degrees, between 0 and 180.
     #[serde(default)]
-    #[schemars(with = "Finite", extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 180))]
+    #[schemars(with = "Finite", extend("default" = DEFAULT_FOV, "exclusiveMinimum" = 0, "exclusiveMaximum" = 180))]
     fov: Option<Spanned<Finite>>,
-    /// Width divided by height of the projected image, from 0.001 to 1000; 1 if omitted. The
-    /// texture is stretched to it.
+    /// Width divided by height of the projected image, from 0.001 to 1000. The texture is stretched
+    /// to it.
     #[serde(default)]
-    #[schemars(with = "Finite", extend("minimum" = 0.001, "maximum" = 1000))]
+    #[schemars(with = "Finite", extend("default" = 1, "minimum" = 0.001, "maximum" = 1000))]
     aspect: Option<Spanned<Finite>>,
     /// The projected image, as a factor on the intensity: a texture with (0, 0) at the bottom left
     /// corner, or a colour.
@@ -103,7 +105,7 @@ impl Plugin<Lights> for Projector {
 fn half_size(config: &Config) -> Result<DVec2, SceneErrors> {
     let mut errors = SceneErrors::default();
     let value = |number: &Spanned<Finite>| number.get_ref().get();
-    let fov = config.fov.as_ref().map_or(45.0, value);
+    let fov = config.fov.as_ref().map_or(DEFAULT_FOV, value);
     if let Some(angle) = &config.fov
         && !(fov > 0.0 && fov < 180.0)
     {

@@ -22,6 +22,9 @@ use whitstone_core::{
     SurfaceInteraction,
 };
 
+/// Default offset for the slope of the height, in metres.
+const DEFAULT_STEP: f64 = 1e-3;
+
 /// Bump mapping by a height or by vectors added to the normals.
 ///
 /// Only the shading changes: silhouettes and shadows are those of the smooth surface. The showcase
@@ -33,35 +36,33 @@ use whitstone_core::{
 pub struct Config {
     /// The height: the first channel of a texture that is mapped by world-space position.
     #[serde(default)]
-    #[schemars(with = "TextureRef")]
+    #[schemars(extend("x-default" = "none: this or `vector_map` is required"), with = "TextureRef")]
     height: Option<TextureRef>,
     /// Vectors instead of a height, encoded as 2 * colour - 1, so that mid grey (0.5) is the zero
     /// vector. Read images with `color_space = "linear"`. No 8-bit code is exactly 0.5.
     #[serde(default)]
-    #[schemars(with = "TextureRef")]
+    #[schemars(extend("x-default" = "none: this or `height` is required"), with = "TextureRef")]
     vector_map: Option<TextureRef>,
     /// Space of the vectors: "world" (the world axes) or "tangent" (tangent, bitangent and normal
     /// of the surface).
     #[serde(default)]
-    #[schemars(with = "Space")]
+    #[schemars(extend("default" = "world"), with = "Space")]
     space: Option<Spanned<Space>>,
-    /// World-space direction of the tangent for the space "tangent", as for normal_map; [1, 0, 0]
-    /// if neither `tangent` nor `axis` is given.
+    /// World-space direction of the tangent for the space "tangent", as for normal_map.
     #[serde(default)]
-    #[schemars(with = "Vector3")]
+    #[schemars(extend("x-default" = "[1, 0, 0] without `axis`"), with = "Vector3")]
     tangent: Option<Spanned<Vector3>>,
     /// Axis around which the tangent runs; replaces `tangent`.
     #[serde(default)]
-    #[schemars(with = "Vector3")]
+    #[schemars(extend("x-default" = "none"), with = "Vector3")]
     axis: Option<Spanned<Vector3>>,
     /// Height in metres of the texture value 1, or the factor on vectors before they are added to
     /// the unit normal.
     #[serde(default = "one")]
     scale: Finite,
-    /// Offset in metres to either side at which the height is sampled for its slope; 0.001 if
-    /// omitted.
+    /// Offset in metres to either side at which the height is sampled for its slope.
     #[serde(default)]
-    #[schemars(with = "Positive")]
+    #[schemars(extend("default" = DEFAULT_STEP), with = "Positive")]
     step: Option<Spanned<Positive>>,
     /// Material that is shaded with the perturbed normal.
     material: MaterialRef,
@@ -178,7 +179,10 @@ impl Height {
             Some(height) => errors.into_result(Self {
                 height,
                 scale: config.scale.get(),
-                step: config.step.as_ref().map_or(1e-3, |step| step.get_ref().get()),
+                step: config
+                    .step
+                    .as_ref()
+                    .map_or(DEFAULT_STEP, |step| step.get_ref().get()),
             }),
             None => Err(errors),
         }

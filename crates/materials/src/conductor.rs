@@ -39,16 +39,16 @@ const MOST: f64 = 1e3;
 pub struct Config {
     /// A metal with a measured index, by its chemical symbol; replaces `eta` and `k`.
     #[serde(default)]
-    #[schemars(with = "Metal")]
+    #[schemars(extend("x-default" = "none: this, or `eta` and `k`, is required"), with = "Metal")]
     metal: Option<Spanned<Metal>>,
     /// Real part of the index of refraction, relative to the outside: a colour greater than 0, at
     /// most 1000.
     #[serde(default)]
-    #[schemars(with = "Color")]
+    #[schemars(extend("x-default" = "that of `metal`"), with = "Color")]
     eta: Option<Spanned<Color>>,
     /// Imaginary part of the index of refraction (extinction coefficient): a colour from 0 to 1000.
     #[serde(default)]
-    #[schemars(with = "Color")]
+    #[schemars(extend("x-default" = "that of `metal`"), with = "Color")]
     k: Option<Spanned<Color>>,
     /// Factor on the reflected radiance, from 0 to 1; a texture or a colour.
     #[serde(default = "one")]

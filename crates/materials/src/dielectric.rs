@@ -44,7 +44,8 @@ pub struct Config {
     /// the highest priority fills the space (ties: the first in the scene); interfaces that do not
     /// change the dominant body are ignored. The exterior medium then follows from the surrounding
     /// bodies.
-    #[schemars(with = "Option<IntegerIn<0, 65535>>")]
+    #[serde(default)]
+    #[schemars(extend("x-default" = "none: the body does not take part"), with = "IntegerIn<0, 65535>")]
     priority: Option<IntegerIn<0, 65535>>,
 }
 

@@ -24,10 +24,9 @@ pub struct Config {
     /// Maximum number of samples per pixel.
     #[serde(default = "most")]
     samples: IntegerIn<1, 65536>,
-    /// Initial samples of every pixel, at most `samples`; if omitted, 8 or `samples`, whichever is
-    /// less.
+    /// Initial samples of every pixel, at most `samples`.
     #[serde(default)]
-    #[schemars(with = "IntegerIn<1, 65536>")]
+    #[schemars(extend("x-default" = format!("{FIRST}, but at most `samples`")), with = "IntegerIn<1, 65536>")]
     initial_samples: Option<Spanned<IntegerIn<1, 65536>>>,
     /// Sampling of a pixel stops when its estimated error, a radiance in W/(m² sr), is at most
     /// this; greater than 0.

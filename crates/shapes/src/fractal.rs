@@ -31,6 +31,9 @@ const FAR: f64 = 1e30;
 /// Upper bound on the rounding error of one iteration, relative to its terms.
 const ROUNDING: f64 = 32.0 * f64::EPSILON;
 
+/// Default power of a Mandelbulb.
+const DEFAULT_POWER: u32 = 8;
+
 /// A fractal set of a chosen iteration depth; the outside is where the iteration escapes.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -42,15 +45,15 @@ pub struct Config {
     depth: IntegerIn<1, 30>,
     /// Julia: the quaternion constant, real part first; its length is at most 2.
     #[serde(default)]
-    #[schemars(with = "[Finite; 4]")]
+    #[schemars(extend("x-default" = "none: required for \"julia\""), with = "[Finite; 4]")]
     c: Option<Spanned<[Finite; 4]>>,
-    /// Julia: the fourth coordinate of all points; 0 by default.
+    /// Julia: the fourth coordinate of all points.
     #[serde(default)]
-    #[schemars(with = "Finite")]
+    #[schemars(extend("default" = 0), with = "Finite")]
     w: Option<Spanned<Finite>>,
-    /// Mandelbulb: the power; 8 by default.
+    /// Mandelbulb: the power.
     #[serde(default)]
-    #[schemars(with = "IntegerIn<2, 16>")]
+    #[schemars(extend("default" = DEFAULT_POWER), with = "IntegerIn<2, 16>")]
     power: Option<Spanned<IntegerIn<2, 16>>>,
 }
 
@@ -118,7 +121,7 @@ impl Plugin<Shapes> for Fractal {
                     refuse(span, "`c` and `w` are those of a \"julia\"");
                 }
                 Map::Mandelbulb {
-                    power: config.power.map_or(8, |power| power.get_ref().get()),
+                    power: config.power.map_or(DEFAULT_POWER, |power| power.get_ref().get()),
                 }
             }
         };

@@ -42,15 +42,13 @@ pub struct Config {
     /// in metres.
     #[schemars(with = "Node")]
     field: Spanned<Node>,
-    /// The box in object space that is searched; by default the bounds of the whole set, if they
-    /// are finite.
+    /// The box in object space that is searched.
     #[serde(default)]
-    #[schemars(with = "Bounds")]
+    #[schemars(extend("x-default" = "the bounds of the whole set, if they are finite"), with = "Bounds")]
     bounds: Option<Spanned<Bounds>>,
-    /// An asserted bound on the change of the function per metre (Lipschitz constant). By default a
-    /// bound is derived.
+    /// An asserted bound on the change of the function per metre (Lipschitz constant).
     #[serde(default)]
-    #[schemars(with = "Positive")]
+    #[schemars(extend("x-default" = "a derived bound"), with = "Positive")]
     lipschitz: Option<Spanned<Positive>>,
 }
 

@@ -33,6 +33,12 @@ const MAX_VALUES: u64 = 1 << 27;
 /// Number of cells along the edge of a block.
 const BLOCK: usize = 8;
 
+/// Default number of metaballs.
+const DEFAULT_BALLS: u32 = 8;
+
+/// Default density at the surface.
+const DEFAULT_ISO_VALUE: f64 = 0.5;
+
 /// The surface where a density on a grid over [-1, 1]³ equals a level; its normals point towards
 /// lower density.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -42,29 +48,31 @@ pub struct Config {
     size: [IntegerIn<2, 2048>; 3],
     /// The density at the grid vertices; x varies fastest, z slowest.
     #[serde(default)]
-    #[schemars(with = "Values")]
+    #[schemars(extend("x-default" = "none: one of `values`, `file` and `generator` is required"), with = "Values")]
     values: Option<Spanned<Values>>,
     /// A raw file of these values, without a header.
+    #[serde(default)]
+    #[schemars(extend("x-default" = "none: one of `values`, `file` and `generator` is required"))]
     file: Option<FilePath>,
     /// The number format of the file.
     #[serde(default)]
-    #[schemars(with = "Format")]
+    #[schemars(extend("default" = "f32"), with = "Format")]
     format: Option<Spanned<Format>>,
     /// Generates the density instead of reading values.
     #[serde(default)]
-    #[schemars(with = "Generator")]
+    #[schemars(extend("x-default" = "none: one of `values`, `file` and `generator` is required"), with = "Generator")]
     generator: Option<Spanned<Generator>>,
     /// Seed of the generator.
     #[serde(default)]
-    #[schemars(with = "IntegerIn<0, { u32::MAX }>")]
+    #[schemars(extend("default" = 0), with = "IntegerIn<0, { u32::MAX }>")]
     seed: Option<Spanned<IntegerIn<0, { u32::MAX }>>>,
-    /// Number of metaballs of the generator; 8 by default.
+    /// Number of metaballs of the generator.
     #[serde(default)]
-    #[schemars(with = "IntegerIn<1, 64>")]
+    #[schemars(extend("default" = DEFAULT_BALLS), with = "IntegerIn<1, 64>")]
     balls: Option<Spanned<IntegerIn<1, 64>>>,
-    /// Iso value: the density at the surface; 0.5 by default.
+    /// Density at the surface.
     #[serde(default)]
-    #[schemars(with = "Finite")]
+    #[schemars(extend("default" = DEFAULT_ISO_VALUE), with = "Finite")]
     iso_value: Option<Spanned<Finite>>,
 }
 
@@ -127,7 +135,7 @@ impl Plugin<Shapes> for Isosurface {
         let level = config
             .iso_value
             .as_ref()
-            .map_or(0.5, |level| level.get_ref().get());
+            .map_or(DEFAULT_ISO_VALUE, |level| level.get_ref().get());
         let place = config.iso_value.as_ref().map(Spanned::span);
         let mut values = density::read(config, size, context)?;
         let range = values

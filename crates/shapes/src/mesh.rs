@@ -35,12 +35,12 @@ pub struct Config {
     shading: Shading,
     /// Subdivides the mesh into a smooth surface; the normals in the file are discarded.
     #[serde(default)]
-    #[schemars(with = "Subdivision")]
+    #[schemars(extend("x-default" = "none"), with = "Subdivision")]
     subdivision: Option<Subdivision>,
     /// Displaces the vertices along their normals, after subdivision; the normals in the file are
     /// discarded.
     #[serde(default)]
-    #[schemars(with = "Displacement")]
+    #[schemars(extend("x-default" = "none"), with = "Displacement")]
     displacement: Option<Displacement>,
 }
 

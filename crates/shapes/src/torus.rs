@@ -29,9 +29,9 @@ pub struct Config {
     /// Radius of the circle at the center of the tube, in metres.
     #[serde(default = "one")]
     major_radius: Positive,
-    /// Radius of the tube in metres, less than `major_radius`; by default 0.25.
+    /// Radius of the tube in metres, less than `major_radius`.
     #[serde(default)]
-    #[schemars(with = "Positive")]
+    #[schemars(extend("default" = 0.25), with = "Positive")]
     minor_radius: Option<Spanned<Positive>>,
 }
 

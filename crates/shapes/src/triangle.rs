@@ -17,10 +17,11 @@ use whitstone_core::{Context, DVec2, LoweredShape, Plugin, SceneError, SceneErro
 pub struct Config {
     /// The corners a, b, c in object space, in metres.
     vertices: [Vector3; 3],
-    /// Shading normals at the corners in object space, nonzero, of any length; by default the
-    /// geometric normal.
+    /// Shading normals at the corners in object space, nonzero, of any length.
+    #[schemars(extend("x-default" = "the geometric normal"))]
     normals: Option<[Vector3; 3]>,
-    /// Texture coordinates at the corners; by default the barycentric weights of b and c.
+    /// Texture coordinates at the corners.
+    #[schemars(extend("x-default" = "the barycentric weights of b and c"))]
     uvs: Option<[Vector2; 3]>,
 }
 

@@ -27,8 +27,9 @@ pub struct Config {
     /// Added after scaling.
     #[serde(default = "zero")]
     offset: Vector2,
-    /// Mapping of the texture; by (u, v) if omitted.
+    /// Mapping of the texture.
     #[serde(default)]
+    #[schemars(extend("x-default" = "by (u, v)"))]
     mapping: Mapping,
 }
 

@@ -27,8 +27,9 @@ pub struct Config {
     /// Added after scaling, along each axis.
     #[serde(default = "zero")]
     offset: Vector3,
-    /// Mapping of the texture; by world-space position if omitted.
+    /// Mapping of the texture.
     #[serde(default)]
+    #[schemars(extend("x-default" = "by world-space position"))]
     mapping: Mapping,
 }
 

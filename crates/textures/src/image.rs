@@ -9,7 +9,7 @@
 //! - Example: `scenes/textures/image.toml`.
 
 use crate::mapping::{Mapping, Projection};
-use crate::raster::{ColorSpace, Filter, Lookup, MaxAnisotropy, Raster, Store};
+use crate::raster::{ColorSpace, Filter, Lookup, MaxAnisotropy, Raster, Store, USUAL_ANISOTROPY};
 use crate::wrap::Wraps;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -33,8 +33,9 @@ pub struct Config {
     #[serde(default)]
     filter: Filter,
     /// For "ewa": maximum ratio of the axes of a sample's ellipse. Longer ellipses are widened,
-    /// which bounds the number of texels read. 16 if omitted.
-    #[schemars(with = "Option<IntegerIn<1, 64>>")]
+    /// which bounds the number of texels read.
+    #[serde(default)]
+    #[schemars(extend("default" = USUAL_ANISOTROPY), with = "IntegerIn<1, 64>")]
     max_anisotropy: MaxAnisotropy,
     /// Continuation outside of the image: "repeat", "clamp" to its border, or "mirror". Two words
     /// give the horizontal and the vertical rule; a latitude-longitude sky needs ["repeat",
@@ -44,12 +45,12 @@ pub struct Config {
     /// Channel of the image: "color", as stored in the file regardless of alpha; or "alpha" as a
     /// grey, for example for the `opacity` of a `mask`.
     #[serde(default)]
-    #[schemars(with = "Channel")]
+    #[schemars(extend("default" = "color"), with = "Channel")]
     channel: Option<Spanned<Channel>>,
     /// Encoding of the values in the file: "srgb", "linear", or "auto" (sRGB for PNG and JPEG,
     /// linear for EXR). Alpha is always linear.
     #[serde(default)]
-    #[schemars(with = "ColorSpace")]
+    #[schemars(extend("default" = "auto"), with = "ColorSpace")]
     color_space: Option<Spanned<ColorSpace>>,
     /// Repetitions of the image per unit of u and of v.
     #[serde(default = "one")]
@@ -57,8 +58,9 @@ pub struct Config {
     /// Added after scaling.
     #[serde(default = "zero")]
     offset: Vector2,
-    /// Mapping of the texture; by (u, v) if omitted.
+    /// Mapping of the texture.
     #[serde(default)]
+    #[schemars(extend("x-default" = "by (u, v)"))]
     mapping: Mapping,
 }
 

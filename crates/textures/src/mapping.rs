@@ -50,6 +50,9 @@ pub(crate) trait TextureFunction: Send + Sync {
     }
 }
 
+/// Default exponent of the weights of a triplanar projection.
+const DEFAULT_SHARPNESS: f64 = 4.0;
+
 /// Mapping from surfaces to texture space.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -58,14 +61,16 @@ pub(crate) struct Mapping {
     /// "spherical", "cylindrical", "cube": a projection of the world-space position. "triplanar":
     /// the mean of three projections along the axes. The default is "uv" for textures of (u, v),
     /// and "solid" for solid ones.
+    #[serde(default)]
+    #[schemars(extend("x-default" = "that of the texture"))]
     projection: Option<Projection>,
     /// Transform from (u, v, 0) of the shape, or from world space, to the space of the texture or
     /// of the projection: one step, or steps in the order in which they are applied.
     #[serde(default = "none")]
     transform: TransformSteps,
-    /// For "triplanar": exponent of the normal's components in the weights of the projections; 4 if
-    /// omitted.
-    #[schemars(with = "Option<Positive>")]
+    /// For "triplanar": exponent of the normal's components in the weights of the projections.
+    #[serde(default)]
+    #[schemars(extend("default" = DEFAULT_SHARPNESS), with = "Positive")]
     sharpness: Option<Spanned<Positive>>,
 }
 
@@ -130,7 +135,7 @@ impl Mapping {
             turned: map.matrix3.inverse().transpose(),
             sharpness: self
                 .sharpness
-                .map_or(4.0, |sharpness| sharpness.into_inner().get()),
+                .map_or(DEFAULT_SHARPNESS, |sharpness| sharpness.into_inner().get()),
         }))
     }
 }

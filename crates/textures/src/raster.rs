@@ -33,7 +33,7 @@ pub(crate) enum Filter {
 /// Maximum ratio of the axes of a sample's ellipse.
 pub(crate) type MaxAnisotropy = Option<Spanned<IntegerIn<1, 64>>>;
 
-const USUAL_ANISOTROPY: u32 = 16;
+pub(crate) const USUAL_ANISOTROPY: u32 = 16;
 
 /// Encoding of the values in a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]

@@ -30,12 +30,16 @@ pub struct Config {
     channels: Channels,
     /// The numbers, each at least 0. Those of a voxel are adjacent; voxels are ordered along x
     /// first, then y, then z.
-    #[schemars(with = "Option<Vec<NonNegative>>")]
+    #[serde(default)]
+    #[schemars(extend("x-default" = "none: this or `file` is required"), with = "Vec<NonNegative>")]
     values: Option<Spanned<Values>>,
     /// A raw file that contains only the numbers; path relative to the scene.
+    #[serde(default)]
+    #[schemars(extend("x-default" = "none: this or `values` is required"))]
     file: Option<FilePath>,
     /// Format of the file: "u8" (bytes, 255 means 1) or "f32" (little-endian).
-    #[schemars(with = "Option<Format>")]
+    #[serde(default)]
+    #[schemars(extend("default" = "u8"), with = "Format")]
     format: Option<Spanned<Format>>,
     /// "trilinear" interpolates between voxel centres; "nearest" uses the nearest voxel.
     #[serde(default)]
@@ -43,8 +47,9 @@ pub struct Config {
     /// Continuation outside of the grid: "repeat", "clamp" to its border, or "mirror".
     #[serde(default)]
     wrap: Wrap,
-    /// Mapping of the texture; by world-space position if omitted.
+    /// Mapping of the texture.
     #[serde(default)]
+    #[schemars(extend("x-default" = "by world-space position"))]
     mapping: Mapping,
 }
 

@@ -34,8 +34,9 @@ pub struct Config {
     /// Seed of the feature points.
     #[serde(default = "first")]
     seed: IntegerIn<0, { u32::MAX }>,
-    /// Mapping of the texture; by world-space position if omitted.
+    /// Mapping of the texture.
     #[serde(default)]
+    #[schemars(extend("x-default" = "by world-space position"))]
     mapping: Mapping,
 }
 

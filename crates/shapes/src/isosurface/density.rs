@@ -126,9 +126,13 @@ pub(super) fn read(
     let seed = config.seed.map_or(0, |seed| seed.get_ref().get());
     Ok(match generator.into_inner() {
         Generator::Noise => noise(size, seed),
-        Generator::Metaballs => {
-            metaballs_of(size, seed, config.balls.map_or(8, |balls| balls.get_ref().get()))
-        }
+        Generator::Metaballs => metaballs_of(
+            size,
+            seed,
+            config
+                .balls
+                .map_or(super::DEFAULT_BALLS, |balls| balls.get_ref().get()),
+        ),
     })
 }
 
