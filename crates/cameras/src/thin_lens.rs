@@ -89,7 +89,7 @@ impl Plugin<Cameras> for ThinLens {
         let shrink = pinhole.distance / config.focus_distance.get_ref().get();
         let finite = |point: &DVec3| (frame.origin + *point).is_finite() && (shrink * *point).is_finite();
         if !lens.iter().all(finite) {
-            let message = "the lens is too large for numbers, at this distance";
+            let message = "the lens is too large for double precision at this distance";
             errors
                 .0
                 .push(SceneError::at(config.focus_distance.span(), message));

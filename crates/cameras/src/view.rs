@@ -47,7 +47,7 @@ impl LookAt {
         let (origin, target) = (self.origin.get(), self.target.get_ref().get());
         if origin == target {
             return Err(
-                SceneError::at(self.target.span(), "the target is where the origin is")
+                SceneError::at(self.target.span(), "`target` equals `origin`")
                     .with_help("the camera looks from `origin` to `target`: move one of them")
                     .into(),
             );

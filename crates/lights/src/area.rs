@@ -126,7 +126,7 @@ impl Plugin<Lights> for Area {
             (true, Some(file)) => (mesh(&config, file, &transform, context)?, file.span.clone()),
             (false, None) => (grid(&config, &transform)?, config.transform.span()),
             (true, None) => {
-                let error = SceneError::at(config.shape.span(), "a mesh that shines is in a file");
+                let error = SceneError::at(config.shape.span(), "`shape = \"mesh\"` needs a `file`");
                 return Err(error.with_help("add `file = \"lamp.obj\"` or `.ply`").into());
             }
             (false, Some(file)) => {
@@ -140,7 +140,7 @@ impl Plugin<Lights> for Area {
             .iter()
             .all(|intensity| intensity.max_component().is_finite())
         {
-            return Err(SceneError::at(place, "the surface is too large for numbers").into());
+            return Err(SceneError::at(place, "the surface is too large for double precision").into());
         }
         Ok(Arc::new(Self { spots, intensities }))
     }
@@ -154,8 +154,8 @@ fn grid(config: &Config, transform: &Transform) -> Result<Vec<Spot>, SceneErrors
         .as_ref()
         .map_or(GRID_SAMPLES, |n| n.get_ref().get());
     let area = area(surface, transform).ok_or_else(|| {
-        let message = "the transform of a sphere that shines must be a similarity";
-        SceneError::at(config.transform.span(), message).with_help("scale by one number, not by axis")
+        let message = "the transform of a spherical light must be a similarity";
+        SceneError::at(config.transform.span(), message).with_help("scale all axes by the same factor")
     })?;
     let middle = |k: u32| (f64::from(k) + 0.5) / f64::from(n);
     let cells = (0..n).flat_map(|j| (0..n).map(move |i| (middle(i), middle(j))));
@@ -190,10 +190,10 @@ fn mesh(
     if most > MAX_POINTS {
         let span = config.samples.as_ref().map_or(file.span.clone(), Spanned::span);
         let triangles = mesh.triangles.len();
-        let message = format!("{triangles} triangles shine from {most} points, more than {MAX_POINTS}");
+        let message = format!("{triangles} triangles have {most} light points, more than {MAX_POINTS}");
         let error = SceneError::at(span, message);
         return Err(error
-            .with_help("each point is a shadow ray: take a coarser mesh or fewer `samples`")
+            .with_help("each point costs a shadow ray: use a coarser mesh or fewer `samples`")
             .into());
     }
     let size = mesh
@@ -207,7 +207,7 @@ fn mesh(
         .map(|spot| spot.moved(OFF_SURFACE * size))
         .collect();
     if spots.is_empty() {
-        let message = format!("{}: no triangle has an area", file.path);
+        let message = format!("{}: all triangles have zero area", file.path);
         return Err(SceneError::at(file.span.clone(), message).into());
     }
     Ok(spots)

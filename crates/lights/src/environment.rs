@@ -117,7 +117,7 @@ impl Plugin<Lights> for Environment {
             // Rejected by `try_from`.
             (None, None) => return Err(SceneErrors::default()),
             (Some(_), Some(faces)) => {
-                let message = "`faces` together with `radiance`: expected one of them";
+                let message = "`faces` and `radiance` exclude each other";
                 return Err(SceneError::at(faces.span(), message).into());
             }
         };
@@ -148,9 +148,9 @@ fn cube(faces: &Faces, context: &mut dyn Context) -> Result<[Arc<dyn Texture>; 6
             let expected = *first.get_or_insert(width);
             if [width, height] != [expected; 2] {
                 let message = if width == height {
-                    format!("expected a picture of {expected} x {expected} as the faces before it, found {width} x {height}")
+                    format!("expected an image of {expected} x {expected} pixels like the other faces, found {width} x {height}")
                 } else {
-                    format!("expected a square picture, found {width} x {height}")
+                    format!("expected a square image, found {width} x {height}")
                 };
                 errors.0.push(SceneError::at(file.span.clone(), message));
             }
@@ -361,7 +361,7 @@ mod tests {
         assert!(environment(&missing).err().unwrap().0[0].message.contains("pz"));
         for (odd, file, message) in [
             ("nx", "none", "no such picture"),
-            ("py", "wide", "expected a square picture, found 8 x 4"),
+            ("py", "wide", "expected a square image, found 8 x 4"),
             (
                 "nz",
                 "small",

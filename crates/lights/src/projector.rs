@@ -80,7 +80,7 @@ impl Plugin<Lights> for Projector {
         let position = config.position.get();
         let axis = emission::direction_and_length(config.target.get_ref().get() - position);
         if axis.is_none() {
-            let error = SceneError::at(config.target.span(), "the target is where the light is");
+            let error = SceneError::at(config.target.span(), "`target` equals `position`");
             let help = "the light shines from `position` to `target`: move one of them";
             errors.0.push(error.with_help(help));
         }
@@ -136,7 +136,7 @@ fn across(config: &Config, axis: DVec3) -> Result<[DVec3; 2], SceneErrors> {
     let right = axis.cross(up);
     if right.length() <= 1e-12 {
         let error = SceneError::at(place, "`up` is parallel to the axis");
-        let help = "give another `up`, such as [0, 0, 1] for a slide that is thrown straight down";
+        let help = "give another `up`, such as [0, 0, 1] for an image that is projected straight down";
         return Err(error.with_help(help).into());
     }
     // If `up` is nearly parallel to the axis, rounding leaves a component along the axis. Remove

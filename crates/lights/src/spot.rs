@@ -74,7 +74,7 @@ impl Plugin<Lights> for Spot {
         let position = config.position.get();
         let axis = emission::direction_and_length(config.target.get_ref().get() - position);
         if axis.is_none() {
-            let error = SceneError::at(config.target.span(), "the target is where the light is");
+            let error = SceneError::at(config.target.span(), "`target` equals `position`");
             errors
                 .0
                 .push(error.with_help("the light shines from `position` to `target`: move one of them"));

@@ -162,8 +162,8 @@ impl Height {
         if let Some(found) = &found
             && found.needs().contains(SurfaceAttributes::UV)
         {
-            let mut error = SceneError::anywhere("this texture lies by (u, v), and only shapes know where that is")
-                .with_help("let it lie by the place in the world: mapping = { projection = \"planar\" }, or \"solid\", \"spherical\", ...");
+            let mut error = SceneError::anywhere("a height must be mapped by position, but this texture is mapped by (u, v)")
+                .with_help("map it by world-space position: mapping = { projection = \"planar\" }, or \"solid\", \"spherical\", ...");
             error.span = height.span.clone();
             errors.0.push(error);
         }
@@ -203,8 +203,8 @@ fn frame(config: &Config) -> Result<Option<Frame>, SceneErrors> {
         .map_or(Space::World, |space| *space.get_ref());
     if space == Space::World {
         for given in [tangent, axis].into_iter().flatten() {
-            let error = SceneError::at(given.span(), "the axes of the world need no tangent");
-            errors.0.push(error.with_help("space = \"tangent\" has one"));
+            let error = SceneError::at(given.span(), "`tangent` and `axis` have no effect in world space");
+            errors.0.push(error.with_help("add space = \"tangent\""));
         }
         return errors.into_result(None);
     }

@@ -178,11 +178,11 @@ fn index(config: &Config) -> Result<[[f64; 3]; 2], SceneErrors> {
         (None, Some(eta), Some(k)) if errors.0.is_empty() => return Ok([eta, k]),
         (None, Some(_), Some(_)) => {}
         (Some(metal), ..) => {
-            let error = SceneError::at(metal.span(), "a measured metal has its own eta and k");
+            let error = SceneError::at(metal.span(), "`metal` already defines `eta` and `k`");
             errors.0.push(error.with_help(help));
         }
         (None, ..) => {
-            let error = SceneError::anywhere("a conductor needs its index of refraction");
+            let error = SceneError::anywhere("the index of refraction is missing");
             errors.0.push(error.with_help(help));
         }
     }

@@ -29,7 +29,7 @@ impl Frame {
             let error = || {
                 SceneError::at(
                     vector.span(),
-                    "expected a direction, found a vector without length",
+                    "expected a direction, found a zero vector",
                 )
             };
             vector.get_ref().get().try_normalize().ok_or_else(error)
@@ -39,7 +39,7 @@ impl Frame {
             (Some(tangent), None) => Self::Along(unit(tangent)?),
             (None, Some(axis)) => Self::Around(unit(axis)?),
             (Some(_), Some(axis)) => {
-                let message = "either the tangent or the axis that it goes around";
+                let message = "`tangent` and `axis` exclude each other";
                 return Err(SceneError::at(axis.span(), message).into());
             }
         })

@@ -88,9 +88,9 @@ impl Plugin<Materials> for Dielectric {
             ] {
                 if given {
                     let message = format!(
-                        "expected {expected}: with a priority, what is outside follows from the bodies around"
+                        "expected {expected}: with a priority, the exterior medium follows from the surrounding bodies"
                     );
-                    let help = "give the body around a priority of its own, or leave the priority out";
+                    let help = "give the surrounding body a priority too, or remove this one";
                     errors.0.push(SceneError::at(place, message).with_help(help));
                 }
             }

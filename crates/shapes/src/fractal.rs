@@ -97,17 +97,17 @@ impl Plugin<Shapes> for Fractal {
                 if let Some(power) = &config.power {
                     refuse(
                         power.span(),
-                        "`power` is that of a \"mandelbulb\"; the power of a \"julia\" is 2",
+                        "only a \"mandelbulb\" has a `power`; that of a \"julia\" is 2",
                     );
                 }
                 let Some(c) = config.c else {
-                    return Err(SceneError::anywhere("missing key `c`: the quaternion that is added").into());
+                    return Err(SceneError::anywhere("missing key `c`, the quaternion constant").into());
                 };
                 let sum = DVec4::from_array(c.get_ref().map(Finite::get));
                 if sum.length() > ESCAPE {
                     refuse(
                         c.span(),
-                        &format!("expected `c` at most 2 long, found a length of {}", sum.length()),
+                        &format!("expected a `c` of length at most 2, found length {}", sum.length()),
                     );
                 }
                 let w = config.w.map_or(0.0, |w| w.get_ref().get());
@@ -118,7 +118,7 @@ impl Plugin<Shapes> for Fractal {
                     .into_iter()
                     .flatten()
                 {
-                    refuse(span, "`c` and `w` are those of a \"julia\"");
+                    refuse(span, "only a \"julia\" has `c` and `w`");
                 }
                 Map::Mandelbulb {
                     power: config.power.map_or(DEFAULT_POWER, |power| power.get_ref().get()),

@@ -103,7 +103,7 @@ impl Plugin<Shapes> for Implicit {
         );
         if let Some(promised) = &config.lipschitz {
             shape.try_promise(promised.get_ref().get()).map_err(|message| {
-                SceneError::at(promised.span(), message).with_help("leave it out: a bound is derived then")
+                SceneError::at(promised.span(), message).with_help("remove it: a bound is then derived")
             })?;
         }
         Ok(LoweredShape::Opaque(Box::new(shape)))
@@ -116,14 +116,14 @@ fn derived_bounds(field: &Field) -> Result<(DVec3, DVec3), SceneError> {
     let around = field.bounds_below(0.0);
     if around.iter().any(|range| range.lo >= range.hi) {
         return Err(SceneError::anywhere(
-            "the field is negative nowhere: there is nothing to see",
+            "the field is nowhere negative: the shape is empty",
         ));
     }
     let [x, y, z] = around;
     let (min, max) = (DVec3::new(x.lo, y.lo, z.lo), DVec3::new(x.hi, y.hi, z.hi));
     if !(min.is_finite() && max.is_finite()) {
-        return Err(SceneError::anywhere("the field may be negative without end")
-            .with_help("say where to look: bounds = { min = [..], max = [..] }"));
+        return Err(SceneError::anywhere("the field may be negative in an unbounded region")
+            .with_help("limit the region: bounds = { min = [..], max = [..] }"));
     }
     let room = ROOM * (max - min).max_element();
     Ok((min - room, max + room))

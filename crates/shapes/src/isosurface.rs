@@ -146,7 +146,7 @@ impl Plugin<Shapes> for Isosurface {
         let seen = range.0 <= level && level < range.1;
         if !seen {
             let message = format!(
-                "nothing to see: the density ranges from {} to {}, `iso_value` is {level}",
+                "the surface is empty: the density ranges from {} to {}, `iso_value` is {level}",
                 range.0, range.1
             );
             context.warn(SceneError {
@@ -450,7 +450,7 @@ mod tests {
     use whitstone_testkit::{Random, TestContext, build, build_in, shape_laws_everywhere};
 
     const CUBE: &str = "size = [2, 2, 2]\nvalues = [0, 1, 0, 1, 0, 1, 0, 1]\n";
-    const CORNER: &str = "size = [2, 2, 2]\nvalues = [1, 1, 1, 1, 1, 1, 1, 0]\nlevel = 0.9";
+    const CORNER: &str = "size = [2, 2, 2]\nvalues = [1, 1, 1, 1, 1, 1, 1, 0]\niso_value = 0.9";
 
     fn iso(text: &str) -> Box<dyn Shape> {
         match build::<Shapes, Isosurface>(text, Transform::IDENTITY).unwrap() {
@@ -483,10 +483,10 @@ mod tests {
     fn obeys_the_laws_of_shapes() {
         shape_laws_everywhere::<Isosurface>(CORNER, 2_000);
         shape_laws_everywhere::<Isosurface>(
-            "size = [17, 12, 20]\ngenerator = \"metaballs\"\nballs = 40\nlevel = 0.1",
+            "size = [17, 12, 20]\ngenerator = \"metaballs\"\nballs = 40\niso_value = 0.1",
             2_000,
         );
-        shape_laws_everywhere::<Isosurface>("size = [5, 4, 6]\ngenerator = \"noise\"\nlevel = 0.6", 2_000);
+        shape_laws_everywhere::<Isosurface>("size = [5, 4, 6]\ngenerator = \"noise\"\niso_value = 0.6", 2_000);
     }
 
     #[test]

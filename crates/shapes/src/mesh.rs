@@ -125,7 +125,7 @@ impl Plugin<Shapes> for Mesh {
         }
         let Lowered { mesh, flat } = lower(object, &transform).ok_or_else(|| {
             error(format!(
-                "{}: the transform moves a vertex beyond all numbers",
+                "{}: the transform moves a vertex out of the range of double precision",
                 file.path
             ))
         })?;

@@ -9,7 +9,7 @@ pub(crate) fn check_radius(radius: f64) -> Result<(), SceneError> {
         return Ok(());
     }
     Err(SceneError::anywhere(
-        "the radius is too large or too small to compute with",
+        "the radius is too large or too small for double precision",
     ))
 }
 

@@ -162,7 +162,7 @@ impl Plugin<Shapes> for Patch {
             let net = Net(points).map(|p| linear * p);
             let extent = Aabb::around(net.0).extent();
             if !extent.length_squared().powi(2).is_finite() {
-                let message = "the points of this patch are too far apart to compute with";
+                let message = "the points of this patch are too far apart for double precision";
                 errors.0.push(SceneError::at(place, message));
             } else if has_no_area(&net) {
                 errors.0.push(SceneError::at(place, "this patch has no area"));

@@ -316,7 +316,7 @@ impl Plugin<Shapes> for Quadric {
         if parts.is_empty() {
             let error = SceneError::anywhere("no point of the quadric lies in its box");
             return Err(error
-                .with_help("`box` is from [-1, -1, -1] to [1, 1, 1] if left out")
+                .with_help("the default `box` is from [-1, -1, -1] to [1, 1, 1]")
                 .into());
         }
         let conic = canonical(&function, min, max, config.caps);

@@ -68,7 +68,7 @@ impl Plugin<Shapes> for Torus {
             let error = SceneError::anywhere(format!(
                 "expected a minor_radius less than the major_radius, {major}, found {minor}"
             ));
-            let error = error.with_help("a tube that is thicker than its ring would meet itself");
+            let error = error.with_help("a thicker tube would intersect itself");
             return Err(SceneError { span: place, ..error }.into());
         }
         Ok(LoweredShape::Opaque(Box::new(Self {

@@ -93,7 +93,7 @@ impl Plugin<Textures> for Image {
     fn build(config: Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Texture>, SceneErrors> {
         let path = context.file(&config.file)?;
         let refuse = |why: String| {
-            let message = format!("\"{}\" is no texture: {why}", config.file.path);
+            let message = format!("\"{}\" cannot be used as a texture: {why}", config.file.path);
             SceneErrors::from(SceneError::at(config.file.span.clone(), message))
         };
         let alpha = config

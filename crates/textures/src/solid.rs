@@ -202,7 +202,7 @@ impl Plugin<Textures> for Solid {
                 };
                 let bytes = (width * count) as u64;
                 let refuse = |why: String| {
-                    let message = format!("\"{}\" is no such block: {why}", file.path);
+                    let message = format!("\"{}\" does not hold these numbers: {why}", file.path);
                     SceneErrors::from(SceneError::at(file.span.clone(), message))
                 };
                 // Checked before reading, so that a file of another size is not loaded.

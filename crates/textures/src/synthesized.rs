@@ -126,7 +126,7 @@ impl Optimize {
         let most = sample.width.min(sample.height).min(size[0]).min(size[1]);
         if side > most {
             let message = format!(
-                "expected a neighborhood within the sample and the picture, at most {most}, found {side}"
+                "expected a neighborhood within the sample and the image, at most {most}, found {side}"
             );
             let place = self.neighborhood.as_ref().map_or(place, |n| n.span());
             return Err(SceneError::at(place, message).into());
@@ -137,7 +137,7 @@ impl Optimize {
         };
         let steps = before.saturating_add(optimization.steps(sample, size));
         if steps > MOST_STEPS {
-            let message = format!("to make this takes {steps} comparisons, more than {MOST_STEPS}");
+            let message = format!("this takes {steps} comparisons, more than {MOST_STEPS}");
             return Err(SceneError::at(place, message)
                 .with_help("choose fewer iterations, smaller neighborhoods, or a smaller size or sample")
                 .into());
@@ -179,7 +179,7 @@ impl Plugin<Textures> for Synthesized {
     fn build(config: Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Texture>, SceneErrors> {
         let path = context.file(&config.file)?;
         let refuse = |why: String| {
-            let message = format!("\"{}\" is no sample: {why}", config.file.path);
+            let message = format!("\"{}\" cannot be used as a sample: {why}", config.file.path);
             SceneErrors::from(SceneError::at(config.file.span.clone(), message))
         };
         let texels = texels::read(&path, Limits::TEXTURE).map_err(|error| refuse(error.fault.to_string()))?;
@@ -216,7 +216,7 @@ impl Plugin<Textures> for Synthesized {
         };
         let steps = quilt.steps(&sample);
         if steps > MOST_STEPS {
-            let message = format!("to make this takes {steps} comparisons, more than {MOST_STEPS}");
+            let message = format!("this takes {steps} comparisons, more than {MOST_STEPS}");
             return Err(SceneError::at(config.size.span(), message)
                 .with_help("choose a smaller size or sample, or larger blocks")
                 .into());

@@ -106,7 +106,7 @@ class Lights(Case):
             fine = light.format("square.obj", "samples = 3")
             self.near(self.value(HEAD + fine + FLOOR, base=base), [expected * n for n in (1, 2, 3)])
             write("line.obj", "v 0 0 0\nv 1 0 0\nf 1 2 2\n")
-            self.refuse(HEAD + light.format("line.obj", "") + FLOOR, "scene", "no triangle has an area", base=base)
+            self.refuse(HEAD + light.format("line.obj", "") + FLOOR, "scene", "all triangles have zero area", base=base)
             self.refuse(HEAD + light.format("none.obj", "") + FLOOR, "scene", "cannot be read", base=base)
             write("many.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "f 1 2 3\n" * 1025)
             self.refuse(HEAD + light.format("many.obj", "samples = 2") + FLOOR, "scene", "4096", base=base)

@@ -426,7 +426,7 @@ def _mesh(fields: Fields, index: int, base: Folder) -> List[Lamp]:
             plugin = {"type": "point", "position": place.tolist(), "intensity": power}
             lamps.append(Lamp(index, plugin, True, True, "area", tuple(normal.tolist()), off))
     if not lamps:
-        fields.error("file", f"{name}: no triangle has an area")
+        fields.error("file", f"{name}: all triangles have zero area")
     return lamps
 
 

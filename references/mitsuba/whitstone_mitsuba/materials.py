@@ -259,7 +259,7 @@ def _conductor(fields: Fields, textures: Textures) -> Material:
     tint = textures.value(fields, "tint", 1.0, 0.0, 1.0)
     if fields.has("metal"):
         if fields.has("eta") or fields.has("k"):
-            fields.error("metal", "a measured metal has its own eta and k")
+            fields.error("metal", "`metal` already defines `eta` and `k`")
         index = METALS[fields.choice("metal", None, tuple(METALS))]
     else:
         index = fields.color("eta", REQUIRED, 0.0, 1000.0), fields.color("k", REQUIRED, 0.0, 1000.0)
@@ -315,7 +315,7 @@ def _tangent(fields: Fields) -> Tuple[Vector, bool]:
     """A unit vector, and whether the tangent goes around it."""
     around = fields.has("axis")
     if around and fields.has("tangent"):
-        fields.error("axis", "either the tangent or the axis that it goes around")
+        fields.error("axis", "`tangent` and `axis` exclude each other")
         fields.take("tangent")
     direction = fields.vector("axis", REQUIRED) if around else fields.vector("tangent", (1.0, 0.0, 0.0))
     length = math.sqrt(sum(component**2 for component in direction))

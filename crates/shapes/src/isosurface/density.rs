@@ -64,10 +64,10 @@ pub(super) fn read(
     let expected = format!("{count} values for a grid of {x} x {y} x {z}");
     let mut refuse = |span: SourceSpan, message: &str| errors.0.push(SceneError::at(span, message));
     if let (Some(format), None) = (&config.format, &config.file) {
-        refuse(format.span(), "`format` is that of a `file`, and there is none");
+        refuse(format.span(), "`format` needs a `file`");
     }
     if let (Some(seed), None) = (&config.seed, &config.generator) {
-        refuse(seed.span(), "`seed` is that of a `generator`, and there is none");
+        refuse(seed.span(), "`seed` needs a `generator`");
     }
     let metaballs = config
         .generator
@@ -76,7 +76,7 @@ pub(super) fn read(
     if let (Some(balls), false) = (&config.balls, metaballs) {
         refuse(
             balls.span(),
-            "`balls` are those of the generator \"metaballs\", and there is none",
+            "`balls` needs the generator \"metaballs\"",
         );
     }
     let sources = [
@@ -87,7 +87,7 @@ pub(super) fn read(
     for second in sources.into_iter().flatten().skip(1) {
         refuse(
             second,
-            "there is another source of values: expected one of `values`, `file` and `generator`",
+            "more than one source of values: expected one of `values`, `file` and `generator`",
         );
     }
     errors.into_result(())?;

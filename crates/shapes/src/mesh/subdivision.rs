@@ -67,7 +67,7 @@ pub(super) fn subdivide(
 ) -> Result<(), SceneErrors> {
     let levels = how.levels();
     if surface.sides.is_empty() {
-        let message = "no triangle is left to divide: each has two corners at one position";
+        let message = "all triangles are degenerate: there is nothing to subdivide";
         return Err(SceneError::at(how.levels.span(), message).into());
     }
     let triangles = (surface.sides.len() as u64) << (2 * levels);
