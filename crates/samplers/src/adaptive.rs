@@ -112,7 +112,7 @@ mod tests {
         for text in [
             "",
             "samples = 1",
-            "samples = 1000\nfirst = 16",
+            "samples = 1000\ninitial_samples = 16",
             "threshold = 1e-9\nseed = 3",
         ] {
             random_sampler_laws(&*build::<Samplers, Adaptive>(text, ()).unwrap());
@@ -141,7 +141,7 @@ mod tests {
     #[test]
     fn faults_are_refused_at_their_places() {
         for (text, place) in [
-            ("samples = 8\nfirst = 9", "9"),
+            ("samples = 8\ninitial_samples = 9", "9"),
             ("threshold = 0", "0"),
             ("samples = 0", "0"),
             ("initial_samples = 65537", "65537"),

@@ -476,7 +476,7 @@ fn what_is_wrong_is_told_at_its_place() {
 #[test]
 fn nothing_is_claimed_of_a_truth_that_has_not_converged() {
     let study = STUDY
-        .replace("n = 32", "n = 1")
+        .replace("samples_per_axis = 32", "samples_per_axis = 1")
         .replace(
             r#"sampler={ type = "sobol", samples = 1024 }"#,
             r#"sampler={ type = "sobol", samples = 1 }"#,

@@ -99,7 +99,7 @@ class Samplers(Case):
         light = '[[light]]\ntype = "directional"\ndirection = [0, -1, 0]\nirradiance = 3.141592653589793\n'
         floor = FLOOR + 'material = { type = "matte", reflectance = { type = "checker", a = 1, b = 0, scale = [0.31, 0.17] } }\n'
         size, most, first, threshold = 8, 50, 3, 0.02
-        table = f'[sampler]\ntype = "adaptive"\nsamples = {most}\nfirst = {first}\nthreshold = {threshold}\nseed = 5\n'
+        table = f'[sampler]\ntype = "adaptive"\nsamples = {most}\ninitial_samples = {first}\nthreshold = {threshold}\nseed = 5\n'
         pixels = [[x, y] for y in range(size) for x in range(size)]
         scene = film(size, size) + DOWN + table + light + floor
         found = np.array(self.ask("probe", scene, pixels=pixels, settings=[{}])["values"][0])[:, 0]

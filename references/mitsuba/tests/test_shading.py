@@ -120,7 +120,7 @@ class Lights(Case):
 
     def test_projector(self):
         # A screen at 2 m: a quarter of the intensity, everywhere; 90 degrees are 4 m of it.
-        white = "fov = 90\nslide = 1\nintensity = [1, 2, 3]"
+        white = "fov = 90\nimage = 1\nintensity = [1, 2, 3]"
         for x, z in ((0, 0), (1.99, 0), (-1.9, 1.9)):
             self.near(self.projector(white, x, z), [0.5 / math.pi / 4 * n for n in (1, 2, 3)], rel=1e-5)
         for x, z in ((2.01, 0), (0, -2.01)):
