@@ -83,6 +83,8 @@ def why_not(document: Document) -> List[str]:
             reasons.append("integrator: path lights diffuse surfaces indirectly, and direct follows no reflections")
         if _absorbs(document) and any(material.type == "thin_dielectric" for material in materials):
             reasons.append("material: Mitsuba's volume integrators count no bounce where a ray passes a thin_dielectric")
+        if any(shape.rules.flip and document.materials[shape.material].refracts for shape in document.shapes):
+            reasons.append("shape: a mirrored sphere or rectangle has its inside where Mitsuba has its outside")
         if document.integrator.limit_background or document.integrator.min_contribution > 0:
             reasons.append("integrator: Mitsuba sees black beyond the last bounce, and cuts off no faint branches")
     if not document.integrator.shadows:
@@ -101,8 +103,6 @@ def why_not(document: Document) -> List[str]:
         reasons.append("texture: Mitsuba has no filters over the footprint of a ray")
     if any(lamp.slide is not None for lamp in document.lights.lamps):
         reasons.append("light: the slide of a projector is looked up in Python, which Mitsuba's integrators cannot call")
-    if any(shape.rules.flip and document.materials[shape.material].refracts for shape in document.shapes):
-        reasons.append("shape: a mirrored sphere or rectangle has its inside where Mitsuba has its outside")
     looks = [texture for material in materials for texture in material.textures.values()]
     if any(_is_python(texture) for texture in looks):
         reasons.append("texture: it is computed in Python, which Mitsuba's integrators cannot call")
