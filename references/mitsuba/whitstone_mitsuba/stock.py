@@ -26,10 +26,10 @@ import numpy as np
 from . import patterns, shapes
 from .document import Document
 from .driver import LANES, Level, Rays, Tracer
-from .lanes import pad
-from .materials import Material
 from .errors import Unsupported
 from .fields import Vector
+from .lanes import pad
+from .materials import Material
 from .runtime import dr, mi
 from .scene import Built, load_shapes
 from .settings import Setting
@@ -167,8 +167,8 @@ def _check_media(tracer: Tracer, rays: Rays) -> None:
     if a body in a medium does not name it as its exterior.
     """
     document = tracer.document
-    total, stray, depth = rays.real, 0.0, 0
-    pending = [(rays, depth)]
+    total, stray = rays.real, 0.0
+    pending = [(rays, 0)]
     while pending:
         rays, depth = pending.pop()
         level, children = tracer.level(rays, depth)
