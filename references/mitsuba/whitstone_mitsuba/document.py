@@ -122,9 +122,13 @@ class Document:
         return list(found.values())
 
     def twin(self) -> str:
-        """The least independent kind of twin in use: native, hosted or formula."""
-        kinds = {entry["twin"] for entry in self.hosted()}
-        return next((kind for kind in ("formula", "hosted") if kind in kinds), "native")
+        return twin_of(self.hosted())
+
+
+def twin_of(hosted: List[dict]) -> str:
+    """The least independent kind of twin in use: native, hosted or formula."""
+    kinds = {entry["twin"] for entry in hosted}
+    return next((kind for kind in ("formula", "hosted") if kind in kinds), "native")
 
 
 def _film(table: Any, errors: List[str]) -> Tuple[int, int, Tuple[str, ...]]:

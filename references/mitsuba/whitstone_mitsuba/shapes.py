@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Callable, Dict, List, Optional, Tuple
+from types import MappingProxyType
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 import numpy as np
 
@@ -23,6 +24,8 @@ from .runtime import mi
 # Mitsuba has no infinite plane: a disk of this radius in metres replaces it. (A huge rectangle is a
 # mesh and loses rows at the horizon.)
 PLANE_RADIUS = 1e7
+
+NO_MEDIA: Mapping[str, Any] = MappingProxyType({})
 
 UV_NATIVE, UV_SPHERE, UV_PLANE = 0, 1, 2
 # Number of Mitsuba's triangles per primitive of the model; 0 if all triangles are one primitive.
@@ -58,8 +61,10 @@ class Rules:
     plane: Optional[np.ndarray] = None
 
 
-# (bsdf, rounding of the mesh data) -> Mitsuba shape
-Builder = Callable[["mi.BSDF", rounding.Rounding], "mi.Shape"]
+# The media of a shape by side: `interior` and `exterior`, absent where nothing absorbs.
+Media = Mapping[str, "mi.Medium"]
+# (bsdf, rounding of the mesh data, media) -> Mitsuba shape
+Builder = Callable[["mi.BSDF", rounding.Rounding, Media], "mi.Shape"]
 
 
 @dataclass(frozen=True)
@@ -125,6 +130,7 @@ def make_mesh(
     normals: Optional[np.ndarray],
     bsdf: Optional["mi.BSDF"],
     rounded: rounding.Rounding = rounding.nearest,
+    media: Media = NO_MEDIA,
 ) -> "mi.Mesh":
     """A Mitsuba mesh from arrays in world space. It always has uv, so that all meshes run the same
     two kernels.
@@ -133,6 +139,8 @@ def make_mesh(
     props["face_normals"] = normals is None
     if bsdf is not None:
         props["mesh_bsdf"] = bsdf
+    for side, medium in media.items():
+        props[side] = medium
     mesh = mi.Mesh("mesh", len(positions), len(faces), props, normals is not None, True)
     parameters = mi.traverse(mesh)
     parameters["vertex_positions"] = rounded(np.ravel(positions))
@@ -145,8 +153,8 @@ def make_mesh(
 
 
 def _native(plugin: str, matrix: np.ndarray, **keys: Any) -> Builder:
-    def build(bsdf: "mi.BSDF", _: rounding.Rounding) -> "mi.Shape":
-        return mi.load_dict({"type": plugin, "to_world": mi.ScalarTransform4f(matrix), "bsdf": bsdf, **keys})
+    def build(bsdf: "mi.BSDF", _: rounding.Rounding, media: Media = NO_MEDIA) -> "mi.Shape":
+        return mi.load_dict({"type": plugin, "to_world": mi.ScalarTransform4f(matrix), "bsdf": bsdf, **media, **keys})
 
     return build
 
@@ -160,8 +168,8 @@ class _Mesh:
     uvs: np.ndarray
     normals: Optional[np.ndarray]
 
-    def __call__(self, bsdf: "mi.BSDF", rounded: rounding.Rounding) -> "mi.Shape":
-        return make_mesh(self.positions, self.faces, self.uvs, self.normals, bsdf, rounded)
+    def __call__(self, bsdf: "mi.BSDF", rounded: rounding.Rounding, media: Media = NO_MEDIA) -> "mi.Shape":
+        return make_mesh(self.positions, self.faces, self.uvs, self.normals, bsdf, rounded, media)
 
 
 def _triangles(triangles: meshes.Triangles, place: Place, smooth: bool) -> Builder:
@@ -379,9 +387,9 @@ def _patch(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
         place.unsupported.append(f"{fields.where}: no twin for {len(points)} patches: their triangles would be too few or too many")
         points, level = points[:1], 1
 
-    def build(bsdf: "mi.BSDF", rounded: rounding.Rounding) -> "mi.Shape":
+    def build(bsdf: "mi.BSDF", rounded: rounding.Rounding, media: Media = NO_MEDIA) -> "mi.Shape":
         triangles = patches.tessellate(points, patches.spacing(level, rounded))
-        return _triangles(triangles, place, True)(bsdf, rounded)
+        return _triangles(triangles, place, True)(bsdf, rounded, media)
 
     return Rules(smooth=True, primitive=2 * level * level), build
 

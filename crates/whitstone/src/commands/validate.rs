@@ -26,7 +26,8 @@ const TIME_LIMIT: u64 = 300;
 /// or, with --reference povray, the installed POV-Ray. If it is not available, the stored
 /// references of the repository are used, and the report says so. A scene that the reference cannot
 /// render is skipped and listed if another renderer has a stored reference of it; otherwise it is
-/// undecided. --reference mitsuba-stock compares with Mitsuba's own direct and path integrators.
+/// undecided. --reference mitsuba-stock compares with Mitsuba's own direct, path and volpathmis
+/// integrators.
 ///
 /// Verdicts: pass (the images agree), confirmed (the reference is too inaccurate in this scene, and
 /// the arbitrary-precision oracle confirms our image), FAIL (our image is wrong), undecided
@@ -109,8 +110,8 @@ pub enum ReferenceMode {
     PovrayLive,
     /// Stored references of POV-Ray only
     PovrayStored,
-    /// Mitsuba's own direct and path integrators, live, or exit code 3: shows that the driver
-    /// agrees with Mitsuba
+    /// Mitsuba's own direct, path and volpathmis integrators, live, or exit code 3: shows that the
+    /// driver agrees with Mitsuba
     MitsubaStock,
 }
 
