@@ -30,7 +30,7 @@ pub struct Arguments {
     /// Disable all scene-specific specialisation; the image is identical, and the extra time is
     /// what specialisation saves
     #[arg(long)]
-    without_specialization: bool,
+    no_specialization: bool,
     /// Write sizes, times and ray counts to this file as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -70,7 +70,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     for output in &outputs {
         atomic::check(output).map_err(Failure::environment)?;
     }
-    if arguments.without_specialization {
+    if arguments.no_specialization {
         pipeline.scene = pipeline.scene.without_specialization();
     }
     let size = pipeline.film.size;
