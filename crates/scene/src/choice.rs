@@ -35,14 +35,20 @@ pub(crate) fn choose_accelerator(
     let cost: usize = elements.map(cost).sum();
     let few = cost <= BRUTE_FORCE_LIMIT;
     let (wanted, why) = if few {
-        (BRUTE_FORCE, "few elements: testing each one is fastest".to_owned())
+        (
+            BRUTE_FORCE,
+            "few elements: testing each one is fastest".to_owned(),
+        )
     } else {
         ("bvh", "too many elements to test each one".to_owned())
     };
     let other = if few { "bvh" } else { BRUTE_FORCE };
     let available = |name: &str| registry.get(FamilyName::Accelerator, name).is_ok();
     if !available(wanted) && available(other) {
-        (other.to_owned(), format!("this program was built without \"{wanted}\""))
+        (
+            other.to_owned(),
+            format!("this program was built without \"{wanted}\""),
+        )
     } else {
         (wanted.to_owned(), why)
     }

@@ -73,13 +73,16 @@ impl Pipeline {
             );
             let reported = self.textures.iter().map(|(_, texture)| texture.bytes());
             let reported: Option<Vec<TextureBytes>> = reported.collect();
-            let sum = |of: fn(&TextureBytes) -> u64| reported.as_ref().map(|reported| reported.iter().map(of).sum());
+            let sum = |of: fn(&TextureBytes) -> u64| {
+                reported.as_ref().map(|reported| reported.iter().map(of).sum())
+            };
             costs.push(cost("textures", sum(|bytes| bytes.texels), work));
             let levels: Option<u64> = sum(|bytes| bytes.levels);
             if self.scene.reads_footprints() {
                 let work = "coarser levels of textures, read by filters".to_owned();
                 costs.push(cost("texture levels", levels, work));
-                let work = "ray differentials, computed at each hit of a filtered texture and for each specular ray";
+                let work =
+                    "ray differentials, computed at each hit of a filtered texture and for each specular ray";
                 costs.push(cost("footprints of rays", Some(0), work.to_owned()));
             }
         }
@@ -141,7 +144,9 @@ fn structure(part: &str, kind: &str, (geometry, accelerator): (&Geometry, &dyn A
     let elements = geometry.elements().count();
     let work = match statistics.get("sah_cost") {
         Some(tests) => {
-            format!("{kind}: about {tests:.1} tests for a ray through the whole structure, of {elements} elements")
+            format!(
+                "{kind}: about {tests:.1} tests for a ray through the whole structure, of {elements} elements"
+            )
         }
         None if kind == "brute_force" => format!("{kind}: {elements} tests per ray"),
         None => format!("{kind}: over {elements} elements"),

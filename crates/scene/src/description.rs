@@ -259,7 +259,12 @@ impl<'s> Description<'s> {
             .iter()
             .filter_map(|error| Some(error.span.as_ref()?.start))
             .collect();
-        let news = |error: &SceneError| error.span.as_ref().is_none_or(|span| !reported.contains(&span.start));
+        let news = |error: &SceneError| {
+            error
+                .span
+                .as_ref()
+                .is_none_or(|span| !reported.contains(&span.start))
+        };
         errors.0.extend(not_flat.0.into_iter().filter(news));
         let description = Self {
             sources,
@@ -304,10 +309,7 @@ impl<'s> Reader<'_, 's> {
             other => {
                 self.error(
                     span,
-                    format!(
-                        "expected the table of the {what}, found {}",
-                        type_name(&other)
-                    ),
+                    format!("expected the table of the {what}, found {}", type_name(&other)),
                 );
                 None
             }

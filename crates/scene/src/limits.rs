@@ -56,8 +56,9 @@ pub(crate) fn glossy_rays(
             continue;
         }
         reported.push(place.clone());
-        let message =
-            format!("with this material one camera ray may become {directions}^{bounces} rays, more than 2^24");
+        let message = format!(
+            "with this material one camera ray may become {directions}^{bounces} rays, more than 2^24"
+        );
         let most = (1..bounces)
             .take_while(|bounces| rays(*bounces) <= MOST_REFLECTIONS)
             .count() as u32;

@@ -407,16 +407,20 @@ impl<'d, 's> Builder<'d, 's, '_> {
         if shapes.len() < tables.len() {
             return None;
         }
-        let (geometry, light_margin) = self.separate_coincident(Geometry::new(shapes), tables, first_shape, seen);
+        let (geometry, light_margin) =
+            self.separate_coincident(Geometry::new(shapes), tables, first_shape, seen);
         let geometry = Arc::new(geometry);
         if geometry.paths() > u64::from(u32::MAX)
             && let Some(place) = tables.iter().find_map(|shape| shape.group.as_ref())
         {
-            let message = format!("nested instances multiply to {:e} instances", geometry.paths() as f64);
+            let message = format!(
+                "nested instances multiply to {:e} instances",
+                geometry.paths() as f64
+            );
             let error = SceneError::at(place.span.clone(), message);
-            errors
-                .0
-                .push(error.with_help("at most 4294967295 are possible: nest fewer groups, or use fewer instances"));
+            errors.0.push(
+                error.with_help("at most 4294967295 are possible: nest fewer groups, or use fewer instances"),
+            );
             return None;
         }
         let (name, why) = choose_accelerator(accelerator, &geometry, self.registry);
@@ -616,8 +620,7 @@ impl Context for Builder<'_, '_, '_> {
     fn material(&mut self, reference: &MaterialRef) -> Result<Arc<dyn Material>, SceneErrors> {
         let material = self.shared_material(&reference.material, &reference.span)?;
         if material.prioritized().is_some() {
-            let message =
-                "a material with a priority must belong to a shape, not to another material";
+            let message = "a material with a priority must belong to a shape, not to another material";
             return Err(SceneError::at(reference.span.clone(), message).into());
         }
         Ok(material)

@@ -226,7 +226,9 @@ impl Geometry {
         hit: &PreliminaryIntersection,
         needs: SurfaceAttributes,
     ) -> SurfaceInteraction {
-        let (_, instance) = self.instance(hit.instance).expect("the hit belongs to an instance");
+        let (_, instance) = self
+            .instance(hit.instance)
+            .expect("the hit belongs to an instance");
         instance.surface(ray, hit, needs)
     }
 
@@ -327,9 +329,10 @@ impl Geometry {
         match self.shapes.get(hit.shape as usize) {
             Some(LoweredShape::Triangles(mesh)) => Some(mesh.surface_at_offset(hit, q, needs)),
             Some(LoweredShape::Opaque(primitive)) => primitive.surface_at_offset(point, hit, q, needs),
-            Some(LoweredShape::Instance(_)) | None => {
-                self.instance(hit.instance)?.1.surface_at_offset(point, hit, q, needs)
-            }
+            Some(LoweredShape::Instance(_)) | None => self
+                .instance(hit.instance)?
+                .1
+                .surface_at_offset(point, hit, q, needs),
         }
     }
 

@@ -308,7 +308,10 @@ impl SpecularRays {
             SpecularRayKind::Reflection => &mut self.reflection,
             SpecularRayKind::Transmission { .. } | SpecularRayKind::Null => &mut self.transmission,
         };
-        assert!(slot.is_none(), "a material has at most one specular ray of each kind");
+        assert!(
+            slot.is_none(),
+            "a material has at most one specular ray of each kind"
+        );
         *slot = Some(branch);
     }
 

@@ -113,7 +113,9 @@ impl RayDifferential {
         let uv = |step: DVec3| {
             let neighbour =
                 geometry.surface_at_offset(point, hit, point.position + STEP * step, SurfaceAttributes::UV);
-            neighbour.map_or(Vec2::ZERO, |neighbour| ((neighbour.uv - point.uv) / STEP).as_vec2())
+            neighbour.map_or(Vec2::ZERO, |neighbour| {
+                ((neighbour.uv - point.uv) / STEP).as_vec2()
+            })
         };
         Footprint {
             uv: if needs.contains(SurfaceAttributes::UV) {
@@ -130,7 +132,10 @@ impl Scene {
     /// The differentials of a specular ray in unit direction `direction`, found by applying the
     /// material to the neighbours of the ray. `point` is after rule S. Surfaces without derivatives
     /// count as flat. `inside` is the set of bodies that the ray is in.
-    #[allow(clippy::too_many_arguments, reason = "everything that a specular ray depends on")]
+    #[allow(
+        clippy::too_many_arguments,
+        reason = "everything that a specular ray depends on"
+    )]
     pub fn differential_of_branch(
         &self,
         differential: &RayDifferential,
