@@ -456,7 +456,7 @@ impl<'d, 's> Builder<'d, 's, '_> {
         first_shape: u32,
         seen: &Seen<'_>,
     ) -> (Geometry, f64) {
-        let anew = |number: usize, moved: &dyn Fn(&Transform) -> Option<Transform>| {
+        let rebuild = |number: usize, moved: &dyn Fn(&Transform) -> Option<Transform>| {
             let table = tables.get(number)?;
             // Warnings of the shape have already been reported.
             let warnings = self.warnings.len();
@@ -464,7 +464,7 @@ impl<'d, 's> Builder<'d, 's, '_> {
             self.warnings.truncate(warnings);
             built.ok()
         };
-        let (geometry, found) = coincident::separate(geometry, seen, anew);
+        let (geometry, found) = coincident::separate(geometry, seen, rebuild);
         self.coincident_unknown.extend(found.not_examined);
         let in_scene = |pair: Coincidence| Coincidence {
             shapes: pair.shapes.map(|shape| shape + first_shape),

@@ -185,10 +185,10 @@ pub(crate) fn caught<T>(run: impl FnOnce() -> T) -> Result<T, Broken> {
     static HOOK: Once = Once::new();
     // Shrinking breaks a law hundreds of times; do not print each panic.
     HOOK.call_once(|| {
-        let told = std::panic::take_hook();
+        let default_hook = std::panic::take_hook();
         std::panic::set_hook(Box::new(move |panic| {
             if !QUIET.get() {
-                told(panic);
+                default_hook(panic);
             }
         }));
     });

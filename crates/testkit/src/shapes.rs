@@ -409,7 +409,7 @@ impl Bench {
         // it.
         let step = self.size() / (1u32 << 20) as f64;
         let q = here.position + step * along;
-        let Some(told) = self.geometry.surface_at_offset(&here, hit, q, needs) else {
+        let Some(extrapolated) = self.geometry.surface_at_offset(&here, hit, q, needs) else {
             return Ok(());
         };
         let above = 1e-3 * self.size();
@@ -423,13 +423,13 @@ impl Bench {
         let there = self.geometry.surface(&down, &found, needs);
         // Angles wrap around after a full turn.
         let folded = |uv: DVec2| uv - uv.round();
-        let (change, wrong) = (folded(there.uv - here.uv), folded(told.uv - there.uv));
+        let (change, wrong) = (folded(there.uv - here.uv), folded(extrapolated.uv - there.uv));
         // The effect of the error of the point, which is large where a shape is thin.
         let moved = |side: f64| {
             let q = q + (side * here.error) * here.n_g;
             self.geometry
                 .surface_at_offset(&here, hit, q, needs)
-                .map_or((DVec2::ZERO, DVec3::ZERO), |told| (told.uv, told.n_s))
+                .map_or((DVec2::ZERO, DVec3::ZERO), |found| (found.uv, found.n_s))
         };
         let ((uv, n_s), (other_uv, other_n_s)) = (moved(-4.0), moved(4.0));
         let unsure = (uv - other_uv).length() + (n_s - other_n_s).length();
@@ -441,7 +441,8 @@ impl Bench {
         )?;
         let turned = there.n_s - here.n_s;
         law(
-            turned.length() > 1e-3 || (told.n_s - there.n_s).length() <= 0.05 * turned.length() + rounding,
+            turned.length() > 1e-3
+                || (extrapolated.n_s - there.n_s).length() <= 0.05 * turned.length() + rounding,
             "the extrapolated normal must equal the one that a ray finds there",
         )
     }

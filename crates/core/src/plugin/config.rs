@@ -141,8 +141,8 @@ impl<const MIN: u32, const MAX: u32> IntegerIn<MIN, MAX> {
         (MIN..=MAX).contains(&value).then_some(Self(value))
     }
 
-    /// A constant in range, for defaults: `#[serde(default = "IntegerIn::of::<8>")]`. A value out of
-    /// range does not compile.
+    /// A constant in range, for defaults: `#[serde(default = "IntegerIn::of::<8>")]`. A value out
+    /// of range does not compile.
     pub const fn of<const VALUE: u32>() -> Self {
         const { assert!(MIN <= VALUE && VALUE <= MAX, "the constant is out of range") };
         Self(VALUE)

@@ -51,8 +51,8 @@ impl GlossyLobe<'_> {
 }
 
 impl Scene {
-    /// Calls `visit` for each specular ray of a surface in reverse order. A glossy reflection is visited
-    /// as all its rays.
+    /// Calls `visit` for each specular ray of a surface in reverse order. A glossy reflection is
+    /// visited as all its rays.
     pub fn for_each_branch_rev(
         &self,
         shape: u32,

@@ -384,9 +384,9 @@ pub struct LightMemory {
 }
 
 impl Scene {
-    /// [`Self::gather_lights`] for every point of a stream, into `memory.samples`. `origin_primitive`
-    /// contains the primitives that the points lie on, `media` the absorption coefficients on the
-    /// viewers' sides.
+    /// [`Self::gather_lights`] for every point of a stream, into `memory.samples`.
+    /// `origin_primitive` contains the primitives that the points lie on, `media` the absorption
+    /// coefficients on the viewers' sides.
     pub fn gather_lights_stream(
         &self,
         points: &SurfaceStream,

@@ -1,10 +1,10 @@
 //! Ray differentials and footprints, for texture filtering.
 //!
 //! Igehy, *Tracing ray differentials*, SIGGRAPH 1999. Equations 9 to 17 (reflection and refraction)
-//! are not implemented per material. Instead, the material computes the specular rays of a neighbouring
-//! ray, offset by [`STEP`], and the camera its ray: every material and camera has differentials
-//! without extra code. They only affect filtering: single precision is enough, and no ray changes
-//! direction.
+//! are not implemented per material. Instead, the material computes the specular rays of a
+//! neighbouring ray, offset by [`STEP`], and the camera its ray: every material and camera has
+//! differentials without extra code. They only affect filtering: single precision is enough, and no
+//! ray changes direction.
 
 use crate::simd::{self, select};
 use crate::stream::{LANES, Lanes, Optional, RayStream};
@@ -22,8 +22,8 @@ pub const STEP: f64 = 1.0 / (1 << 17) as f64;
 /// Lower bound on the cosine between ray and normal: limits how far a footprint is stretched.
 const GRAZING: f64 = 1.0 / (1 << 20) as f64;
 
-/// Upper bound on the differential of a specular ray's direction, in radians per sample. At the critical
-/// angle it would be unbounded.
+/// Upper bound on the differential of a specular ray's direction, in radians per sample. At the
+/// critical angle it would be unbounded.
 const WIDEST: f64 = 1.0;
 
 /// The ray differentials: first derivatives of a ray towards the next sample to the right and the
