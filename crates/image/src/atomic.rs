@@ -48,7 +48,7 @@ pub enum Step {
 impl std::fmt::Display for Step {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
-            Self::Inspect => "replace this",
+            Self::Inspect => "write to this path",
             Self::Create => "create a temporary file in its folder",
             Self::Fill => "write",
             Self::Sync => "sync",

@@ -294,7 +294,7 @@ impl Loader {
         if self.open.len() >= MAX_DEPTH || self.sources.files.len() >= MAX_FILES {
             return self.fail(
                 at,
-                format!("too many includes: at most {MAX_DEPTH} deep and {MAX_FILES} in all"),
+                format!("too many includes: expected at most {MAX_DEPTH} levels and {MAX_FILES} files"),
             );
         }
         match read_text(&path) {

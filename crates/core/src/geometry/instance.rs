@@ -227,8 +227,8 @@ impl Instance {
         ];
         let (mut near, mut far) = (interval.min, interval.max);
         for axis in 0..3 {
-            let for_each_branch_rev = ray.direction[axis].is_sign_negative();
-            let (first, last) = if for_each_branch_rev {
+            let backwards = ray.direction[axis].is_sign_negative();
+            let (first, last) = if backwards {
                 (to_max, to_min)
             } else {
                 (to_min, to_max)
