@@ -150,7 +150,10 @@ fn surfaces_that_nearly_coincide_are_named() -> Result<(), Failed> {
 
 fn coincident_surfaces_are_seen_in_the_same_order() -> Result<(), Failed> {
     let case = validate(&coplanar(0.0), "")?;
-    let drawn_apart = case.coincident.iter().any(|pair| pair.contains("drawn apart"));
+    let drawn_apart = case
+        .coincident
+        .iter()
+        .any(|pair| pair.contains("separated by a gap"));
     check(case.status == Some(Status::Pass) && drawn_apart, &case)
 }
 

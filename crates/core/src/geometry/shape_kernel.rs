@@ -24,8 +24,8 @@ pub trait ShapeKernel: Clone + Send + Sync {
     /// it is skipped.
     fn may_hit(&self, ray: &Ray) -> bool;
 
-    /// The nearest hit beyond `min`; `t` is NaN if there is none. `origin_primitive` is the sub-primitive of
-    /// this object that the ray starts on, or [`NO_PRIMITIVE`].
+    /// The nearest hit beyond `min`; `t` is NaN if there is none. `origin_primitive` is the
+    /// sub-primitive of this object that the ray starts on, or [`NO_PRIMITIVE`].
     fn hit(&self, ray: &Ray, min: f64, origin_primitive: u32) -> ShapeHit;
 
     /// See [`Shape::surface`].
@@ -119,12 +119,12 @@ impl<P: ShapeKernel> Shape for P {
 
     fn intersect_stream(&self, shape: u32, rays: &RayStream, hits: &mut HitStream) {
         // An unaliased local copy: its fields stay in registers.
-        let primitive = self.clone();
+        let kernel = self.clone();
         simd::dispatch(
             #[inline(always)]
             || {
                 for start in rays.groups() {
-                    let near = near(&primitive, rays, start);
+                    let near = near(&kernel, rays, start);
                     if !any(&near) {
                         continue;
                     }
@@ -133,7 +133,7 @@ impl<P: ShapeKernel> Shape for P {
                     let mut sub_primitive = [0; GROUP];
                     for k in 0..GROUP {
                         let lane = start + k;
-                        let hit = primitive.hit(&rays.ray(lane), 0.0, origin_primitive(rays, lane, shape));
+                        let hit = kernel.hit(&rays.ray(lane), 0.0, origin_primitive(rays, lane, shape));
                         (t[k], u[k], v[k]) = (hit.t, hit.prim_uv.x, hit.prim_uv.y);
                         sub_primitive[k] = hit.primitive;
                     }
@@ -151,12 +151,12 @@ impl<P: ShapeKernel> Shape for P {
     }
 
     fn occluded_stream(&self, shape: u32, rays: &RayStream, hidden: &mut Lanes<bool>) {
-        let primitive = self.clone();
+        let kernel = self.clone();
         simd::dispatch(
             #[inline(always)]
             || {
                 for start in rays.groups() {
-                    let near = near(&primitive, rays, start);
+                    let near = near(&kernel, rays, start);
                     if !any(&near) {
                         continue;
                     }
@@ -183,7 +183,7 @@ impl<P: ShapeKernel> Shape for P {
         needs: SurfaceAttributes,
         points: &mut SurfaceStream,
     ) {
-        let primitive = self.clone();
+        let kernel = self.clone();
         let len = rays.len.min(LANES);
         // Texture coordinates may need functions without a vector form.
         if needs.contains(SurfaceAttributes::UV) {
@@ -220,10 +220,10 @@ fn origin_primitive(rays: &RayStream, lane: usize, shape: u32) -> u32 {
 
 /// Which rays of a group may hit.
 #[inline(always)]
-fn near(primitive: &impl ShapeKernel, rays: &RayStream, start: usize) -> [bool; GROUP] {
+fn near(kernel: &impl ShapeKernel, rays: &RayStream, start: usize) -> [bool; GROUP] {
     let mut near = [false; GROUP];
     for (k, near) in near.iter_mut().enumerate() {
-        *near = primitive.may_hit(&rays.ray(start + k));
+        *near = kernel.may_hit(&rays.ray(start + k));
     }
     near
 }

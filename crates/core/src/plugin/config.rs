@@ -141,8 +141,8 @@ impl<const MIN: u32, const MAX: u32> IntegerIn<MIN, MAX> {
         (MIN..=MAX).contains(&value).then_some(Self(value))
     }
 
-    /// A constant in range, for defaults: `#[serde(default = "IntegerIn::of::<8>")]`. A value out of
-    /// range does not compile.
+    /// A constant in range, for defaults: `#[serde(default = "IntegerIn::of::<8>")]`. A value out
+    /// of range does not compile.
     pub const fn of<const VALUE: u32>() -> Self {
         const { assert!(MIN <= VALUE && VALUE <= MAX, "the constant is out of range") };
         Self(VALUE)
@@ -625,7 +625,7 @@ mod tests {
     }
 
     #[test]
-    fn all_faults_of_a_table_are_found_at_their_places() {
+    fn all_errors_of_a_table_are_reported_at_their_positions() {
         let text = "center = [0, nan, 0]\nradius = -1\nradios = 2\ntint = [1, 2]\n";
         let errors = decode_text(text).unwrap_err().0;
         let mut found: Vec<(&str, String)> = errors
@@ -649,7 +649,7 @@ mod tests {
     }
 
     #[test]
-    fn inline_references_are_told_from_ids() {
+    fn inline_references_differ_from_ids() {
         assert_eq!(PluginRef::from("floor"), PluginRef::Shared("floor".into()));
         assert_eq!(
             PluginRef::from(inline_reference(7).as_str()),

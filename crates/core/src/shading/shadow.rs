@@ -28,7 +28,7 @@ pub enum ShadowMode {
 }
 
 impl ShadowMode {
-    /// The lobes that let light through.
+    /// The BSDF flags of surfaces that let light through.
     pub(crate) fn passing(self) -> BsdfFlags {
         match self {
             Self::None => BsdfFlags::NOTHING,
@@ -73,7 +73,7 @@ fn aim(ray: &Ray, free: f64, start: DVec3) -> (Ray, f64) {
 impl Scene {
     /// Whether some surface lets light through, so that an occlusion test does not suffice.
     pub(crate) fn lets_through(&self, shadowing: ShadowMode) -> bool {
-        self.lobes.intersects(shadowing.passing())
+        self.flags.intersects(shadowing.passing())
     }
 
     /// Transmittance of a shadow ray from its origin up to `free` metres. `medium` is the medium at

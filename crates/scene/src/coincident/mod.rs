@@ -69,8 +69,8 @@ impl fmt::Display for Coincidence {
             "shapes {one} and {two} coincide in a {form} at ({x:.6}, {y:.6}, {z:.6}): "
         )?;
         match gap {
-            Some(gap) => write!(f, "drawn apart by {gap:.1e} m"),
-            None => f.write_str("not drawn apart, rounding decides which is met first"),
+            Some(gap) => write!(f, "separated by a gap of {gap:.1e} m"),
+            None => f.write_str("not separated, so rounding decides which one is hit first"),
         }
     }
 }
@@ -102,19 +102,19 @@ pub(crate) fn eyes(camera: &dyn Camera, film: FilmSize) -> Vec<DVec3> {
     eyes.into_iter().filter(|eye| eye.is_finite()).collect()
 }
 
-/// Separates coincident surfaces by gaps. `anew` rebuilds a shape, given its number, in another
-/// place.
-pub(crate) fn draw_apart(
+/// Separates coincident surfaces by gaps. `rebuild` rebuilds a shape, given its number, with
+/// another transform.
+pub(crate) fn separate(
     geometry: Geometry,
     seen: &Seen<'_>,
-    anew: impl FnMut(usize, &dyn Fn(&Transform) -> Option<Transform>) -> Option<LoweredShape>,
+    rebuild: impl FnMut(usize, &dyn Fn(&Transform) -> Option<Transform>) -> Option<LoweredShape>,
 ) -> (Geometry, Found) {
     let mut found = find(&geometry, seen);
     if found.changes.is_empty() {
         return (geometry, found);
     }
     let mut shapes = geometry.into_shapes();
-    found.apply(&mut shapes, anew);
+    found.apply(&mut shapes, rebuild);
     (Geometry::new(shapes), found)
 }
 
@@ -217,7 +217,7 @@ impl Found {
     fn apply(
         &mut self,
         shapes: &mut [LoweredShape],
-        mut anew: impl FnMut(usize, &dyn Fn(&Transform) -> Option<Transform>) -> Option<LoweredShape>,
+        mut rebuild: impl FnMut(usize, &dyn Fn(&Transform) -> Option<Transform>) -> Option<LoweredShape>,
     ) {
         let mut stuck = BTreeSet::new();
         for (number, change) in &self.changes {
@@ -234,7 +234,7 @@ impl Found {
                     translation: translation + change.of(translation),
                 })
             };
-            match anew(*number, &moved) {
+            match rebuild(*number, &moved) {
                 Some(shape) => shapes[*number] = shape,
                 None => {
                     stuck.insert(*number);

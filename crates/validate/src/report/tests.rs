@@ -109,7 +109,7 @@ fn case(scene: &str, twin: &str) -> CaseResult {
         costs: vec![whitstone_scene::Cost {
             part: "film".to_owned(),
             bytes: Some(110_592),
-            work: "9216 rays from the camera, 1 a pixel".to_owned(),
+            work: "9216 camera rays, 1 per pixel".to_owned(),
         }],
         plugins: vec!["material/matte".to_owned(), "shape/sphere".to_owned()],
         left_out: vec!["texture coordinates: no texture reads them".to_owned()],
@@ -549,7 +549,7 @@ fn the_matrix_shows_what_fails_and_why_the_rest_was_left_out() {
 fn a_case_shows_what_was_used_and_what_it_takes() {
     let text = html(&example(), &Extras::default());
     assert!(text.contains("material/matte, shape/sphere"));
-    assert!(text.contains("film: 110592 bytes; 9216 rays from the camera, 1 a pixel"));
+    assert!(text.contains("film: 110592 bytes; 9216 camera rays, 1 per pixel"));
 }
 
 #[test]
