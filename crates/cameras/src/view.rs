@@ -46,11 +46,9 @@ impl LookAt {
     pub(crate) fn frame(&self, place: &SourceSpan) -> Result<Frame, SceneErrors> {
         let (origin, target) = (self.origin.get(), self.target.get_ref().get());
         if origin == target {
-            return Err(
-                SceneError::at(self.target.span(), "`target` equals `origin`")
-                    .with_help("the camera looks from `origin` to `target`: move one of them")
-                    .into(),
-            );
+            return Err(SceneError::at(self.target.span(), "`target` equals `origin`")
+                .with_help("the camera looks from `origin` to `target`: move one of them")
+                .into());
         }
         // The difference of huge coordinates may overflow; that of their halves does not.
         let difference = origin - target;

@@ -173,7 +173,8 @@ impl Integrator for Rasterizer {
         let (mut vertices, mut triangles) = (0, 0);
         for (shape, number) in view.geometry.shapes().iter().zip(0..) {
             let LoweredShape::Triangles(mesh) = shape else {
-                let help = "use a mesh, or the integrator \"appel\", which renders the same image by ray casting";
+                let help =
+                    "use a mesh, or the integrator \"appel\", which renders the same image by ray casting";
                 return Err(refuse(Some(number), "only triangles can be rasterized", help));
             };
             vertices += mesh.positions.len();
@@ -305,6 +306,9 @@ mod tests {
             .unwrap()
             .object_order(&view, &mut TestContext::default());
         let message = found.err().unwrap().error.message;
-        assert_eq!(message, "interpolated colours need camera rays that start at one point");
+        assert_eq!(
+            message,
+            "interpolated colours need camera rays that start at one point"
+        );
     }
 }

@@ -26,12 +26,7 @@ impl Frame {
         axis: Option<&Spanned<Vector3>>,
     ) -> Result<Self, SceneErrors> {
         let unit = |vector: &Spanned<Vector3>| {
-            let error = || {
-                SceneError::at(
-                    vector.span(),
-                    "expected a direction, found a zero vector",
-                )
-            };
+            let error = || SceneError::at(vector.span(), "expected a direction, found a zero vector");
             vector.get_ref().get().try_normalize().ok_or_else(error)
         };
         Ok(match (tangent, axis) {

@@ -70,8 +70,9 @@ impl Plugin<Shapes> for Ellipsoid {
 
     fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<LoweredShape, SceneErrors> {
         let scaled = *transform.world_from_object() * DAffine3::from_scale(config.radii.0);
-        let transform = Transform::new(scaled)
-            .ok_or_else(|| SceneError::anywhere("the radii are too large or too small for double precision"))?;
+        let transform = Transform::new(scaled).ok_or_else(|| {
+            SceneError::anywhere("the radii are too large or too small for double precision")
+        })?;
         let sphere = Conic {
             turn: DMat3::IDENTITY,
             center: DVec3::ZERO,

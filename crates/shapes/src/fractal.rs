@@ -107,7 +107,10 @@ impl Plugin<Shapes> for Fractal {
                 if sum.length() > ESCAPE {
                     refuse(
                         c.span(),
-                        &format!("expected a `c` of length at most 2, found length {}", sum.length()),
+                        &format!(
+                            "expected a `c` of length at most 2, found length {}",
+                            sum.length()
+                        ),
                     );
                 }
                 let w = config.w.map_or(0.0, |w| w.get_ref().get());

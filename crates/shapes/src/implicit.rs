@@ -122,8 +122,10 @@ fn derived_bounds(field: &Field) -> Result<(DVec3, DVec3), SceneError> {
     let [x, y, z] = around;
     let (min, max) = (DVec3::new(x.lo, y.lo, z.lo), DVec3::new(x.hi, y.hi, z.hi));
     if !(min.is_finite() && max.is_finite()) {
-        return Err(SceneError::anywhere("the field may be negative in an unbounded region")
-            .with_help("limit the region: bounds = { min = [..], max = [..] }"));
+        return Err(
+            SceneError::anywhere("the field may be negative in an unbounded region")
+                .with_help("limit the region: bounds = { min = [..], max = [..] }"),
+        );
     }
     let room = ROOM * (max - min).max_element();
     Ok((min - room, max + room))

@@ -486,7 +486,10 @@ mod tests {
             "size = [17, 12, 20]\ngenerator = \"metaballs\"\nballs = 40\niso_value = 0.1",
             2_000,
         );
-        shape_laws_everywhere::<Isosurface>("size = [5, 4, 6]\ngenerator = \"noise\"\niso_value = 0.6", 2_000);
+        shape_laws_everywhere::<Isosurface>(
+            "size = [5, 4, 6]\ngenerator = \"noise\"\niso_value = 0.6",
+            2_000,
+        );
     }
 
     #[test]

@@ -119,16 +119,16 @@ impl Plane {
             .windows(2)
             .find(|pair| vertices[pair[0]] == vertices[pair[1]])
         {
-            let message = format!(
-                "vertices {} and {} of this polygon coincide",
-                pair[0], pair[1]
-            );
+            let message = format!("vertices {} and {} of this polygon coincide", pair[0], pair[1]);
             return Err((Some(pair[1]), message));
         }
         let extent = Aabb::around(vertices.iter().copied()).extent();
         let size = extent.length();
         if !(size * size).is_finite() {
-            return Err((None, "the vertices are too far apart for double precision".to_owned()));
+            return Err((
+                None,
+                "the vertices are too far apart for double precision".to_owned(),
+            ));
         }
         let first = vertices[0];
         let center = first + vertices.iter().map(|p| *p - first).sum::<DVec3>() / vertices.len() as f64;

@@ -53,7 +53,9 @@ impl Plugin<Shapes> for Triangle {
             return Err(SceneError::anywhere("a normal of a triangle must not have length zero").into());
         }
         let Lowered { mesh, flat } = lower(object, &transform).ok_or_else(|| {
-            SceneError::anywhere("the transform moves a corner of this triangle out of the range of double precision")
+            SceneError::anywhere(
+                "the transform moves a corner of this triangle out of the range of double precision",
+            )
         })?;
         if flat > 0 {
             context.warn(SceneError::anywhere("this triangle has no area and is never hit"));

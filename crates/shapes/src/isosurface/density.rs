@@ -74,10 +74,7 @@ pub(super) fn read(
         .as_ref()
         .is_some_and(|g| *g.get_ref() == Generator::Metaballs);
     if let (Some(balls), false) = (&config.balls, metaballs) {
-        refuse(
-            balls.span(),
-            "`balls` needs the generator \"metaballs\"",
-        );
+        refuse(balls.span(), "`balls` needs the generator \"metaballs\"");
     }
     let sources = [
         config.values.as_ref().map(|values| values.span()),
