@@ -52,8 +52,14 @@ const REASONS: [(&str, &str); 13] = [
         "polygon",
         "edge functions have exact signs, so that a ray through a common edge of two polygons hits exactly one",
     ),
-    ("csg", "the time of its operands, and spans carry their primitives"),
-    ("instance", "the time of its shapes, and an accelerator in between"),
+    (
+        "csg",
+        "the time of its operands, and spans carry their primitives",
+    ),
+    (
+        "instance",
+        "the time of its shapes, and an accelerator in between",
+    ),
 ];
 
 const WATERTIGHT: &str =
