@@ -34,7 +34,7 @@ const MOST_TIMES: f64 = 2.0;
 const REASONS: [(&str, &str); 13] = [
     (
         "sphere",
-        "the discriminant is chosen for each ray, and both roots are found without cancellation, in double precision",
+        "the form of the discriminant is chosen for each ray, and both roots are computed in double precision without cancellation",
     ),
     ("triangle", WATERTIGHT),
     ("mesh", WATERTIGHT),
@@ -46,20 +46,26 @@ const REASONS: [(&str, &str); 13] = [
     ("hyperboloid", CONIC),
     (
         "torus",
-        "roots are bracketed between the turns of the quartic, from where the ray passes nearest, instead of by Ferrari's formula (see the last columns)",
+        "roots are bracketed between the turning points of the quartic, measured from the ray's nearest point, instead of computed by Ferrari's formula (see the last columns)",
     ),
     (
         "polygon",
-        "edge functions have exact signs, so that of two polygons with an edge in common a ray hits one",
+        "edge functions have exact signs, so that a ray through a common edge of two polygons hits exactly one",
     ),
-    ("csg", "that of its operands, and spans carry their primitives"),
-    ("instance", "that of its shapes, and an accelerator in between"),
+    (
+        "csg",
+        "the time of its operands, and spans carry their primitives",
+    ),
+    (
+        "instance",
+        "the time of its shapes, and an accelerator in between",
+    ),
 ];
 
 const WATERTIGHT: &str =
-    "the test is watertight, in double precision, and the ray is sheared before; streams share that";
-const CONIC: &str = "the ray is moved to where it comes nearest, and the discriminant is Kahan's, whose fused products are calls \
-                     where the processor is not known; streams have them in registers";
+    "the test is watertight, in double precision, and the ray is sheared first; streams share the shear";
+const CONIC: &str = "the ray is moved to its nearest point, and the discriminant is Kahan's; its fused products are function \
+                     calls where the processor is not known, and streams compute them in registers";
 
 /// Benchmark every shape against the textbook form in single precision, and compare both with the
 /// oracle
@@ -351,7 +357,7 @@ fn table(rows: &[Row], unmeasured: &BTreeMap<&str, &str>) -> String {
     }
     let _ = write!(
         text,
-        "\n\nA hit is wrong if its class is, or if t is off by more than {MOST_ULPS} ulp times the condition, also for every ray beside it."
+        "\n\nA hit is wrong if its class is wrong, or if t is off by more than {MOST_ULPS} ulp times the condition, also for every slightly displaced ray."
     );
     text
 }
