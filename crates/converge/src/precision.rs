@@ -33,15 +33,15 @@ impl Lab<'_> {
         })?;
         let about = family.about();
         let lab = whitstone_stress::Lab::new(self.registry, self.mitsuba.take(), RAYS);
-        let report = FamilyReport::measure(*family, &lab, &|knob| told(&format!("{knob:e}")));
+        let report = FamilyReport::measure(*family, &lab, &|parameter| told(&format!("{parameter:e}")));
         self.mitsuba = lab.into_driver();
         let report = report?;
         let series = report.engines.iter().map(|engine| {
             let command = format!("{} stress {} --steps", self.options.program, about.name);
             let points = engine.steps.iter().map(|step| {
                 let setting = Setting {
-                    label: format!("{}={:e}", about.knob, step.knob),
-                    value: Some(step.knob),
+                    label: format!("{}={:e}", about.parameter, step.parameter),
+                    value: Some(step.parameter),
                     changes: Vec::new(),
                 };
                 let mut point = Point::new(&setting, Err(&String::new()), command.clone());
@@ -75,7 +75,7 @@ impl Lab<'_> {
         };
         let mut found = StudyReport::new(study, truth, FLOOR, series.collect(), Vec::new(), None);
         found.measure = about.measure.to_owned();
-        found.knob = about.knob.to_owned();
+        found.parameter = about.parameter.to_owned();
         Ok(found)
     }
 }

@@ -73,7 +73,7 @@ pub fn table(reports: &[StudyReport], plots: &str) -> String {
         let _ = writeln!(
             text,
             "| configuration | engine | settings | {}, first to last | slope against {} (95%) |\n|---|---|---|---|---|",
-            report.measure, report.knob
+            report.measure, report.parameter
         );
         for series in &report.series {
             if let Some(why) = &series.absent {

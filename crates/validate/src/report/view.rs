@@ -236,7 +236,7 @@ fn sections(extras: &Extras) -> Vec<Section<'_>> {
         Section {
             id: "stress",
             heading: "Stiff and extreme cases",
-            note: "error against the knob of each family and against time; filled dots are of use",
+            note: "error against the parameter of each family and against time; filled dots are usable",
             open: false,
             diagrams: &extras.stress,
         },
