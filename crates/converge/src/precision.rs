@@ -21,11 +21,11 @@ impl Lab<'_> {
         told: &dyn Fn(&str),
     ) -> Result<StudyReport, String> {
         let Some(name) = &study.stress else {
-            return Err("no family".to_owned());
+            return Err("the study names no stress family".to_owned());
         };
         let family = FAMILIES.iter().find(|family| family.about().name == name.text);
         let family = family.ok_or_else(|| {
-            let message = format!("there is no family of stress cases \"{}\"", name.text);
+            let message = format!("there is no stress family \"{}\"", name.text);
             let mut error = SceneError::at(name.span.clone(), message);
             let near = nearest(&name.text, FAMILIES.iter().map(|family| family.about().name));
             error.help = near.map(|near| format!("did you mean \"{near}\"?"));
@@ -68,7 +68,7 @@ impl Lab<'_> {
         });
         let truth = TruthReport {
             engine: Engine::Whitstone,
-            configuration: "the oracle, with as many digits as it takes".to_owned(),
+            configuration: "the oracle, in arbitrary precision".to_owned(),
             of_series: false,
             checks: Vec::new(),
             command: self.command(study),

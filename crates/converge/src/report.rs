@@ -339,7 +339,7 @@ impl StudyReport {
             .collect();
         if let Some(part) = others.filter(|part| *part > OTHERS) {
             notes.push(format!(
-                "no ratio of times: others used {:.0}% of the processor time",
+                "no ratio of times: other processes used {:.0}% of the processor time",
                 100.0 * part
             ));
             for both in time_to.values_mut() {

@@ -146,7 +146,7 @@ impl Lab<'_> {
         for check in &study.checks {
             if let Some(why) = self.absent(check.engine) {
                 problems.push(format!(
-                    "the truth is not checked by {}: {why}",
+                    "the truth is not checked against {}: {why}",
                     check.engine.name()
                 ));
                 continue;
@@ -178,7 +178,7 @@ impl Lab<'_> {
         }
         if let Some(why) = self.absent(truth.engine) {
             return Err(format!(
-                "{}: the truth is that of {}: {why}",
+                "{}: the truth is a rendering by {}, which takes no part: {why}",
                 study.name,
                 truth.engine.name()
             ));
