@@ -484,7 +484,9 @@ fn check(table: &StudyTable, errors: &mut SceneErrors) {
     for name in pairs.flatten().filter(|name| !names(name)) {
         fail(
             table.series.span(),
-            &format!("`[expect]` names a series \"{name}\" that does not exist; expected the name of a `[[series]]`"),
+            &format!(
+                "`[expect]` names a series \"{name}\" that does not exist; expected the name of a `[[series]]`"
+            ),
         );
     }
 }

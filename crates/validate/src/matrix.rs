@@ -159,10 +159,14 @@ impl Validator<'_> {
                     let (outcome, told) = self.same_picture(&own, axis, name);
                     cells.push(cell(axis, name, outcome, OWN, told));
                 } else if self.live.is_none() {
-                    let why = "it changes the picture, and the stored reference is of the scene as it is: needs a live one";
+                    let why = "it changes the image, and the stored reference is of the unchanged scene: a live reference is needed";
                     cells.push(skipped(axis, name, why));
                 } else if self.is_unchanged(&own, path, &setting.overrides) {
-                    cells.push(skipped(axis, name, "the picture is that of the scene as it is"));
+                    cells.push(skipped(
+                        axis,
+                        name,
+                        "the image is identical to that of the unchanged scene",
+                    ));
                 } else {
                     let mut case = self.validate_changed(path, &setting.overrides);
                     // A setting that the reference does not support is no fault of ours.
@@ -252,11 +256,11 @@ impl Validator<'_> {
             );
         }
         match differing(&own.film, &self.picture(&pipeline, threads)) {
-            0 => (Outcome::Pass, "the same bytes".to_owned()),
+            0 => (Outcome::Pass, "bit-identical".to_owned()),
             count => (
                 Outcome::Fail,
                 format!(
-                    "{count} of {} pixels differ from the scene's own picture",
+                    "{count} of {} pixels differ from the scene's own image",
                     own.film.rgb.len()
                 ),
             ),
@@ -346,7 +350,7 @@ mod tests {
             told: told.to_owned(),
         };
         let cells = [
-            cell("accelerator", "bvh", Outcome::Pass, "the same bytes"),
+            cell("accelerator", "bvh", Outcome::Pass, "bit-identical"),
             cell("accelerator", "grid", Outcome::Fail, "3 pixels"),
             cell("accelerator", "x", Outcome::Skipped, "expensive"),
             cell("accelerator", "y", Outcome::Skipped, "expensive"),

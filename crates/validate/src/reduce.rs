@@ -40,7 +40,7 @@ pub fn reduce(
     let first = ask(&document)?;
     if !fails(&first) {
         return Err(if first.problems.is_empty() {
-            "the scene does not fail: there is nothing to look for".to_owned()
+            "the scene does not fail: there is nothing to reduce".to_owned()
         } else {
             format!("the scene cannot be compared: {}", first.problems.join("; "))
         });

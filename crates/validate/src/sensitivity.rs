@@ -81,7 +81,7 @@ impl Validator<'_> {
         let plain = self.trial(path, None, &|image| picture.set(hash(image)));
         if plain.status != Some(Status::Pass) {
             return Err(format!(
-                "the scene does not pass as it is:\n{}",
+                "the scene does not pass without changes:\n{}",
                 plain.problems.join("\n")
             ));
         }

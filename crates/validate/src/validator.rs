@@ -112,7 +112,7 @@ impl<'a> Validator<'a> {
     /// Creates the Python environment of Mitsuba if needed. Calls `say` before slow steps.
     pub fn new(registry: &'a Registry, options: Options, say: &dyn Fn(&str)) -> Result<Self, NoLive> {
         let (live, not_live) = match options.mode {
-            Mode::Stored => (None, Some("stored references were asked for".to_owned())),
+            Mode::Stored => (None, Some("stored references were requested".to_owned())),
             Mode::Auto | Mode::Live => match start_live(registry, &options, say) {
                 Ok(live) => (Some(live), None),
                 Err(problem) if options.mode == Mode::Live => return Err(NoLive(problem)),
@@ -396,14 +396,14 @@ impl<'a> Validator<'a> {
                 if !self.options.overrides.is_empty() =>
             {
                 Err(NoReference::Problem(format!(
-                    "{error}; a scene that is changed by --set can be compared with a live reference only"
+                    "{error}; a scene that is changed by `--set` can only be compared with a live reference"
                 )))
             }
             Err(error @ (StoredError::Missing { .. } | StoredError::Stale { .. })) => {
                 let accept = self.command("reference --accept", path);
-                let new = format!("{error}; render a new one by: {accept}");
+                let new = format!("{error}; render a new one with: {accept}");
                 let other = self.other_reference(path);
-                let other = other.map(|other| format!("{error}; {other} has one"));
+                let other = other.map(|other| format!("{error}; {other} has a stored reference"));
                 Err(match error {
                     StoredError::Missing { .. } => NoReference::NoTwin(other.unwrap_or(new), Vec::new()),
                     _ => NoReference::Problem(new),

@@ -93,7 +93,7 @@ impl Reference for Stock {
     fn adaptations(&self, scene: &toml::Table) -> Vec<Adaptation> {
         let mut found = Vec::from_iter(without_layers(
             scene,
-            "Mitsuba's integrators give the radiance alone",
+            "Mitsuba's integrators output only the radiance",
         ));
         let lights = scene.get("light").and_then(Value::as_array);
         for (number, light) in lights.into_iter().flatten().enumerate() {
@@ -125,7 +125,7 @@ impl Reference for Stock {
                 let depth = depth.map_or_else(String::new, |depth| format!(",max_depth={depth}"));
                 found.push(Adaptation::new(
                     format!("integrator={{type=\"whitted\",at_max_depth=\"black\"{depth}{shadows}}}"),
-                    "Mitsuba's `path` shows black where it goes no deeper, and cuts off no faint branches",
+                    "Mitsuba's `path` returns black beyond its depth limit, and does not prune faint rays",
                 ));
             }
         }

@@ -195,7 +195,7 @@ fn changes(old: &CaseResult, new: &CaseResult) -> Vec<Change> {
 }
 
 fn size(case: &CaseResult) -> String {
-    format!("{} x {}, {} a pixel", case.width, case.height, case.samples)
+    format!("{} x {}, {} per pixel", case.width, case.height, case.samples)
 }
 
 #[cfg(test)]

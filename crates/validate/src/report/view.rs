@@ -101,7 +101,7 @@ const COLUMNS: [Column; 15] = [
     column(
         "Verdict",
         false,
-        "pass: all limits are kept; confirmed: the reference is too weak, the oracle confirms ours; FAIL: ours is wrong; undecided: nobody can tell",
+        "pass: all limits hold; confirmed: the reference is too inaccurate, and the oracle confirms ours; FAIL: ours is wrong; undecided: neither the reference nor the oracle can decide",
     ),
     column("Scene", false, "path below scenes/"),
     column("Interior error", true, "rel_rmse_interior, at most its limit"),
@@ -118,29 +118,29 @@ const COLUMNS: [Column; 15] = [
     column(
         "Unexplained",
         true,
-        "pixels over tolerance that nothing explains: none may be",
+        "pixels over tolerance that the reference's own variation does not explain; must be 0",
     ),
     column(
         "Not finite",
         true,
-        "NaN or infinite values in either picture: none may be",
+        "NaN or infinite values in either image; must be 0",
     ),
     column(
         "Ids differ",
         true,
-        "pixels where the two see another shape or primitive, in the worst layer",
+        "pixels where the two images show different shapes or primitives, in the worst layer",
     ),
     column(
         "Stock differs",
         true,
-        "pixels whose difference from Mitsuba's own integrators its noise does not explain, at most 0.25 %",
+        "pixels that differ from Mitsuba's own integrators by more than noise explains, at most 0.25 %",
     ),
     column("RMSE", true, "over all pixels, in units of radiance"),
     column("Twin", false, "how independent the reference is"),
-    column("Reference", false, "rendered now (live) or kept (stored)"),
+    column("Reference", false, "rendered now (live) or stored"),
     column("Ours, s", true, "time to render, in seconds"),
     column("Reference, s", true, "time to trace, in seconds"),
-    column("Mrays/s", true, "our rays a second, in millions"),
+    column("Mrays/s", true, "our rays per second, in millions"),
 ];
 
 impl<'a> Page<'a> {
@@ -235,7 +235,7 @@ fn sections(extras: &Extras) -> Vec<Section<'_>> {
         },
         Section {
             id: "stress",
-            heading: "Stiff and extreme cases",
+            heading: "Ill-conditioned and extreme cases",
             note: "error against the parameter of each family and against time; filled dots are usable",
             open: false,
             diagrams: &extras.stress,
@@ -252,9 +252,9 @@ fn verdict(results: &Results) -> Verdict {
     let settings = match Tally::of(&results.matrix).failed {
         0 => String::new(),
         count => format!(
-            "; {} of the matrix {} not hold",
+            "; {} of the matrix {}",
             counted(count, "setting"),
-            if count == 1 { "does" } else { "do" }
+            if count == 1 { "fails" } else { "fail" }
         ),
     };
     let text = match (cases, failed) {
@@ -306,14 +306,14 @@ fn tiles(results: &Results) -> Vec<Tile> {
         count("pixels explained", summary.explained, false),
         count("pixels unexplained", summary.unexplained, summary.unexplained > 0),
         count("values not finite", summary.nonfinite, summary.nonfinite > 0),
-        count("scenes left out", summary.left_out, false),
+        count("scenes skipped", summary.left_out, false),
         Tile {
             label: "median interior error",
             value: Number::error(summary.median_rel_rmse_interior).or("no case has one"),
             bad: false,
         },
         Tile {
-            label: "in all",
+            label: "total time",
             value: Number::with_unit(summary.seconds, "s"),
             bad: false,
         },
@@ -322,7 +322,7 @@ fn tiles(results: &Results) -> Vec<Tile> {
 
 fn provenance(provenance: &Provenance, cases: &[CaseResult]) -> Vec<(&'static str, String)> {
     let threads = |threads: usize| match threads {
-        0 => "one thread a core".to_owned(),
+        0 => "one thread per core".to_owned(),
         1 => "1 thread".to_owned(),
         n => format!("{n} threads"),
     };
