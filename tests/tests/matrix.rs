@@ -50,7 +50,7 @@ fn what_a_scene_does_not_need_is_left_out() {
     let plain = ["film={width=16,height=16}", "shape.0.material={type=\"matte\"}"];
     let found = cells(&registry, &scene, &plain, folder.path());
     for (name, why) in [
-        ("accelerator", "fit one leaf"),
+        ("accelerator", "fit into one leaf"),
         ("threads", "one tile"),
         ("max_depth", "no material in use reflects or refracts"),
         ("filter", "no texture in use"),
@@ -100,7 +100,7 @@ fn what_must_not_change_the_picture_does_not() {
     assert!(
         filter
             .iter()
-            .all(|cell| cell.1 == Outcome::Skipped && cell.2.contains("needs a live one")),
+            .all(|cell| cell.1 == Outcome::Skipped && cell.2.contains("a live reference is needed")),
         "{filter:?}"
     );
 }

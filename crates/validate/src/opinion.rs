@@ -1,4 +1,4 @@
-//! The third opinion: queries the oracle about pixels in which the two renderers differ.
+//! Queries the oracle about pixels in which the two renderers differ.
 
 use crate::explain::agree;
 use crate::judge::{allowed, color_at};
