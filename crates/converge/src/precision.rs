@@ -18,7 +18,7 @@ impl Lab<'_> {
     pub(crate) fn measure_family(
         &mut self,
         study: &Study,
-        told: &dyn Fn(&str),
+        progress: &dyn Fn(&str),
     ) -> Result<StudyReport, String> {
         let Some(name) = &study.stress else {
             return Err("the study names no stress family".to_owned());
@@ -33,7 +33,7 @@ impl Lab<'_> {
         })?;
         let about = family.about();
         let lab = whitstone_stress::Lab::new(self.registry, self.mitsuba.take(), RAYS);
-        let report = FamilyReport::measure(*family, &lab, &|parameter| told(&format!("{parameter:e}")));
+        let report = FamilyReport::measure(*family, &lab, &|parameter| progress(&format!("{parameter:e}")));
         self.mitsuba = lab.into_driver();
         let report = report?;
         let series = report.engines.iter().map(|engine| {

@@ -85,17 +85,17 @@ pub struct FamilyReport {
 }
 
 impl FamilyReport {
-    /// Runs the family. `told` is called before every step.
+    /// Runs the family. `progress` is called before every step.
     ///
     /// # Errors
     ///
     /// As [`Family::step`].
-    pub fn measure(family: &dyn Family, lab: &Lab<'_>, told: &dyn Fn(f64)) -> Result<Self, String> {
+    pub fn measure(family: &dyn Family, lab: &Lab<'_>, progress: &dyn Fn(f64)) -> Result<Self, String> {
         let about = family.about();
         let parameters = family.parameters();
         let mut engines: Vec<EngineReport> = Vec::new();
         for parameter in &parameters {
-            told(*parameter);
+            progress(*parameter);
             let answers = family.step(*parameter, lab);
             let answers = answers.map_err(|problem| format!("{} at {parameter:e}: {problem}", about.name))?;
             for (engine, answer) in answers {

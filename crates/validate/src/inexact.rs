@@ -2,8 +2,8 @@
 //!
 //! Mitsuba computes in single precision. Far from the origin, in tiny shapes and after many
 //! reflections at curved surfaces, its own error exceeds the tolerance, and pixels stay unexplained
-//! although ours are right. The verdict does not change: what cannot be confirmed does not pass.
-//! But the notes show whose error it may be.
+//! although ours are right. The verdict does not change: a case that cannot be confirmed does not
+//! pass. The notes only show which renderer may be inaccurate.
 
 use crate::driver::Setting;
 use crate::renderer::Renderer;

@@ -132,7 +132,7 @@ impl<'a> Validator<'a> {
     }
 
     /// Sets a callback that receives the name of each stage, because a scene can take minutes.
-    pub fn tell(&mut self, stage: impl Fn(&str) + Send + Sync + 'a) {
+    pub fn on_stage(&mut self, stage: impl Fn(&str) + Send + Sync + 'a) {
         self.stage = Box::new(stage);
     }
 
@@ -314,12 +314,12 @@ impl<'a> Validator<'a> {
     }
 
     /// The changes of a scene on both sides: those of the options, and those without which the
-    /// reference cannot render it. The latter are also appended to `told`.
-    pub(crate) fn overrides(&self, path: &Path, told: &mut Vec<String>) -> Result<Vec<String>, String> {
+    /// reference cannot render it. The latter are also appended to `changes`.
+    pub(crate) fn overrides(&self, path: &Path, changes: &mut Vec<String>) -> Result<Vec<String>, String> {
         let mut overrides = self.options.overrides.clone();
         let flattened = flatten(path, &overrides)?;
         for Adaptation { change, reason } in self.options.renderer.adaptations_of(&flattened.text) {
-            told.push(format!("{change}: {reason}"));
+            changes.push(format!("{change}: {reason}"));
             overrides.push(change);
         }
         Ok(overrides)
@@ -361,8 +361,8 @@ impl<'a> Validator<'a> {
         };
         if let Some(live) = &mut self.live {
             let stage = &self.stage;
-            let told = |done, all| stage(&format!("the reference, {done} of {all} renderings"));
-            match live.reference(text, &hash, &told) {
+            let progress = |done, all| stage(&format!("the reference, {done} of {all} renderings"));
+            match live.reference(text, &hash, &progress) {
                 Ok(reference) => {
                     if let Ok(stored) = &stored {
                         let drift = floor::between(&stored.image, &reference.image);
@@ -377,7 +377,7 @@ impl<'a> Validator<'a> {
                 Err(LiveError::Driver(DriverError::Unsupported(problems))) => {
                     let report = place::report(path, &self.options.overrides, &problems);
                     let report = format!("no twin in {renderer}:\n{report}");
-                    let lacks = problems.lines().map(|line| place::told(line).1.to_owned());
+                    let lacks = problems.lines().map(|line| place::split_place(line).1.to_owned());
                     return Err(NoReference::NoTwin(report, lacks.collect()));
                 }
                 Err(error) => {

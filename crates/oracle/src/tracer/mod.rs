@@ -296,7 +296,7 @@ impl Tracer {
     fn value(&self, pixel: [u32; 2], care: Care, deadline: Option<Instant>) -> Value {
         let ulps = care.ulps;
         let exact = match self.once(pixel, Jitter { state: None, ulps }, deadline) {
-            Err(unsure) if unsure != Unsure::Touch => return Value::Unknown(unsure.told().to_owned()),
+            Err(unsure) if unsure != Unsure::Touch => return Value::Unknown(unsure.reason().to_owned()),
             exact => exact,
         };
         let repeats = match exact {
@@ -311,15 +311,15 @@ impl Tracer {
             match self.once(pixel, Jitter { state, ulps }, deadline) {
                 Ok(value) => seen.push(value.to_array()),
                 Err(Unsure::Touch) => touched += 1,
-                Err(unsure) => return Value::Unknown(unsure.told().to_owned()),
+                Err(unsure) => return Value::Unknown(unsure.reason().to_owned()),
             }
             // Coincident surfaces, not an edge that is hit by chance.
             if 2 * touched > repeats {
-                return Value::Unknown(Unsure::Touch.told().to_owned());
+                return Value::Unknown(Unsure::Touch.reason().to_owned());
             }
         }
         let Some(&rgb) = seen.first() else {
-            return Value::Unknown(Unsure::Touch.told().to_owned());
+            return Value::Unknown(Unsure::Touch.reason().to_owned());
         };
         let uncertainty = std::array::from_fn(|c| {
             let deviations = seen.iter().map(|other| (rgb[c] - other[c]).abs());
@@ -615,7 +615,7 @@ fn range(values: &[Rgb]) -> f64 {
 }
 
 impl Unsure {
-    fn told(self) -> &'static str {
+    fn reason(self) -> &'static str {
         match self {
             Self::Touch => "a ray touches a surface or an edge, or two surfaces coincide",
             Self::Long => "the ray tree is too large",

@@ -68,7 +68,7 @@ impl Family for Relief {
                 let (view, towards) = loop {
                     let view = random.direction();
                     let towards = normal.dot(view);
-                    // A viewer who looks along the surface or the perturbed surface is on no clear side.
+                    // A viewer who looks along either surface is on no clear side.
                     if towards.abs().min(view.z.abs()) > 1e-3 {
                         break (view, towards);
                     }

@@ -7,7 +7,7 @@ use whitstone_core::{DVec3, Ray};
 
 const ULPS: &str = "8 ulp x condition, no wrong class";
 
-/// A unit sphere in the distance: a naive discriminant loses all digits where t² is much larger than r².
+/// A distant unit sphere: a naive discriminant loses all digits where t² is much larger than r².
 pub(crate) static DISTANCE: RayFamily = RayFamily {
     about: About {
         name: "sphere_distance",

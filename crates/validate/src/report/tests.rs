@@ -511,13 +511,13 @@ fn examples_to_look_at() {
 #[test]
 fn the_matrix_shows_what_fails_and_why_the_rest_was_left_out() {
     use crate::matrix::{Cell, Outcome, Tally};
-    let cell = |axis: &str, setting: &str, outcome, told: &str| Cell {
+    let cell = |axis: &str, setting: &str, outcome, detail: &str| Cell {
         scene: "shapes/sphere".to_owned(),
         axis: axis.to_owned(),
         setting: setting.to_owned(),
         outcome,
         against: String::new(),
-        told: told.to_owned(),
+        detail: detail.to_owned(),
     };
     let mut results = example();
     assert!(!html(&results, &Extras::default()).contains("id=\"matrix\""));

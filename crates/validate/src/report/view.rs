@@ -35,12 +35,12 @@ pub(super) struct Page<'a> {
     matrix: Vec<Row<'a>>,
     sections: Vec<Section<'a>>,
     changes: Option<&'a Changes>,
-    shape: Shape<'a>,
+    kind: PageKind<'a>,
 }
 
 /// The part of a report that a page contains.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Shape<'a> {
+pub(super) enum PageKind<'a> {
     /// The whole report.
     Whole,
     /// The tables. Cases are on pages of their own; the map has their paths by scene.
@@ -145,15 +145,17 @@ const COLUMNS: [Column; 15] = [
 
 impl<'a> Page<'a> {
     /// Failures come first.
-    pub(super) fn new(results: &'a Results, extras: &'a Extras, shape: Shape<'a>) -> Self {
+    pub(super) fn new(results: &'a Results, extras: &'a Extras, kind: PageKind<'a>) -> Self {
         let mut cases: Vec<CaseView> = results
             .results
             .iter()
             .enumerate()
-            .map(|(index, case)| match shape {
+            .map(|(index, case)| match kind {
                 // Skips the parts that this page does not show.
-                Shape::Index(_) => CaseView::row(index, case),
-                Shape::Whole | Shape::Scene(_) => CaseView::new(index, case, extras.sensitivity_of(case)),
+                PageKind::Index(_) => CaseView::row(index, case),
+                PageKind::Whole | PageKind::Scene(_) => {
+                    CaseView::new(index, case, extras.sensitivity_of(case))
+                }
             })
             .collect();
         cases.sort_by_key(|case| match case.case.status {
@@ -194,27 +196,27 @@ impl<'a> Page<'a> {
             matrix: rows(&results.matrix),
             sections: sections(extras),
             changes: extras.changes.as_ref(),
-            shape,
+            kind,
         }
     }
 
     /// The address at which a case is shown.
     fn link(&self, view: &CaseView<'_>) -> String {
-        match self.shape {
-            Shape::Index(pages) => pages.get(&*view.case.scene).cloned().unwrap_or_default(),
-            Shape::Whole | Shape::Scene(_) => format!("#{}", view.id),
+        match self.kind {
+            PageKind::Index(pages) => pages.get(&*view.case.scene).cloned().unwrap_or_default(),
+            PageKind::Whole | PageKind::Scene(_) => format!("#{}", view.id),
         }
     }
 
     fn is_index(&self) -> bool {
-        matches!(self.shape, Shape::Index(_))
+        matches!(self.kind, PageKind::Index(_))
     }
 
     /// The address of the index, on the page of a scene.
     fn up(&self) -> Option<&str> {
-        match self.shape {
-            Shape::Scene(index) => Some(index),
-            Shape::Whole | Shape::Index(_) => None,
+        match self.kind {
+            PageKind::Scene(index) => Some(index),
+            PageKind::Whole | PageKind::Index(_) => None,
         }
     }
 
