@@ -1,4 +1,4 @@
-//! Remarks that a verdict does not include: a vacuous comparison, a refracting mesh with holes,
+//! Remarks that do not affect the verdict: a vacuous comparison, a refracting mesh with holes,
 //! coincident surfaces.
 
 use whitstone_image::Image;

@@ -91,12 +91,12 @@ pub fn pages(results: &Results, extras: &Extras) -> Vec<(String, String)> {
     let paths = paths(results);
     let index = Page::new(results, extras, PageKind::Index(&paths)).to_string();
     let up = format!("../{INDEX}");
-    let beside = Extras {
+    let scene_extras = Extras {
         sensitivity: extras.sensitivity.clone(),
         ..Extras::default()
     };
     let scenes = paths.iter().map(|(scene, path)| {
-        let page = Page::new(&of_scene(results, scene), &beside, PageKind::Scene(&up)).to_string();
+        let page = Page::new(&of_scene(results, scene), &scene_extras, PageKind::Scene(&up)).to_string();
         (path.clone(), page)
     });
     std::iter::once((INDEX.to_owned(), index)).chain(scenes).collect()
