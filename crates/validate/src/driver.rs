@@ -305,7 +305,7 @@ impl Driver {
         let (Some(stdin), Some(stdout), Some(stderr)) =
             (child.stdin.take(), child.stdout.take(), child.stderr.take())
         else {
-            unreachable!("all three were asked to be pipes");
+            unreachable!("all three are configured as pipes");
         };
         let (requests, lines) = channel::<String>();
         thread::spawn(move || write_lines(stdin, &lines));
@@ -491,7 +491,7 @@ impl Driver {
         if !complete {
             return Err(DriverError::BadAnswer {
                 op: "probe".into(),
-                problem: "wrong number of values".into(),
+                problem: "the number of values does not match the request".into(),
             });
         }
         let plain = |values: Vec<[Number; 3]>| values.into_iter().map(|v| v.map(|n| n.0)).collect();
@@ -527,7 +527,7 @@ impl Driver {
         }
         self.kill();
         DriverError::Exited {
-            status: status.map_or_else(|| "it closed its output".to_owned(), |status| status.to_string()),
+            status: status.map_or_else(|| "its output was closed".to_owned(), |status| status.to_string()),
             stderr: self.stderr_tail(),
         }
     }

@@ -38,7 +38,7 @@ pub struct Environment {
 pub enum EnvironmentError {
     /// No usable Python.
     #[error(
-        "no Python 3.{minor} or newer was found (tried {tried}); install one, or name it in WHITSTONE_PYTHON"
+        "no Python 3.{minor} or newer was found (tried {tried}); install one, or set `WHITSTONE_PYTHON` to its path"
     )]
     NoPython {
         /// The oldest usable minor version.
@@ -47,7 +47,7 @@ pub enum EnvironmentError {
         tried: String,
     },
     /// The driver's package is not in its place.
-    #[error("the driver of the reference is not in {}; run this inside the repository or pass --references", .0.display())]
+    #[error("the driver of the reference is not in {}; run this command inside the repository, or pass `--references`", .0.display())]
     NoPackage(PathBuf),
     /// A step of the installation failed.
     #[error("cannot {step}:\n{output}")]
