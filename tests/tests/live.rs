@@ -110,7 +110,10 @@ fn far_from_the_origin_the_reference_is_called_inexact() -> Result<(), Failed> {
          [[light]]\ntype = \"point\"\nposition = [10001, 2, 1]\nintensity = 3\n"
     );
     let case = validate(&scene, "")?;
-    let told = case.inexact.iter().any(|note| note.contains("leave shape 0"));
+    let told = case
+        .inexact
+        .iter()
+        .any(|note| note.contains("spawned on shape 0"));
     let ranges = case.worst.iter().any(|pixel| pixel.tried.is_some());
     check(
         case.status == Some(Status::Confirmed) && case.unexplained > 0 && told && ranges,
@@ -312,7 +315,7 @@ fn settings_without_a_twin_are_left_out() -> Result<(), Failed> {
     }
     let cell = filter("scenes/materials/bump.toml", "ewa");
     let skipped = cell.as_ref().is_some_and(|cell| {
-        cell.outcome == Outcome::Skipped && cell.told.contains("no twin for footprints behind a normal_map")
+        cell.outcome == Outcome::Skipped && cell.detail.contains("no twin for footprints behind a normal_map")
     });
     if skipped {
         return Ok(());

@@ -81,7 +81,7 @@ fn a_missing_stored_reference_fails_visibly() {
         "{told}"
     );
     assert!(
-        !told.contains("--accept") && told.contains("changed by --set"),
+        !told.contains("--accept") && told.contains("changed by `--set`"),
         "{told}"
     );
     let report: serde_json::Value = serde_json::from_slice(&fs::read(report).unwrap()).unwrap();

@@ -1,4 +1,4 @@
-//! //! Examples of every shape that the oracle supports, for tests and measurements.
+//! Examples of every shape that the oracle supports, for tests and measurements.
 
 use whitstone_core::DAffine3;
 

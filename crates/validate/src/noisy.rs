@@ -164,7 +164,7 @@ impl Validator<'_> {
         }
         case.problems.push(noisy.to_string());
         if self.oracle.when == Ask::Never {
-            let verdict = "our image differs from the reference, and the oracle was not asked who is right";
+            let verdict = "our image differs from the reference, and the oracle was not queried";
             case.settle(Status::Undecided, verdict.to_owned());
             return;
         }
@@ -196,7 +196,7 @@ impl Validator<'_> {
             (
                 Status::Undecided,
                 format!(
-                    "our image differs from stock Mitsuba, and the oracle confirms ours in {right} of {} only",
+                    "our image differs from stock Mitsuba, and the oracle confirms ours in only {right} of {}",
                     counted(pixels.len(), "pixel")
                 ),
             )

@@ -417,8 +417,12 @@ fn what_is_wrong_is_told_at_its_place() {
         ),
         (
             sweep,
-            r#""sampler.m" = [1, 2]"#,
-            &["study.toml:13:11", "unknown key `m`", "did you mean `n`?"],
+            r#""sampler.samples_per_axi" = [1, 2]"#,
+            &[
+                "study.toml:13:11",
+                "unknown key `samples_per_axi`",
+                "did you mean `samples_per_axis`?",
+            ],
         ),
         (
             sweep,

@@ -179,7 +179,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         match CASES.iter().find(|case| case.shape == shape) {
             Some(case) => rows.extend(measure(case, arguments, registry, &mitsuba)?),
             None => {
-                unmeasured.insert(shape, "the oracle does not know it yet");
+                unmeasured.insert(shape, "the oracle does not support it yet");
             }
         }
     }

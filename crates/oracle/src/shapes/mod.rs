@@ -142,7 +142,7 @@ pub(crate) fn surface(
         "torus" => Box::new(decode::<torus::Torus>(table)?),
         "triangle" => Box::new(decode::<triangle::Triangle>(table)?),
         other => {
-            let message = format!("the oracle does not know the shape \"{other}\"");
+            let message = format!("the oracle does not support the shape \"{other}\"");
             return Err(SceneError::at(plugin.name_span.clone(), message).into());
         }
     })

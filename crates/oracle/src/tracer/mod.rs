@@ -1,4 +1,4 @@
-//! An independent Whitted tracer: the third opinion on a pixel.
+//! An independent Whitted tracer: decides pixels in which two renderers differ.
 //!
 //! It is deliberately simple: it tests every shape for every ray and follows the ray tree by plain
 //! recursion. Intersections are found in arbitrary precision ([`crate::Oracle`]). The hit point is
@@ -32,7 +32,7 @@ pub(crate) mod texture;
 use camera::Camera;
 use footprint::Differential;
 use light::Lights;
-use material::{At, Branch, Medium};
+use material::{At, MediumState, SpecularRay};
 use sampler::Sampler;
 use scene::{Hit, Scene};
 use serde::Deserialize;
@@ -44,7 +44,7 @@ use whitstone_scene::{Description, PluginTable};
 /// The uncertainty is this factor times the largest deviation that was seen.
 const SAFETY: f64 = 4.0;
 
-/// How many perturbed runs a pixel gets, and how strong the perturbation is.
+/// The number of perturbed runs of a pixel, and the size of the perturbation.
 #[derive(Clone, Copy, Debug)]
 pub struct Care {
     /// Number of perturbed runs.
@@ -119,7 +119,7 @@ struct Rules {
     min_contribution: f64,
     black_at_max_depth: bool,
     shadows: Shadows,
-    branches: bool,
+    specular_rays: bool,
     /// Whether colours are computed at the vertices of triangles (Gouraud shading).
     at_corners: bool,
 }
@@ -169,15 +169,15 @@ impl Rules {
             min_contribution,
             black_at_max_depth: at_max_depth.as_deref() == Some("black"),
             shadows,
-            branches: plugin.name == "whitted",
+            specular_rays: plugin.name == "whitted",
             at_corners: interpolation.as_deref() == Some("gouraud"),
         })
     }
 }
 
-/// The error "the oracle does not know the light "x"", located in the file.
+/// The error "the oracle does not support the light "x"", located in the file.
 pub(crate) fn unknown(plugin: &PluginTable<'_>, family: &str) -> SceneErrors {
-    let message = format!("the oracle does not know the {family} \"{}\"", plugin.name);
+    let message = format!("the oracle does not support the {family} \"{}\"", plugin.name);
     SceneError::at(plugin.name_span.clone(), message).into()
 }
 
@@ -185,7 +185,7 @@ pub(crate) fn unknown(plugin: &PluginTable<'_>, family: &str) -> SceneErrors {
 pub(crate) fn unknown_part(plugin: &PluginTable<'_>, what: &str) -> SceneErrors {
     SceneError::at(
         plugin.name_span.clone(),
-        format!("the oracle does not know {what}"),
+        format!("the oracle does not support {what}"),
     )
     .into()
 }
@@ -238,7 +238,7 @@ struct Arriving {
     /// The primitive that it leaves.
     from: Option<(usize, u32)>,
     throughput: Rgb,
-    medium: Medium,
+    medium: MediumState,
     depth: u32,
     differential: Option<Differential>,
 }
@@ -296,7 +296,7 @@ impl Tracer {
     fn value(&self, pixel: [u32; 2], care: Care, deadline: Option<Instant>) -> Value {
         let ulps = care.ulps;
         let exact = match self.once(pixel, Jitter { state: None, ulps }, deadline) {
-            Err(unsure) if unsure != Unsure::Touch => return Value::Unknown(unsure.told().to_owned()),
+            Err(unsure) if unsure != Unsure::Touch => return Value::Unknown(unsure.reason().to_owned()),
             exact => exact,
         };
         let repeats = match exact {
@@ -311,15 +311,15 @@ impl Tracer {
             match self.once(pixel, Jitter { state, ulps }, deadline) {
                 Ok(value) => seen.push(value.to_array()),
                 Err(Unsure::Touch) => touched += 1,
-                Err(unsure) => return Value::Unknown(unsure.told().to_owned()),
+                Err(unsure) => return Value::Unknown(unsure.reason().to_owned()),
             }
             // Coincident surfaces, not an edge that is hit by chance.
             if 2 * touched > repeats {
-                return Value::Unknown(Unsure::Touch.told().to_owned());
+                return Value::Unknown(Unsure::Touch.reason().to_owned());
             }
         }
         let Some(&rgb) = seen.first() else {
-            return Value::Unknown(Unsure::Touch.told().to_owned());
+            return Value::Unknown(Unsure::Touch.reason().to_owned());
         };
         let uncertainty = std::array::from_fn(|c| {
             let deviations = seen.iter().map(|other| (rgb[c] - other[c]).abs());
@@ -401,7 +401,7 @@ impl Tracer {
                     },
                     from: None,
                     throughput: Rgb::splat(1.0),
-                    medium: Medium::default(),
+                    medium: MediumState::default(),
                     depth: 0,
                     differential,
                 };
@@ -419,9 +419,11 @@ impl Tracer {
         }
         in_time(walk.deadline)?;
         let Some(hit) = self.scene.nearest(&arriving.ray, arriving.from, f64::INFINITY)? else {
-            return Ok(self.lights.background(arriving.ray.direction) * arriving.medium.endless());
+            return Ok(
+                self.lights.background(arriving.ray.direction) * arriving.medium.transmittance_to_infinity()
+            );
         };
-        let transmittance = arriving.medium.over(hit.t);
+        let transmittance = arriving.medium.transmittance(hit.t);
         let throughput = arriving.throughput * transmittance;
         let point = walk.jitter.point(hit.point);
         let viewer = -arriving.ray.direction;
@@ -435,18 +437,19 @@ impl Tracer {
         let deadline = walk.deadline;
         let shadow = |l, distance| {
             in_time(deadline)?;
-            self.unhidden(&hit, point, l, distance, arriving.medium)
+            self.shadow_transmittance(&hit, point, l, distance, arriving.medium)
         };
-        let mut sum = self.local(&material, hit.normal, point, viewer, &shadow)?;
-        if self.rules.branches {
-            let branches = material.branches(arriving.medium);
+        let mut sum = self.local_illumination(&material, hit.normal, point, viewer, &shadow)?;
+        if self.rules.specular_rays {
+            let specular_rays = material.specular_rays(arriving.medium);
             let differentials = arriving
                 .differential
-                .map(|arrived| material.differentials(&branches, &arrived, arriving.medium));
-            for (number, branch) in branches.iter().enumerate() {
+                .map(|arrived| material.differentials(&specular_rays, &arrived, arriving.medium));
+            for (number, specular_ray) in specular_rays.iter().enumerate() {
                 let differential = differentials.as_ref().map(|all| all[number]);
                 let left = (point, differential);
-                sum += self.branch(branch, &hit, left, viewer, throughput, arriving.depth, walk)?;
+                sum +=
+                    self.specular_ray(specular_ray, &hit, left, viewer, throughput, arriving.depth, walk)?;
             }
         }
         Ok(sum * transmittance)
@@ -454,7 +457,7 @@ impl Tracer {
 
     /// Local illumination: section 8 of the model. Sums the emission and the reflected light;
     /// `shadow` gives the transmittance to a light.
-    fn local(
+    fn local_illumination(
         &self,
         material: &At<'_>,
         n_g: DVec3,
@@ -471,7 +474,7 @@ impl Tracer {
             // normal.
             let counts = n_g.dot(l) * n_g.dot(viewer) > 0.0 && material.n().dot(l) > 0.0;
             if counts {
-                sum += material.answer(l) * e * shadow(l, distance)?;
+                sum += material.eval(l) * e * shadow(l, distance)?;
             }
         }
         Ok(sum)
@@ -483,15 +486,15 @@ impl Tracer {
         for (weight, p, material) in self.scene.corners(hit, ray.origin) {
             let viewer = (ray.origin - p).normalize();
             let lit = |_, _| Ok(Rgb::splat(1.0));
-            sum += self.local(&material, hit.normal, p, viewer, &lit)? * weight;
+            sum += self.local_illumination(&material, hit.normal, p, viewer, &lit)? * weight;
         }
         Ok(sum)
     }
 
-    #[expect(clippy::too_many_arguments, reason = "what a branch of a tree hangs on")]
-    fn branch(
+    #[expect(clippy::too_many_arguments, reason = "the state of a specular ray")]
+    fn specular_ray(
         &self,
-        branch: &Branch,
+        specular_ray: &SpecularRay,
         hit: &Hit,
         (point, differential): (DVec3, Option<Differential>),
         viewer: DVec3,
@@ -500,13 +503,13 @@ impl Tracer {
         walk: &mut Walk,
     ) -> Result<Rgb, Unsure> {
         // Rule G of the model.
-        let side = hit.normal.dot(branch.direction) * hit.normal.dot(viewer);
-        let allowed = if branch.transmitted {
+        let side = hit.normal.dot(specular_ray.direction) * hit.normal.dot(viewer);
+        let allowed = if specular_ray.transmitted {
             side < 0.0
         } else {
             side > 0.0
         };
-        let next = throughput * branch.weight;
+        let next = throughput * specular_ray.weight;
         let most = next.max_component();
         if !allowed || most == 0.0 || most < self.rules.min_contribution {
             return Ok(Rgb::splat(0.0));
@@ -514,31 +517,35 @@ impl Tracer {
         if depth >= self.rules.max_depth {
             return Ok(match self.rules.black_at_max_depth {
                 true => Rgb::splat(0.0),
-                false => branch.weight * self.lights.background(branch.direction) * branch.medium.endless(),
+                false => {
+                    specular_ray.weight
+                        * self.lights.background(specular_ray.direction)
+                        * specular_ray.medium.transmittance_to_infinity()
+                }
             });
         }
         let arriving = Arriving {
             ray: Ray {
                 origin: point,
-                direction: walk.jitter.direction(branch.direction),
+                direction: walk.jitter.direction(specular_ray.direction),
             },
             from: Some((hit.shape, hit.primitive)),
             throughput: next,
-            medium: branch.medium,
+            medium: specular_ray.medium,
             depth: depth + 1,
             differential,
         };
-        Ok(branch.weight * self.radiance(&arriving, walk)?)
+        Ok(specular_ray.weight * self.radiance(&arriving, walk)?)
     }
 
     /// Transmittance between a point and a light, excluding both ends.
-    fn unhidden(
+    fn shadow_transmittance(
         &self,
         hit: &Hit,
         point: DVec3,
         l: DVec3,
         distance: f64,
-        medium: Medium,
+        medium: MediumState,
     ) -> Result<Rgb, Unsure> {
         let all = Rgb::splat(1.0);
         let filtered = match self.rules.shadows {
@@ -566,11 +573,11 @@ impl Tracer {
         let (mut medium, mut passed) = (medium, 0.0);
         let hits = self.scene.all(&ray, from, end)?;
         for (number, hit) in hits.iter().enumerate() {
-            let (filter, behind) = self.scene.material(hit, -l).filter(filtered, medium);
+            let (transmittance, behind) = self.scene.material(hit, -l).transmittance(filtered, medium);
             if filtered {
-                left *= medium.over(hit.t - passed);
+                left *= medium.transmittance(hit.t - passed);
             }
-            left *= filter;
+            left *= transmittance;
             if left.max_component() < LEAST_LIGHT || number + 1 >= MOST_FILTERS {
                 return Ok(Rgb::splat(0.0));
             }
@@ -579,8 +586,8 @@ impl Tracer {
         }
         if filtered {
             left *= match distance.is_finite() {
-                true => medium.over(distance - passed),
-                false => medium.endless(),
+                true => medium.transmittance(distance - passed),
+                false => medium.transmittance_to_infinity(),
             };
         }
         Ok(left)
@@ -608,11 +615,11 @@ fn range(values: &[Rgb]) -> f64 {
 }
 
 impl Unsure {
-    fn told(self) -> &'static str {
+    fn reason(self) -> &'static str {
         match self {
-            Self::Touch => "a ray touches a surface or an edge, or two surfaces are at one place",
-            Self::Long => "the tree of rays is too long for it",
-            Self::Late => "its time is up",
+            Self::Touch => "a ray touches a surface or an edge, or two surfaces coincide",
+            Self::Long => "the ray tree is too large",
+            Self::Late => "the time limit was reached",
         }
     }
 }

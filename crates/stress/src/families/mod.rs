@@ -36,11 +36,11 @@ pub static FAMILIES: [&dyn Family; 32] = [
     &optics::NearLamp,
     &horizon::Horizon,
     &shapes::CONDITION,
-    &shapes::NEEDLE,
+    &shapes::THIN_CYLINDER,
     &shapes::APEX,
-    &shapes::WIRE,
-    &shapes::FAR_RING,
-    &shapes::COPY,
+    &shapes::THIN_TORUS,
+    &shapes::FAR_TORUS,
+    &shapes::INSTANCE,
     &shapes::LENGTH,
     &denormals::ALMOST_ZERO,
     &denormals::ALMOST_NOTHING,
@@ -70,12 +70,12 @@ pub const ELSEWHERE: [(u32, &str, &str); 20] = [
     ),
     (
         12,
-        "of surfaces in one plane the lowest number is met",
+        "among coplanar surfaces the lowest number is hit",
         "crates/testkit/src/accelerators.rs",
     ),
     (
         27,
-        "differences of solids that nearly agree",
+        "CSG differences of almost equal solids",
         "crates/shapes/src/csg.rs",
     ),
     (
@@ -84,10 +84,14 @@ pub const ELSEWHERE: [(u32, &str, &str); 20] = [
         "crates/shapes/src/implicit.rs",
     ),
     (29, "depth of fractals", "crates/shapes/src/fractal.rs"),
-    (30, "densities near the level", "crates/shapes/src/isosurface.rs"),
+    (
+        30,
+        "densities close to the iso value",
+        "crates/shapes/src/isosurface.rs",
+    ),
     (
         31,
-        "patches with an edge of no length, and with a cusp",
+        "patches with a degenerate edge or a cusp",
         "crates/shapes/src/patch/tests.rs",
     ),
     (
@@ -112,12 +116,12 @@ pub const ELSEWHERE: [(u32, &str, &str); 20] = [
     ),
     (
         37,
-        "singular and mirrored copies",
+        "singular and mirrored instances",
         "crates/shapes/src/instance.rs",
     ),
     (
         41,
-        "numbers that are none, in meshes and scenes",
+        "NaN and infinity in meshes and scenes",
         "tests/tests/bad_scenes.rs",
     ),
     (
@@ -131,8 +135,12 @@ pub const ELSEWHERE: [(u32, &str, &str); 20] = [
         "all accelerators on random scenes",
         "crates/accelerators/tests/identity.rs",
     ),
-    (47, "furnaces", "crates/testkit/src/materials.rs"),
-    (22, "light is linear", "crates/testkit/src/materials.rs"),
+    (47, "white furnace tests", "crates/testkit/src/materials.rs"),
+    (
+        22,
+        "radiance is linear in the lights",
+        "crates/testkit/src/materials.rs",
+    ),
 ];
 
 #[cfg(test)]
@@ -156,14 +164,14 @@ mod tests {
     }
 
     #[test]
-    fn names_are_unique_and_knobs_turn_one_way() {
+    fn names_are_unique_and_parameters_are_monotonic() {
         let names: BTreeSet<_> = FAMILIES.iter().map(|family| family.about().name).collect();
         assert_eq!(names.len(), FAMILIES.len());
         for family in FAMILIES {
-            let knobs = family.knobs();
-            let rises = knobs.is_sorted_by(|a, b| a < b);
+            let parameters = family.parameters();
+            let rises = parameters.is_sorted_by(|a, b| a < b);
             assert!(
-                knobs.len() > 3 && (rises || knobs.is_sorted_by(|a, b| a > b)),
+                parameters.len() > 3 && (rises || parameters.is_sorted_by(|a, b| a > b)),
                 "{}",
                 family.about().name
             );

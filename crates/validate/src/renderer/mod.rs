@@ -71,7 +71,7 @@ pub trait Reference: Sync {
     }
 
     /// Whether its driver reports ray trees.
-    fn tells_trees(&self) -> bool {
+    fn has_ray_trees(&self) -> bool {
         false
     }
 

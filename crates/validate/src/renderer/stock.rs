@@ -95,7 +95,7 @@ impl Reference for Stock {
     fn adaptations(&self, scene: &toml::Table) -> Vec<Adaptation> {
         let mut found = Vec::from_iter(without_layers(
             scene,
-            "Mitsuba's integrators give the radiance alone",
+            "Mitsuba's integrators output only the radiance",
         ));
         let lights = scene.get("light").and_then(Value::as_array);
         for (number, light) in lights.into_iter().flatten().enumerate() {
@@ -127,7 +127,7 @@ impl Reference for Stock {
                 let depth = depth.map_or_else(String::new, |depth| format!(",max_depth={depth}"));
                 found.push(Adaptation::new(
                     format!("integrator={{type=\"whitted\",at_max_depth=\"black\"{depth}{shadows}}}"),
-                    "Mitsuba's `path` and `volpathmis` show black where they go no deeper, and cut off no faint branches",
+                    "Mitsuba's `path` and `volpathmis` return black beyond their depth limit, and do not prune faint rays",
                 ));
             }
         }

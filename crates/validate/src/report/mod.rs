@@ -21,7 +21,7 @@ use crate::sensitivity::Parameter;
 use crate::{CaseResult, Results, Summary};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
-use view::{Page, Shape};
+use view::{Page, PageKind};
 use whitstone_image::error_map::{ErrorView, Quantity, Scale};
 
 /// The quantity that the error pictures of a report show, and its legend.
@@ -79,7 +79,7 @@ pub struct Diagram {
 
 /// The complete page, without anything from a network, to be opened from disk.
 pub fn html(results: &Results, extras: &Extras) -> String {
-    Page::new(results, extras, Shape::Whole).to_string()
+    Page::new(results, extras, PageKind::Whole).to_string()
 }
 
 /// The files of a report by path: a single page, or for more than [`ON_ONE_PAGE`] cases an index
@@ -89,14 +89,14 @@ pub fn pages(results: &Results, extras: &Extras) -> Vec<(String, String)> {
         return vec![(INDEX.to_owned(), html(results, extras))];
     }
     let paths = paths(results);
-    let index = Page::new(results, extras, Shape::Index(&paths)).to_string();
+    let index = Page::new(results, extras, PageKind::Index(&paths)).to_string();
     let up = format!("../{INDEX}");
-    let beside = Extras {
+    let scene_extras = Extras {
         sensitivity: extras.sensitivity.clone(),
         ..Extras::default()
     };
     let scenes = paths.iter().map(|(scene, path)| {
-        let page = Page::new(&of_scene(results, scene), &beside, Shape::Scene(&up)).to_string();
+        let page = Page::new(&of_scene(results, scene), &scene_extras, PageKind::Scene(&up)).to_string();
         (path.clone(), page)
     });
     std::iter::once((INDEX.to_owned(), index)).chain(scenes).collect()

@@ -112,8 +112,8 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     let sittings = if arguments.quick { 1 } else { 2 };
     let bar = progress(sittings * studies.len() as u64, "converge");
     for study in studies.iter().filter(|_| !arguments.quick) {
-        let told = |what: &str| bar.set_message(format!("first sitting, {}: {what}", study.name));
-        lab.sit(study, &told).map_err(Failure::usage)?;
+        let told = |what: &str| bar.set_message(format!("first session, {}: {what}", study.name));
+        lab.measure_first_session(study, &told).map_err(Failure::usage)?;
         bar.inc(1);
     }
     let mut reports: Vec<StudyReport> = Vec::new();

@@ -83,7 +83,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         bar.finish_and_clear();
         if stored.meta.rehits > 0 {
             return Err(Failure::environment(format!(
-                "{}: {} of the reference's rays met again the surface that they had just left; such an image is not stored",
+                "{}: {} of the reference's spawned rays hit again the surface that they had just left; such an image is not stored",
                 path.display(),
                 stored.meta.rehits
             )));

@@ -113,8 +113,11 @@ fn print(found: &[Parameter]) {
     for Parameter { path, value, effect } in found {
         let (change, text) = match effect {
             Effect::Seen { change, problem } => (*change, format!("seen: {problem}")),
-            Effect::Unseen { change } => (*change, "NOT SEEN up to here, though pixels change".to_owned()),
-            Effect::NoPixel { change } => (*change, "no pixel changes up to here".to_owned()),
+            Effect::Unseen { change } => (
+                *change,
+                "NOT DETECTED up to this change, although pixels change".to_owned(),
+            ),
+            Effect::NoPixel { change } => (*change, "no pixel differs up to this change".to_owned()),
             Effect::Refused { change, problem } => (*change, format!("refused: {problem}")),
         };
         let part = match value {

@@ -83,7 +83,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     if arguments.list {
         for family in families {
             let about = family.about();
-            println!("{:<20} {}; {}", about.name, about.knob, about.measure);
+            println!("{:<20} {}; {}", about.name, about.parameter, about.measure);
         }
         for (number, what, file) in ELSEWHERE {
             println!("case {number:<15} {what}: {file}");
@@ -100,7 +100,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         arguments.rays as usize
     };
     let lab = Lab::new(registry, mitsuba, rays);
-    let steps: usize = families.iter().map(|family| family.knobs().len()).sum();
+    let steps: usize = families.iter().map(|family| family.parameters().len()).sum();
     let bar = progress(steps as u64, "stress");
     let engines: Vec<Engine> = lab.engines().collect();
     let settings = format!("{rays} rays, {engines:?}, Mitsuba: {}", !arguments.no_mitsuba);
@@ -109,7 +109,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     for family in families {
         let name = family.about().name;
         if let Some(report) = unfinished.find(name) {
-            bar.inc(report.knobs.len() as u64);
+            bar.inc(report.parameters.len() as u64);
             bar.suspend(|| {
                 print(report, &engines, arguments.steps, reports.is_empty());
                 eprintln!("  {name} is of a run that was broken off; --fresh measures it again");
@@ -117,8 +117,8 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
             reports.push(report.clone());
             continue;
         }
-        let told = |knob: f64| {
-            bar.set_message(format!("{name} at {knob:.0e}"));
+        let told = |parameter: f64| {
+            bar.set_message(format!("{name} at {parameter:.0e}"));
             bar.inc(1);
         };
         let report = FamilyReport::measure(family, &lab, &told).map_err(Failure::environment)?;
@@ -158,7 +158,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
 fn diagram(family: &FamilyReport) -> Diagram {
     Diagram {
         name: family.family.clone(),
-        title: family.knob.clone(),
+        title: family.parameter.clone(),
         about: format!(
             "Error: {}; of use up to {:e}; promise: {}.",
             family.measure, family.usable_level, family.pass_level
@@ -234,15 +234,15 @@ fn print(report: &FamilyReport, engines: &[Engine], steps: bool, first: bool) {
         return;
     }
     println!(
-        "  knob: {}; error: {}; usable up to {:e}; promise: {}",
-        report.knob, report.measure, report.usable_level, report.pass_level
+        "  parameter: {}; error: {}; usable up to {:e}; promise: {}",
+        report.parameter, report.measure, report.usable_level, report.pass_level
     );
     for engine in &report.engines {
         for step in &engine.steps {
             println!(
-                "  {:<10} {:>8.0e}  error {:>9.2e}  strict {:>9.2e}  wrong {:>4}  no number {:>3}  {:>7} ns{}{}",
+                "  {:<10} {:>8.0e}  error {:>9.2e}  strict {:>9.2e}  wrong {:>4}  not finite {:>3}  {:>7} ns{}{}",
                 engine.engine.name(),
-                step.knob,
+                step.parameter,
                 step.error,
                 step.strict,
                 step.failures,

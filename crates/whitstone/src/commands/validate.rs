@@ -231,7 +231,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     print_header();
     for path in &scenes {
         let (name, teller) = (path.display().to_string(), bar.clone());
-        validator.tell(move |stage| teller.set_message(format!("{name}: {stage}")));
+        validator.on_stage(move |stage| teller.set_message(format!("{name}: {stage}")));
         let mut case = validator.validate(path);
         if let Some(other_reference) = case.other_reference.take() {
             let left = LeftOut {
@@ -372,9 +372,9 @@ fn junit_cases(results: &Results) -> Vec<Case> {
         name: format!("{}, {} {}", cell.scene, cell.axis, cell.setting),
         seconds: 0.0,
         outcome: match cell.outcome {
-            matrix::Outcome::Fail => Outcome::Fails(cell.told.clone()),
+            matrix::Outcome::Fail => Outcome::Fails(cell.detail.clone()),
             matrix::Outcome::Pass => Outcome::Pass,
-            matrix::Outcome::Skipped => Outcome::Skipped(cell.told.clone()),
+            matrix::Outcome::Skipped => Outcome::Skipped(cell.detail.clone()),
         },
     });
     compared.chain(left_out).chain(own).collect()

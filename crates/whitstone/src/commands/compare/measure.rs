@@ -188,7 +188,7 @@ impl Comparison {
         if let Some(metrics) = &self.metrics {
             let interior = (metrics.rel_rmse_interior, arguments.max_rel_rmse_interior);
             if let (None, Some(_)) = interior {
-                broken.push("there is no interior to compare: all pixels are at edges".to_owned());
+                broken.push("there are no interior pixels to compare: all pixels are at edges".to_owned());
             }
             let limits = [
                 ("rmse", Some(metrics.rmse), arguments.max_rmse),
