@@ -20,10 +20,10 @@
 mod build;
 mod tree;
 
-use crate::elements::Searched;
-use crate::partition::{Cut, MAX_DEPTH};
-use crate::polyhedron::{Plane, Polyhedron};
-use crate::split::Split;
+use crate::support::elements::Searched;
+use crate::support::partition::{Cut, MAX_DEPTH};
+use crate::support::polyhedron::{Plane, Polyhedron};
+use crate::support::split::Split;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::num::NonZeroU32;

@@ -21,11 +21,11 @@ mod stream;
 mod tree;
 mod wide;
 
-use crate::elements::{MOST_ELEMENTS, check_count};
-use crate::leaves::Leaves;
-use crate::leaves::child::{Child, Kind};
-use crate::leaves::items::{Item, Items};
-use crate::leaves::state::{Query, Search};
+use crate::support::elements::{MOST_ELEMENTS, check_count};
+use crate::support::leaves::Leaves;
+use crate::support::leaves::child::{Child, Kind};
+use crate::support::leaves::items::{Item, Items};
+use crate::support::leaves::state::{Query, Search};
 use binned::Binned;
 use node::Node;
 use packet::USUAL_DEPTH;

@@ -23,14 +23,14 @@
 mod build;
 mod search;
 
-use crate::elements::{MOST_ELEMENTS, check_count};
-use crate::leaves::child::WIDTH;
-use crate::leaves::filter::NUMBERS;
-use crate::leaves::items::{Box4, Contents, Items};
-use crate::leaves::state::{Query, Search};
-use crate::leaves::{Leaves, by_coordinate};
-use crate::partition::{Content, Cut, MAX_DEPTH, Tree};
-use crate::split::{Axes, Split};
+use crate::support::elements::{MOST_ELEMENTS, check_count};
+use crate::support::leaves::child::WIDTH;
+use crate::support::leaves::filter::NUMBERS;
+use crate::support::leaves::items::{Box4, Contents, Items};
+use crate::support::leaves::state::{Query, Search};
+use crate::support::leaves::{Leaves, by_coordinate};
+use crate::support::partition::{Content, Cut, MAX_DEPTH, Tree};
+use crate::support::split::{Axes, Split};
 use build::AxisCut;
 use schemars::JsonSchema;
 use search::{Node, Traversal};

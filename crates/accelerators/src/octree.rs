@@ -17,7 +17,7 @@
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/octree.toml`.
 
-use crate::elements::{
+use crate::support::elements::{
     Elements, Item, MARGIN, Mailbox, Searched, Structure, Visitor, WideRay, bounds, overlaps,
 };
 use schemars::JsonSchema;

@@ -19,11 +19,11 @@
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/slab_bvh.toml`.
 
-use crate::binary::{Builder, STEP_COST};
-use crate::elements::{Along, Item, Searched, Structure, Visitor, WideRay};
-use crate::hierarchy::{Below, Hierarchy, Volume};
-use crate::polyhedron::{Plane, Polyhedron};
-use crate::split::{Axes, Split};
+use crate::support::binary::{Builder, STEP_COST};
+use crate::support::elements::{Along, Item, Searched, Structure, Visitor, WideRay};
+use crate::support::hierarchy::{Below, Hierarchy, Volume};
+use crate::support::polyhedron::{Plane, Polyhedron};
+use crate::support::split::{Axes, Split};
 use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::cmp::Ordering;

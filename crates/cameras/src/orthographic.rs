@@ -5,7 +5,7 @@
 //! - Twin: Mitsuba `orthographic` (native).
 //! - Example: `scenes/cameras/orthographic.toml`.
 
-use crate::view::{self, Frame, LookAt};
+use crate::support::view::{self, Frame, LookAt};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use toml::Spanned;

@@ -6,9 +6,9 @@
 //! - Twin: Mitsuba `perspective` (native); a formula for near limits and non-square pixels.
 //! - Example: `scenes/cameras/perspective.toml`.
 
-use crate::near::{Near, NearKind};
-use crate::pinhole::{FovAxis, Keys, Pinhole, Window, normalize};
-use crate::view::{Frame, LookAt};
+use crate::support::near::{Near, NearKind};
+use crate::support::pinhole::{FovAxis, Keys, Pinhole, Window, normalize};
+use crate::support::view::{Frame, LookAt};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use toml::Spanned;

@@ -9,8 +9,8 @@
 //!   are not square.
 //! - Example: `scenes/cameras/thin_lens.toml`.
 
-use crate::pinhole::{FovAxis, Keys, Pinhole, Window, normalize};
-use crate::view::{Frame, LookAt};
+use crate::support::pinhole::{FovAxis, Keys, Pinhole, Window, normalize};
+use crate::support::view::{Frame, LookAt};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};

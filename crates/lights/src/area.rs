@@ -12,7 +12,7 @@
 //! - Twin: Mitsuba `point` at the same points, through the driver.
 //! - Example: `scenes/lights/area.toml`.
 
-use crate::emission::{self, Falloff};
+use crate::support::emission::{self, Falloff};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};

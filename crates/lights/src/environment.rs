@@ -124,7 +124,9 @@ impl Plugin<Lights> for Environment {
         let n = keys.samples.get() as usize;
         let samples = match n {
             0 => Vec::new(),
-            _ => crate::sky::directions(2 * n * n, sky.parts(), |uv, direction| sky.at(uv, direction)),
+            _ => {
+                crate::support::sky::directions(2 * n * n, sky.parts(), |uv, direction| sky.at(uv, direction))
+            }
         };
         Ok(Arc::new(Self { sky, samples }))
     }
@@ -175,9 +177,11 @@ impl Sky {
         match self {
             Self::Sphere(ColorSource::Constant(_)) => 1,
             Self::Sphere(ColorSource::Texture(texture)) => {
-                texture.size().map_or(1, crate::sky::parts_of_picture)
+                texture.size().map_or(1, crate::support::sky::parts_of_picture)
             }
-            Self::Cube([face, ..]) => face.size().map_or(1, |[side, _]| crate::sky::parts_of_cube(side)),
+            Self::Cube([face, ..]) => face
+                .size()
+                .map_or(1, |[side, _]| crate::support::sky::parts_of_cube(side)),
         }
     }
 

@@ -9,7 +9,7 @@
 //! - Twin: Mitsuba `projector` (native frame and falloff); slide and colour through the driver.
 //! - Example: `scenes/lights/projector.toml`.
 
-use crate::emission::{self, Falloff};
+use crate::support::emission::{self, Falloff};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;

@@ -6,7 +6,7 @@
 //! - Twin: Mitsuba `spot` (native); `falloff = "none"` through the driver.
 //! - Example: `scenes/lights/spot.toml`.
 
-use crate::emission::{self, Falloff};
+use crate::support::emission::{self, Falloff};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;

@@ -6,7 +6,7 @@
 //! - Twin: through the driver, by the formula; POV-Ray `specular` (native).
 //! - Example: `scenes/materials/blinn_phong.toml`.
 
-use crate::gloss::{Gloss, Highlight};
+use crate::support::gloss::{Gloss, Highlight};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;

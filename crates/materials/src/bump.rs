@@ -11,7 +11,7 @@
 //! - Twin: through the driver, which rotates the shading frame that Mitsuba's materials see.
 //! - Example: `scenes/materials/bump.toml`.
 
-use crate::detail::{Detail, Detailed, Frame, coded};
+use crate::support::detail::{Detail, Detailed, Frame, coded};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;

@@ -16,8 +16,8 @@
 //! - Twin: Mitsuba `conductor` in `twosided` (native).
 //! - Example: `scenes/materials/conductor.toml`.
 
-use crate::optics::reflect;
-use crate::reflectance::share;
+use crate::support::optics::reflect;
+use crate::support::reflectance::share;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;

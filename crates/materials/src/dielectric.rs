@@ -9,7 +9,7 @@
 //! - Twin: Mitsuba `dielectric` (native); absorption through the driver.
 //! - Example: `scenes/materials/dielectric.toml`.
 
-use crate::body::Body;
+use crate::support::body::Body;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;

@@ -7,7 +7,7 @@
 //! - Twin: through the driver, which weights the result of Mitsuba for the material.
 //! - Example: `scenes/materials/mask.toml`.
 
-use crate::reflectance::share;
+use crate::support::reflectance::share;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;

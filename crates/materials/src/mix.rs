@@ -7,7 +7,7 @@
 //! - Twin: through the driver, which weights the results of Mitsuba for both.
 //! - Example: `scenes/materials/mix.toml`.
 
-use crate::reflectance::share;
+use crate::support::reflectance::share;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;

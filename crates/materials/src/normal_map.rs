@@ -7,7 +7,7 @@
 //! - Twin: through the driver, which rotates the shading frame that Mitsuba's materials see.
 //! - Example: `scenes/materials/normal_map.toml`.
 
-use crate::detail::{Detail, Detailed, Frame};
+use crate::support::detail::{Detail, Detailed, Frame};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;

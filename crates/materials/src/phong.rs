@@ -7,7 +7,7 @@
 //!   `phong` (native).
 //! - Example: `scenes/materials/phong.toml`.
 
-use crate::gloss::{Gloss, Highlight};
+use crate::support::gloss::{Gloss, Highlight};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;

@@ -8,8 +8,8 @@
 //! - Twin: through the driver, by the formula; POV-Ray `phong`, `reflection` and a filter (native).
 //! - Example: `scenes/materials/whitted.toml`.
 
-use crate::body::Body;
-use crate::gloss::{Gloss, Highlight};
+use crate::support::body::Body;
+use crate::support::gloss::{Gloss, Highlight};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;

@@ -10,7 +10,7 @@
 //! - Twin: Mitsuba through the driver, which traces the same positions in the same rounds.
 //! - Example: `scenes/samplers/adaptive.toml`.
 
-use crate::scrambled;
+use crate::support::scrambled;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use toml::Spanned;

@@ -7,7 +7,7 @@
 //! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `cone` (native).
 //! - Example: `scenes/shapes/cone.toml`.
 
-use crate::revolution::{Heights, Revolution};
+use crate::support::revolution::{Heights, Revolution};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize, Serializer};
 use whitstone_core::config::Vector2;

@@ -3,8 +3,8 @@
 //! - Twin: Mitsuba `disk` (native).
 //! - Example: `scenes/shapes/disk.toml`.
 
-use crate::frame::{Frame, flat_hit};
-use crate::near::goes_on;
+use crate::support::frame::{Frame, flat_hit};
+use crate::support::near::goes_on;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::f64::consts::TAU;

@@ -7,7 +7,7 @@
 //! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `sphere`, scaled (native).
 //! - Example: `scenes/shapes/ellipsoid.toml`.
 
-use crate::conic::{Clipped, Conic, Mapping, angle};
+use crate::support::conic::{Clipped, Conic, Mapping, angle};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize, Serializer};
 use whitstone_core::config::Vector3;

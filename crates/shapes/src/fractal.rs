@@ -11,8 +11,8 @@
 //! - Twin: POV-Ray `isosurface` with the iterates as nested functions.
 //! - Example: `scenes/shapes/fractal.toml`.
 
-use crate::crossings::{Along, Known, crossings};
-use crate::level::{Level, ROOM, Sample, Segment};
+use crate::support::crossings::{Along, Known, crossings};
+use crate::support::level::{Level, ROOM, Sample, Segment};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;

@@ -7,7 +7,7 @@
 //! - Twin: Mitsuba mesh (native) with the same vertices.
 //! - Example: `scenes/shapes/heightfield.toml`.
 
-use crate::lower::{Triangles, lower};
+use crate::support::lower::{Triangles, lower};
 use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::Deserialize;

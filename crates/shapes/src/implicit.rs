@@ -11,9 +11,9 @@
 
 mod tree;
 
-use crate::crossings::{Along, Known, crossings};
-use crate::enclosure::{Dual, Enclosure};
-use crate::level::{Level, ROOM, Sample, Segment};
+use crate::support::crossings::{Along, Known, crossings};
+use crate::support::enclosure::{Dual, Enclosure};
+use crate::support::level::{Level, ROOM, Sample, Segment};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::ops::ControlFlow;

@@ -14,8 +14,8 @@
 mod cubic;
 mod density;
 
-use crate::crossings::Crossing;
-use crate::level::{Level, Sample, Segment, whole};
+use crate::support::crossings::Crossing;
+use crate::support::level::{Level, Sample, Segment, whole};
 use cubic::{Cubic, lerp, trilinear};
 use density::Values;
 use schemars::JsonSchema;

@@ -13,7 +13,7 @@ mod obj;
 mod ply;
 mod subdivision;
 
-use crate::lower::{Lowered, Triangles, lower};
+use crate::support::lower::{Lowered, Triangles, lower};
 use displacement::Displacement;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

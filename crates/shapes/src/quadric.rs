@@ -8,7 +8,7 @@
 //! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `quadric`, cut (native).
 //! - Example: `scenes/shapes/quadric.toml`.
 
-use crate::conic::{Clipped, Conic, Mapping};
+use crate::support::conic::{Clipped, Conic, Mapping};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::borrow::Cow;

@@ -11,7 +11,7 @@
 //! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `torus` (native).
 //! - Example: `scenes/shapes/torus.toml`.
 
-use crate::near::{comes_near_ball, goes_on};
+use crate::support::near::{comes_near_ball, goes_on};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::f64::consts::TAU;

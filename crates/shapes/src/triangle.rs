@@ -5,7 +5,7 @@
 //! - Twin: Mitsuba mesh of one triangle (native).
 //! - Example: `scenes/shapes/triangle.toml`.
 
-use crate::lower::{Lowered, Triangles, lower};
+use crate::support::lower::{Lowered, Triangles, lower};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::config::{Vector2, Vector3};

@@ -3,7 +3,7 @@
 //! - Twin: Mitsuba `checkerboard` (native).
 //! - Example: `scenes/textures/checker.toml`.
 
-use crate::mapping::{Mapping, Projection, TextureFunction};
+use crate::support::mapping::{Mapping, Projection, TextureFunction};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;

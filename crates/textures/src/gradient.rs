@@ -3,8 +3,8 @@
 //! - Twin: Mitsuba, hosted: a Python texture; POV-Ray, a function.
 //! - Example: `scenes/textures/gradient.toml`.
 
-use crate::cells::cell;
-use crate::mapping::{Mapping, Projection, TextureFunction};
+use crate::support::cells::cell;
+use crate::support::mapping::{Mapping, Projection, TextureFunction};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;

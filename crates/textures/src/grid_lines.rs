@@ -3,7 +3,7 @@
 //! - Twin: Mitsuba, hosted: a Python texture.
 //! - Example: `scenes/textures/grid_lines.toml`.
 
-use crate::mapping::{Mapping, Projection, TextureFunction};
+use crate::support::mapping::{Mapping, Projection, TextureFunction};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;

@@ -8,9 +8,9 @@
 //! - Twin: Mitsuba `bitmap` (native); the filters `trilinear` and `ewa` are hosted.
 //! - Example: `scenes/textures/image.toml`.
 
-use crate::mapping::{Mapping, Projection};
-use crate::raster::{ColorSpace, Filter, Lookup, MaxAnisotropy, Raster, Store, USUAL_ANISOTROPY};
-use crate::wrap::Wraps;
+use crate::support::mapping::{Mapping, Projection};
+use crate::support::raster::{ColorSpace, Filter, Lookup, MaxAnisotropy, Raster, Store, USUAL_ANISOTROPY};
+use crate::support::wrap::Wraps;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -145,7 +145,7 @@ impl Plugin<Textures> for Image {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::wrap::Wrap;
+    use crate::support::wrap::Wrap;
     use whitstone_core::{DVec2, DVec3, Rgb, SurfaceInteraction};
     use whitstone_image::planes;
     use whitstone_image::png;

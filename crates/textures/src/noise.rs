@@ -8,7 +8,7 @@
 //! - Twin: Mitsuba, hosted: a Python texture, written from the model.
 //! - Example: `scenes/textures/noise.toml`.
 
-use crate::mapping::{Mapping, Projection, TextureFunction};
+use crate::support::mapping::{Mapping, Projection, TextureFunction};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;

@@ -5,8 +5,8 @@
 //! - Twin: Mitsuba, hosted: a Python texture, written from the model.
 //! - Example: `scenes/textures/solid.toml`.
 
-use crate::mapping::{Mapping, Projection, TextureFunction};
-use crate::wrap::Wrap;
+use crate::support::mapping::{Mapping, Projection, TextureFunction};
+use crate::support::wrap::Wrap;
 use schemars::JsonSchema;
 use serde::de::{Error, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};

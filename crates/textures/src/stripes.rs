@@ -3,8 +3,8 @@
 //! - Twin: Mitsuba, hosted: a Python texture; POV-Ray, a function.
 //! - Example: `scenes/textures/stripes.toml`.
 
-use crate::cells::odd;
-use crate::mapping::{Mapping, Projection, TextureFunction};
+use crate::support::cells::odd;
+use crate::support::mapping::{Mapping, Projection, TextureFunction};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;

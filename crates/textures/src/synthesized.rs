@@ -16,9 +16,9 @@ mod codes;
 mod optimization;
 mod quilt;
 
-use crate::mapping::{Mapping, Projection};
-use crate::raster::{ColorSpace, Filter, Lookup, MaxAnisotropy, Raster, USUAL_ANISOTROPY};
-use crate::wrap::Wraps;
+use crate::support::mapping::{Mapping, Projection};
+use crate::support::raster::{ColorSpace, Filter, Lookup, MaxAnisotropy, Raster, USUAL_ANISOTROPY};
+use crate::support::wrap::Wraps;
 use codes::Codes;
 use optimization::Optimization;
 use quilt::Quilt;

@@ -163,7 +163,7 @@ impl<P: ShapeKernel> Shape for P {
                     let mut hit = [false; GROUP];
                     for k in 0..GROUP {
                         let lane = start + k;
-                        let t = primitive
+                        let t = kernel
                             .hit(&rays.ray(lane), 0.0, origin_primitive(rays, lane, shape))
                             .t;
                         hit[k] = near[k] & (t > 0.0) & (t < rays.limit[lane]);
@@ -190,7 +190,7 @@ impl<P: ShapeKernel> Shape for P {
             for lane in 0..len {
                 points.set(
                     lane,
-                    &ShapeKernel::surface(&primitive, &rays.ray(lane), &hits.hit(lane), needs),
+                    &ShapeKernel::surface(&kernel, &rays.ray(lane), &hits.hit(lane), needs),
                 );
             }
             return;
@@ -204,7 +204,7 @@ impl<P: ShapeKernel> Shape for P {
                     let (ray, hit) = (rays.ray(lane), hits.hit(lane));
                     points.set(
                         lane,
-                        &ShapeKernel::surface(&primitive, &ray, &hit, SurfaceAttributes::NOTHING),
+                        &ShapeKernel::surface(&kernel, &ray, &hit, SurfaceAttributes::NOTHING),
                     );
                 }
             },

@@ -1,6 +1,6 @@
 //! The tree of a field: its TOML form and its evaluation.
 
-use crate::enclosure::{Enclosure, Number};
+use crate::support::enclosure::{Enclosure, Number};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::DVec3;

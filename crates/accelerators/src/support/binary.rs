@@ -8,8 +8,8 @@
 //! - `axes = "longest"` tries the axis with the largest extent of the centers; `"all"` tries all
 //!   three and takes the cheapest.
 
-use crate::elements::{Item, bounds};
-use crate::split::{Axes, Split};
+use crate::support::elements::{Item, bounds};
+use crate::support::split::{Axes, Split};
 use std::cmp::Ordering;
 use std::ops::Range;
 use whitstone_core::Aabb;

@@ -1,6 +1,6 @@
 //! Transparent bodies: shared code of the materials that refract.
 
-use crate::optics::{Crossing, Interface, reflect};
+use crate::support::optics::{Crossing, Interface, reflect};
 use whitstone_core::{DVec3, Rgb, SurfaceInteraction, Transmittance};
 
 /// The two orientations of a body's interface and its media. Interfaces are named by the viewer's

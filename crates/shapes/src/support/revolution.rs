@@ -1,9 +1,9 @@
 //! Common code of cylinder, cone, paraboloid and hyperboloid: quadrics of revolution about the z
 //! axis, clipped between two heights.
 
-use crate::conic::{Clipped, Conic, Mapping, angle};
-use crate::frame::Frame;
-use crate::near::check_radius;
+use crate::support::conic::{Clipped, Conic, Mapping, angle};
+use crate::support::frame::Frame;
+use crate::support::near::check_radius;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use whitstone_core::config::Vector2;
 use whitstone_core::{Aabb, DMat3, DVec2, DVec3, LoweredShape, SceneErrors, SurfacePart, Transform};

@@ -3,7 +3,7 @@
 use super::Slot;
 use super::filter::{NUMBERS, WINDOW};
 use super::frame::{Frame, ROUNDING};
-use crate::oversized::oversized;
+use crate::support::oversized::oversized;
 use glam::{Vec3A, Vec4, Vec4Swizzles};
 use rayon::prelude::*;
 use whitstone_core::{Aabb, DVec3, Element, Geometry, LoweredShape, TriangleMesh};
@@ -127,7 +127,7 @@ pub(crate) struct Items<'a> {
     centers: Aabb,
     /// Elements without a box of reasonable size, and those of oversized shapes.
     pub(crate) unbounded: Vec<Element>,
-    /// Numbers of the oversized shapes; see [`oversized`](crate::oversized).
+    /// Numbers of the oversized shapes; see [`oversized`](crate::support::oversized).
     oversized: Vec<u32>,
     /// The index of the first element of each shape, then the total number of elements.
     starts: Vec<u32>,

@@ -4,9 +4,9 @@
 //! lookup. The linear value is therefore exact in double precision, and a texel of an 8-bit file
 //! needs 3 bytes.
 
-use crate::mapping::TextureFunction;
-use crate::pyramid::{Ellipse, Grid, Pyramid, elliptical};
-use crate::wrap::Wrap;
+use crate::support::mapping::TextureFunction;
+use crate::support::pyramid::{Ellipse, Grid, Pyramid, elliptical};
+use crate::support::wrap::Wrap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use toml::Spanned;

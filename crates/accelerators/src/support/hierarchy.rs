@@ -1,7 +1,7 @@
 //! Nodes, build and statistics of the hierarchies whose volumes are not axis-parallel boxes.
 
-use crate::binary::{Builder, Tree};
-use crate::elements::{Elements, Item};
+use crate::support::binary::{Builder, Tree};
+use crate::support::elements::{Elements, Item};
 use rayon::prelude::*;
 use std::ops::Range;
 use whitstone_core::{DebugBounds, Element, Geometry, Statistics};

@@ -8,8 +8,8 @@
 //! arithmetic*, 2004); the roots are the non-cancelling forms of Press et al., *Numerical Recipes*,
 //! 5.6.
 
-use crate::frame::{Frame, UNIT};
-use crate::near::{comes_near_ball, goes_on};
+use crate::support::frame::{Frame, UNIT};
+use crate::support::near::{comes_near_ball, goes_on};
 use whitstone_core::simd::select;
 use whitstone_core::{
     Aabb, DMat3, DVec2, DVec3, NO_PRIMITIVE, PreliminaryIntersection, Ray, SceneError, ShapeHit, ShapeKernel,

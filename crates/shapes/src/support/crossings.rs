@@ -125,7 +125,7 @@ pub(crate) fn refine(f: &impl Along, mut lo: f64, mut hi: f64, hi_is_inside: boo
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::enclosure::{Dual, Enclosure, Number};
+    use crate::support::enclosure::{Dual, Enclosure, Number};
     use whitstone_testkit::Random;
 
     /// Maximum number of ranges: after [`STEPS`], all coarse ranges in [0, 1] and the ranges that

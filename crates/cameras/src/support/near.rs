@@ -1,7 +1,7 @@
 //! The near limit of a pinhole camera: rays start at it.
 
-use crate::pinhole::{Pinhole, normalize};
-use crate::view::Frame;
+use crate::support::pinhole::{Pinhole, normalize};
+use crate::support::view::Frame;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use toml::Spanned;

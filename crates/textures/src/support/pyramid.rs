@@ -8,7 +8,7 @@
 //! quadratic form. Elongated ellipses are widened until the ratio of their axes is at most a bound,
 //! which also bounds the number of texels read.
 
-use crate::wrap::Wrap;
+use crate::support::wrap::Wrap;
 
 use whitstone_core::{DVec2, Rgb, Vec4, simd};
 

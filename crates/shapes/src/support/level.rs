@@ -1,6 +1,6 @@
 //! Object space of level sets (isosurface, implicit, fractal), with rounding error bounds.
 
-use crate::crossings::{Along, Crossing, crossings};
+use crate::support::crossings::{Along, Crossing, crossings};
 use std::ops::ControlFlow;
 use whitstone_core::{
     Aabb, DMat3, DVec2, DVec3, Interval, Ray, ShapeHit, Spans, SurfaceInteraction, Transform, solid,

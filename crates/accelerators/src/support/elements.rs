@@ -12,7 +12,7 @@
 //! beyond it, so it does not end the search. A cell is skipped only if the ray enters it strictly
 //! behind the best hit.
 
-use crate::oversized::oversized;
+use crate::support::oversized::oversized;
 use std::sync::Arc;
 use std::time::Instant;
 use whitstone_core::triangle::ShearedRay;

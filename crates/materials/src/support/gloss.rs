@@ -1,6 +1,6 @@
 //! The shading sum of the lecture notes, shared by `phong`, `blinn_phong` and `whitted`.
 
-use crate::optics::{cosine_power, reflect};
+use crate::support::optics::{cosine_power, reflect};
 use whitstone_core::config::TextureRef;
 use whitstone_core::{
     ColorSource, Context, DVec3, LightSamples, Rgb, SceneErrors, SurfaceAttributes, SurfaceInteraction,

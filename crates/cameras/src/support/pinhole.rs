@@ -4,7 +4,7 @@
 //! the angle of view is computed from the complement: 180 - fov is exact, and the tangent is
 //! accurate for small angles but not near 90 degrees.
 
-use crate::view::{self, Frame};
+use crate::support::view::{self, Frame};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use toml::Spanned;
