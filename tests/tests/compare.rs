@@ -75,7 +75,7 @@ fn folders_are_matched_by_path_and_what_is_missing_is_an_error() {
     check(
         &all(&[]),
         2,
-        &["ERROR  only.exr", "it is not below", "could not be compared: 1"],
+        &["ERROR  only.exr", "missing in", "could not be compared: 1"],
     );
 
     // A damaged and a differing one beside it: the others are compared all the same.

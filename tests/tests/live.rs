@@ -251,7 +251,7 @@ fn explain_shows_both_trees() -> Result<(), Failed> {
         _ => return Err(told.to_string().into()),
     }
     check(
-        text.contains("the two part at camera ray: ours hits shape"),
+        text.contains("the ray trees first differ at camera ray: ours hits shape"),
         &case,
     )
 }

@@ -60,7 +60,7 @@ fn a_missing_stored_reference_fails_visibly() {
     // The words of both commands are complete, and the name is not that of a scene of the
     // repository.
     assert!(
-        told.contains(&format!("again: whitstone validate {scene_name} {flags}\n")),
+        told.contains(&format!("reproduce: whitstone validate {scene_name} {flags}\n")),
         "{told}"
     );
     assert!(
@@ -76,7 +76,7 @@ fn a_missing_stored_reference_fails_visibly() {
     let changes = "--set camera.fov=30 --set 'light[0].intensity=[1, 2, 3]'";
     assert!(
         told.contains(&format!(
-            "again: whitstone validate {scene_name} {changes} {flags}\n"
+            "reproduce: whitstone validate {scene_name} {changes} {flags}\n"
         )),
         "{told}"
     );

@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn too_little_darkening_is_told_at_its_place() {
+    fn too_little_darkening_is_reported_at_its_place() {
         let errors = build::<Materials, Chalk>("darkening = 0.5", ()).err().unwrap();
         assert_eq!(errors.0[0].span, Some(12..15));
     }
