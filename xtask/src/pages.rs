@@ -58,7 +58,7 @@ pub(crate) fn between(page: &str, [begin, end]: [&str; 2], text: &str) -> Result
     let old = std::fs::read_to_string(page).map_err(Failure::environment)?;
     let (Some(from), Some(to)) = (old.find(begin), old.find(end)) else {
         return Err(Failure::usage(format!(
-            "{page}: the marks {begin} and {end} are missing"
+            "{page}: the marker comments {begin} and {end} are missing"
         )));
     };
     let new = format!("{}{begin}\n\n{text}\n\n{}", &old[..from], &old[to..]);

@@ -25,7 +25,7 @@ pub(super) fn render(width: u32, height: u32) -> Result<Rendering, String> {
         .output()
         .map_err(|error| format!("povray cannot be run (Debian: apt install povray): {error}"))?;
     let said = String::from_utf8_lossy(&output.stderr);
-    parse(&said).ok_or_else(|| format!("povray says nothing that is understood:\n{said}"))
+    parse(&said).ok_or_else(|| format!("cannot parse the output of povray:\n{said}"))
 }
 
 fn parse(said: &str) -> Option<Rendering> {
@@ -47,7 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_it_says_is_understood() {
+    fn statistics_are_parsed() {
         let said = "Pixels:  2073600   Samples:  0\nRays:            9704944   Saved:   0   Max Level: 7/7\n\
             Shadow Ray Tests:           2826245   Succeeded:  843400\nShadow Cache Hits:  144020\n\
             Parse Time:  0 hours (0.000 seconds)\n   using 1 thread(s) with 0.000 CPU-seconds total\n\
