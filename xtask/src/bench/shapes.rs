@@ -366,7 +366,7 @@ fn table(rows: &[Row], unmeasured: &BTreeMap<&str, &str>) -> String {
     }
     let _ = write!(
         text,
-        "\n\nA hit is wrong if its class is wrong, or if t is off by more than {MOST_ULPS} ulp times the condition, also for every neighbouring ray."
+        "\n\nA hit is wrong if its class is wrong, or if t is off by more than {MOST_ULPS} ulp times the condition, for the ray itself and for every neighbouring ray (see *ill-posed*)."
     );
     text
 }
