@@ -163,7 +163,10 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
                 "{}: the oracle decides {} of {} pixels, less than 95 %, and the scene is not a known exception",
                 row.name, row.decided, row.asked
             )),
-            (true, Some(_)) => problems.push(format!("{}: the oracle decides at least 95 %; remove the scene from EXCEPTIONS", row.name)),
+            (true, Some(_)) => problems.push(format!(
+                "{}: the oracle decides at least 95 %; remove the scene from EXCEPTIONS",
+                row.name
+            )),
             _ => {}
         }
     }

@@ -108,7 +108,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     println!("  memory  {} GiB peak", gib(peak));
     println!("  total   {total_s:.1} s");
     println!(
-        "  compare {HOURS_THEN} h for a film frame of 240 million quads and 80 million rays on a machine of 2006: \
+        "  for comparison: {HOURS_THEN} h for a film frame of 240 million quads and 80 million rays on a machine of 2006: \
          {times:.0} times as long, with other shading"
     );
     if let Some(path) = &arguments.json {

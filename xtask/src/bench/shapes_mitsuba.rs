@@ -62,7 +62,7 @@ impl LiveMitsuba {
     /// Always an error, which says how to build with Mitsuba.
     pub(super) fn errors(&self, _: &str, _: &Oracle, _: &[Both]) -> Result<Errors, &'static str> {
         Err(
-            "not built with Mitsuba; run cargo run --release --package xtask --features mitsuba -- bench shapes",
+            "not built with Mitsuba; run `cargo run --release --package xtask --features mitsuba -- bench shapes`",
         )
     }
 

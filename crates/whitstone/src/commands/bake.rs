@@ -48,8 +48,8 @@ struct Cubemap {
     /// is at its middle, +x to the right of it, +y at its top
     #[arg(value_name = "PICTURE")]
     picture: PathBuf,
-    /// Width and height of each face in texels, at most 4096 [default: a quarter of the picture's width, which matches the
-    /// picture's resolution at its horizon]
+    /// Width and height of each face in texels, at most 4096 [default: a quarter of the picture's
+    /// width, which matches the picture's resolution at its horizon]
     #[arg(long, value_name = "TEXELS", value_parser = clap::value_parser!(u32).range(1..=4096))]
     size: Option<u32>,
     /// Folder for the files, created if needed [default: the picture's name without its extension,

@@ -16,7 +16,7 @@ use whitstone_scene::{Plan, RenderOptions};
 #[derive(Args, Debug)]
 #[command(
     help_template = super::HELP_TEMPLATE,
-    after_help = "Examples:\n  whitstone render scenes/showcase/classic.toml --png\n  whitstone render scenes/showcase/classic.toml --set film.width=1920 --set film.height=1080 -o large.png"
+    after_help = "Examples:\n  whitstone render scenes/showcase/classic.toml --png\n  whitstone render scenes/showcase/classic.toml --set camera.fov=30 -o classic.png"
 )]
 pub struct Arguments {
     #[command(flatten)]
@@ -28,7 +28,8 @@ pub struct Arguments {
     /// Also write a PNG preview next to the EXR file, with the same name
     #[arg(long)]
     png: bool,
-    /// Exposure of the PNG preview, in stops; the scaled values are clamped to 1 and encoded as sRGB
+    /// Exposure of the PNG preview, in stops; the scaled values are clamped to 1 and encoded as
+    /// sRGB
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true, value_parser = super::finite)]
     exposure: f64,
     /// Number of threads; 0 means one per core. The image does not depend on it

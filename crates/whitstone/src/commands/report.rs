@@ -13,8 +13,8 @@ use whitstone_validate::report::{Baseline, Changes, Diagram, Extras, Kind, SCENE
 use whitstone_validate::sensitivity::Parameter;
 use whitstone_validate::{CaseResult, Pictures, Results, counted};
 
-/// Write the HTML report of the last `validate`, with the latest results of `converge`, `stress` and
-/// `sensitivity`; with --open, show it in a browser
+/// Write the HTML report of the last `validate`, with the latest results of `converge`, `stress`
+/// and `sensitivity`; with --open, show it in a browser
 ///
 /// The page is index.html in the folder of the results. It is one file that works from disk,
 /// without a network. With more than 150 cases it becomes an index, and each scene has its own page

@@ -2,7 +2,8 @@
 //! in Lunar Photometry*, 1941).
 //!
 //! The BRDF is f = reflectance/pi (cos of the light · cos of the viewer)^(darkening - 1). It is
-//! reciprocal, and its reflection of uniform illumination has the closed form in `local_illumination`.
+//! reciprocal, and its reflection of uniform illumination has the closed form in
+//! `local_illumination`.
 //!
 //! - Twin: none; the tests check energy, reciprocity, and the matte surface as a special case.
 //! - Example: `scenes/chalk.toml`.
