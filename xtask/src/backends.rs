@@ -33,8 +33,8 @@ fn features(manifest: &str) -> impl Iterator<Item = (&str, &str)> {
     entries.filter(|(name, _)| *name != "default")
 }
 
-/// Each backend must have a file, tests and documentation. Every crate that forwards it must have it
-/// as a feature, and none may enable it by default. `built` are the backends in this program.
+/// Each backend must have a file, tests and documentation. Every crate that forwards it must have
+/// it as a feature, and none may enable it by default. `built` are the backends in this program.
 pub(crate) fn check(built: &[&Entry]) -> Vec<String> {
     let mut problems = check_names(&names(), &read);
     for entry in built {

@@ -23,9 +23,9 @@ use whitstone::{Exit, Failure, commands, finish};
 
 /// All commands of `whitstone`, and the maintenance commands of this repository.
 ///
-/// Paths are relative to the repository root. Exit codes: 0 success; 1 a check fails or a comparison
-/// differs; 2 the command line, a scene or an input file is wrong; 3 something that the command
-/// needs is missing or broken, such as a live Mitsuba.
+/// Paths are relative to the repository root. Exit codes: 0 success; 1 a check fails or a
+/// comparison differs; 2 the command line, a scene or an input file is wrong; 3 something that the
+/// command needs is missing or broken, such as a live Mitsuba.
 #[derive(Parser)]
 #[command(name = "cargo xtask", arg_required_else_help = true, max_term_width = 100)]
 struct Arguments {

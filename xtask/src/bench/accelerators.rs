@@ -31,8 +31,8 @@ use whitstone_testkit::TestContext;
 pub(crate) struct Arguments {
     #[command(flatten)]
     folder: fetch::Folder,
-    /// Accelerator to run: TYPE or TYPE:QUALITY; can be repeated. Third-party backends are available
-    /// if they are built in [default: bvh in three qualities, bvh2, and the backends]
+    /// Accelerator to run: TYPE or TYPE:QUALITY; can be repeated. Third-party backends are
+    /// available if they are built in [default: bvh in three qualities, bvh2, and the backends]
     #[arg(long = "accelerator", value_name = "NAME")]
     accelerators: Vec<String>,
     /// Mesh: a name in the data folder, or a PLY or OBJ file; can be repeated [default: the public

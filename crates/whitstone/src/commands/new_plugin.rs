@@ -67,7 +67,7 @@ const OF_TWIN: [&str; 4] = [
     "    registry.add_twin(\"mitsuba\", \"superquadric.py\", include_str!(\"superquadric.py\"));\n",
     ", and what Mitsuba's driver needs to render them",
     "cargo run --release -- validate scenes/superquadric.toml --references ../../references   # against a live Mitsuba\n",
-    "- `src/superquadric.py`: its twin for Mitsuba's driver. It is written from what the shape promises,\n  by another method. `../../references/mitsuba/whitstone_mitsuba/twins.py` says what such a file may\n  contain.\n",
+    "- `src/superquadric.py`: its twin for Mitsuba's driver, which computes the same shape by another\n  method. `../../references/mitsuba/whitstone_mitsuba/twins.py` documents what such a file may\n  contain.\n",
 ];
 
 /// All templates. The tests of the repository compile and test each of them.

@@ -440,7 +440,7 @@ fn print_case(case: &CaseResult) {
         println!("      {approximation_note}");
     }
     for change in &case.adapted {
-        println!("      on both sides {change}");
+        println!("      changed on both sides: {change}");
     }
     if let Some(opinion) = case
         .opinion
