@@ -235,14 +235,14 @@ fn explain_shows_both_trees() -> Result<(), Failed> {
     let agree = reference["first_difference"].is_null()
         && rays(reference) == rays(&report["pixel"])
         && rays(reference) > Some(3)
-        && text.contains("the two trees agree: ")
+        && text.contains("the ray trees agree: ")
         && text.contains("ours  ");
     if !agree {
         return Err(format!("{text}\n{reference}").into());
     }
     // The tree goes on below the rays that are shown.
     let (short, _) = explain(classic, "130,80", &["--max-rays", "2"])?;
-    if short.matches("throughput").count() != 2 || !short.contains("that agree; --max-rays shows them") {
+    if short.matches("throughput").count() != 2 || !short.contains("more that agree; increase --max-rays") {
         return Err(short.into());
     }
     let case = validate(&coplanar(NEARLY), "")?;
@@ -257,7 +257,7 @@ fn explain_shows_both_trees() -> Result<(), Failed> {
         _ => return Err(told.to_string().into()),
     }
     check(
-        text.contains("the two part at camera ray: ours hits shape"),
+        text.contains("the ray trees first differ at camera ray: ours hits shape"),
         &case,
     )
 }

@@ -229,10 +229,10 @@ fn the_command_tells_cells_and_reasons() {
         assert!(junit.contains(case), "{case}: {junit}");
     }
     assert!(
-        stdout.contains("left out, all: no texture in use has a filter"),
+        stdout.contains("skipped, all: no texture in use has a filter"),
         "{stdout}"
     );
-    assert!(stdout.contains("holds beside own picture: 1, 3"), "{stdout}");
+    assert!(stdout.contains("agrees with own picture: 1, 3"), "{stdout}");
     let report: serde_json::Value = serde_json::from_slice(&std::fs::read(report).unwrap()).unwrap();
     assert_eq!(report["summary"]["matrix"]["passed"], 2);
     let cells = report["matrix"].as_array().unwrap();

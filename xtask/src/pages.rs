@@ -58,7 +58,7 @@ pub(crate) fn between(page: &str, [begin, end]: [&str; 2], text: &str) -> Result
     let old = std::fs::read_to_string(page).map_err(Failure::environment)?;
     let (Some(from), Some(to)) = (old.find(begin), old.find(end)) else {
         return Err(Failure::usage(format!(
-            "{page}: the marks {begin} and {end} are missing"
+            "{page}: the marker comments {begin} and {end} are missing"
         )));
     };
     let new = format!("{}{begin}\n\n{text}\n\n{}", &old[..from], &old[to..]);
@@ -117,13 +117,13 @@ fn page(entry: &Entry, cases: &Cases<'_>, costs: &Costs) -> String {
     if !method.is_empty() {
         let _ = writeln!(text, "\n## Method\n\n{method}");
     }
-    text += "\n## Held to\n\n";
+    text += "\n## Validation\n\n";
     if let Some(twin) = plugins::note(&source, "Twin") {
         let _ = writeln!(text, "- Twin: {}", twin.trim_end_matches('.'));
     }
     let laws = plugins::laws(&source);
     if !laws.is_empty() {
-        let _ = writeln!(text, "- Laws: `{}`", laws.join("`, `"));
+        let _ = writeln!(text, "- Property tests: `{}`", laws.join("`, `"));
     }
     let scene = format!("{plural}/{name}");
     let cases = cases
@@ -135,14 +135,14 @@ fn page(entry: &Entry, cases: &Cases<'_>, costs: &Costs) -> String {
         };
         let _ = writeln!(
             text,
-            "- Error of the example against {renderer}: {error:.0e} (limit {:.0e}); {} pixels over the tolerance, {} unexplained",
+            "- Error of the example against {renderer}: {error:.0e} (limit {:.0e}); {} pixels over tolerance, {} unexplained",
             case.limit, case.pixels_over_tolerance, case.unexplained
         );
     }
     let _ = match costs.get(plural).and_then(|costs| costs.get(name)) {
         Some(cost) => writeln!(
             text,
-            "- Cost of the example: {cost} ns a ray on one thread, shading and shadow rays included (`cargo xtask bench plugins`)"
+            "- Cost of the example: {cost} ns per ray on one thread, including shading and shadow rays (`cargo xtask bench plugins`)"
         ),
         None => writeln!(text, "- Cost: not measured yet (`cargo xtask bench plugins`)"),
     };
@@ -362,39 +362,39 @@ mod tests {
 
     #[test]
     fn defaults_are_written_as_in_a_scene_file() {
-        let said = |value: Value| default(&value);
-        assert_eq!(said(json!({ "default": 32.0 })), Some("`32`".to_owned()));
+        let shown = |value: Value| default(&value);
+        assert_eq!(shown(json!({ "default": 32.0 })), Some("`32`".to_owned()));
         assert_eq!(
-            said(json!({ "default": [0.5, 1.0] })),
+            shown(json!({ "default": [0.5, 1.0] })),
             Some("`[0.5, 1]`".to_owned())
         );
-        assert_eq!(said(json!({ "default": "uv" })), Some("`\"uv\"`".to_owned()));
+        assert_eq!(shown(json!({ "default": "uv" })), Some("`\"uv\"`".to_owned()));
         assert_eq!(
-            said(json!({ "x-default": "that of `k_d`" })),
+            shown(json!({ "x-default": "that of `k_d`" })),
             Some("that of `k_d`".to_owned())
         );
-        assert_eq!(said(json!({ "default": null })), None);
-        assert_eq!(said(json!({})), None);
+        assert_eq!(shown(json!({ "default": null })), None);
+        assert_eq!(shown(json!({})), None);
     }
 
     #[test]
     fn kinds_are_put_into_words() {
         let root = json!({ "$defs": { "a": { "oneOf": [{ "const": "x" }, { "const": "y" }] } } });
-        let said = |value: Value| kind(&value, &root);
+        let shown = |value: Value| kind(&value, &root);
         assert_eq!(
-            said(json!({ "type": "number", "exclusiveMinimum": 0 })),
+            shown(json!({ "type": "number", "exclusiveMinimum": 0 })),
             "number > 0"
         );
         assert_eq!(
-            said(json!({ "type": "integer", "minimum": 1, "maximum": 9 })),
+            shown(json!({ "type": "integer", "minimum": 1, "maximum": 9 })),
             "integer ≥ 1, ≤ 9"
         );
-        assert_eq!(said(json!({ "$ref": "#/$defs/a" })), "`\"x\"` or `\"y\"`");
+        assert_eq!(shown(json!({ "$ref": "#/$defs/a" })), "`\"x\"` or `\"y\"`");
         let three = json!({ "type": "array", "items": { "type": "number" }, "minItems": 3, "maxItems": 3 });
         assert_eq!(
-            said(json!({ "anyOf": [{ "type": "number" }, three, { "type": "null" }] })),
+            shown(json!({ "anyOf": [{ "type": "number" }, three, { "type": "null" }] })),
             "number or 3 × number"
         );
-        assert_eq!(said(json!({ "type": ["boolean", "null"] })), "boolean");
+        assert_eq!(shown(json!({ "type": ["boolean", "null"] })), "boolean");
     }
 }

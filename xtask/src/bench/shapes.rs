@@ -3,7 +3,7 @@
 
 use super::machine::load;
 use super::median;
-use super::shapes_mitsuba::Peer;
+use super::shapes_mitsuba::LiveMitsuba;
 use crate::pages::between;
 use clap::Args;
 use serde_json::{Value, json};
@@ -69,23 +69,30 @@ const CONIC: &str = "the ray is moved to its nearest point, and the discriminant
 
 /// Benchmark every shape against the textbook form in single precision, and compare both with the
 /// oracle
+///
+/// Exit code 0 if no hit of Whitstone is wrong, 1 if one is.
 #[derive(Args, Debug)]
+#[command(
+    help_template = whitstone::commands::HELP_TEMPLATE,
+    after_help = "Examples:\n  taskset -c 0 cargo xtask bench shapes sphere torus\n  taskset -c 0 cargo xtask bench shapes --page"
+)]
 pub(super) struct Arguments {
-    /// Shapes to run [default: all registered ones]
+    /// Types of shapes to run [default: all registered ones]
+    #[arg(value_name = "SHAPE")]
     shapes: Vec<String>,
-    /// Rays of each kind (hits and misses)
-    #[arg(long, default_value_t = 4096)]
+    /// Number of rays of each kind (hits and misses)
+    #[arg(long, value_name = "COUNT", default_value_t = 4096)]
     rays: usize,
-    /// Number of rays that are checked by the oracle
-    #[arg(long, default_value_t = 1024)]
+    /// Number of rays of each kind that the oracle checks
+    #[arg(long, value_name = "COUNT", default_value_t = 1024)]
     checked: usize,
     /// Number of rounds; each times everything once
-    #[arg(long, default_value_t = 15)]
+    #[arg(long, value_name = "COUNT", default_value_t = 15)]
     rounds: usize,
     /// Write the results to this file as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Write the table into docs/shapes.md
+    /// Write the table into docs/shapes.md, between its marker comments
     #[arg(long)]
     page: bool,
 }
@@ -168,9 +175,11 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         .iter()
         .find(|name| !known.contains(&name.as_str()))
     {
-        return Err(Failure::usage(format!("there is no shape \"{unknown}\"")));
+        return Err(Failure::usage(format!(
+            "unknown shape \"{unknown}\"; `cargo xtask list shapes` lists all"
+        )));
     }
-    let mitsuba = Peer::start()?;
+    let mitsuba = LiveMitsuba::start()?;
     let (mut rows, mut unmeasured) = (Vec::new(), BTreeMap::new());
     for shape in known {
         if !arguments.shapes.is_empty() && !arguments.shapes.iter().any(|name| name == shape) {
@@ -186,7 +195,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     let table = table(&rows, &unmeasured);
     println!("{table}");
     println!(
-        "by the clock on one thread, {} rounds; load {:.1}",
+        "wall-clock time on one thread, {} rounds; load {:.1}",
         arguments.rounds,
         load()
     );
@@ -211,7 +220,7 @@ fn measure(
     case: &Case,
     arguments: &Arguments,
     registry: &Registry,
-    mitsuba: &Peer,
+    mitsuba: &LiveMitsuba,
 ) -> Result<[Row; 2], Failure> {
     let scene = case.scene(&DAffine3::IDENTITY);
     let subject = Subject::new(&scene, Path::new("scenes"), registry).map_err(Failure::usage)?;
@@ -341,10 +350,10 @@ fn table(rows: &[Row], unmeasured: &BTreeMap<&str, &str>) -> String {
             )),
         );
     }
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     for row in rows {
-        if let Some(reason) = row.reason().filter(|_| !told.contains(&row.shape)) {
-            told.push(row.shape);
+        if let Some(reason) = row.reason().filter(|_| !reported.contains(&row.shape)) {
+            reported.push(row.shape);
             let _ = write!(
                 text,
                 "\n- {}: more than {MOST_TIMES} times the textbook form: {reason}.",

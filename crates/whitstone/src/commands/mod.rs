@@ -33,13 +33,17 @@ use whitstone_scene::{BuildOptions, Cache, Description, Pipeline, Plan, Sources,
 
 /// A Whitted ray tracer that is validated against Mitsuba 3, pixel by pixel.
 ///
-/// Exit codes: 0 pass, 1 differs, 2 usage or scene, 3 environment.
+/// Exit codes: 0 success; 1 a comparison differs; 2 the command line, a scene or an input file is
+/// wrong; 3 something that the command needs is missing or broken, such as a live Mitsuba.
 #[derive(Parser)]
 #[command(version, arg_required_else_help = true, max_term_width = 100)]
 struct Arguments {
     #[command(subcommand)]
     command: Command,
 }
+
+/// The template of help texts with examples: they come before the arguments.
+pub const HELP_TEMPLATE: &str = "{about-with-newline}\n{usage-heading} {usage}{after-help}\n\n{all-args}";
 
 /// The commands with their arguments.
 #[derive(Subcommand)]
@@ -147,7 +151,7 @@ impl Cli {
 fn threads(text: &str) -> Result<usize, String> {
     match text.parse() {
         Ok(count) if count <= 1024 => Ok(count),
-        _ => Err("expected a number from 0 to 1024".to_owned()),
+        _ => Err("expected a whole number from 0 to 1024; 0 means one thread per core".to_owned()),
     }
 }
 
@@ -155,7 +159,7 @@ fn threads(text: &str) -> Result<usize, String> {
 fn gib(text: &str) -> Result<u64, String> {
     match text.parse::<f64>() {
         Ok(gib) if gib > 0.0 && gib <= 1e9 => Ok((gib * (1u64 << 30) as f64) as u64),
-        _ => Err("expected a number of GiB above 0".to_owned()),
+        _ => Err("expected a number of GiB above 0 and at most 1e9, such as 4 or 0.5".to_owned()),
     }
 }
 
@@ -175,17 +179,17 @@ pub struct SceneArguments {
     /// Scene file (TOML)
     pub scene: PathBuf,
     /// Override a value of the scene: `camera.fov=30`, `shape.glass.radius=0.5`,
-    /// `'film={width=64,height=64}'`
+    /// `'film={width=64,height=64}'`; can be repeated
     #[arg(long = "set", value_name = "PATH=VALUE")]
     pub overrides: Vec<String>,
     /// Reject a scene whose meshes and accelerators need more memory than this, in GiB [default:
-    /// the memory that is available]
+    /// the available memory]
     #[arg(long, value_name = "GIB", value_parser = gib)]
     pub max_memory: Option<u64>,
-    /// Cache folder for processed textures and the Mitsuba environment
+    /// Folder for cached textures and the Python environment of Mitsuba
     #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
     pub target: PathBuf,
-    /// Rebuild everything in the cache
+    /// Ignore cached files and build them again
     #[arg(long)]
     pub fresh: bool,
 }
@@ -237,15 +241,15 @@ mod tests {
     use whitstone_core::Shapes;
 
     #[test]
-    fn a_type_that_is_there_already_is_refused_and_both_are_named() {
+    fn a_duplicate_type_is_rejected_and_both_crates_are_named() {
         let again =
             |registry: &mut Registry| registry.add::<Shapes, whitstone_shapes::sphere::Sphere>("stranger");
-        let told = Cli::new("mine")
+        let message = Cli::new("mine")
             .with(again)
             .duplicate
             .map(|duplicate| duplicate.to_string());
         let expected = "shape type \"sphere\" is registered twice: by whitstone-shapes and by stranger";
-        assert_eq!(told.as_deref(), Some(expected));
+        assert_eq!(message.as_deref(), Some(expected));
         assert!(Cli::new("mine").with(|_| Ok(())).duplicate.is_none());
     }
 }

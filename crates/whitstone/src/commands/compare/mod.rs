@@ -15,7 +15,9 @@ use whitstone_image::{ErrorView, Image, Limits, Tolerance, ToneMap, exr_io};
 use whitstone_validate::Variants;
 use whitstone_validate::stored::read_variants;
 
-/// Compare an image with a reference: all metrics, the pixels over tolerance, the worst pixels
+/// Compare an image with a reference image, or a folder of images with a folder of references
+///
+/// Prints all metrics, the number of pixels over tolerance, and the worst pixels.
 ///
 /// Both files are OpenEXR; their channels R, G, B are compared. Images of different sizes or
 /// without these channels are an error (exit code 2): nothing is cropped or resampled. Non-finite
@@ -33,13 +35,14 @@ use whitstone_validate::stored::read_variants;
 /// tolerance.
 #[derive(Args, Debug)]
 #[command(
+    help_template = super::HELP_TEMPLATE,
     after_help = "Examples:\n  whitstone compare ours.exr reference.exr --max-rel-rmse-interior 1e-5 --png trio.png\n  whitstone compare renders references --junit compare.xml"
 )]
 pub struct Arguments {
-    /// Image under test, or a folder of images
+    /// Image under test (OpenEXR), or a folder of images
     #[arg(value_name = "OURS")]
     ours: PathBuf,
-    /// Reference image, or a folder of them
+    /// Reference image (OpenEXR), or a folder of images
     #[arg(value_name = "REFERENCE")]
     reference: PathBuf,
     /// Write all numbers and the verdict to this file as JSON
@@ -48,9 +51,9 @@ pub struct Arguments {
     /// Write the verdict to this file as JUnit XML, which most CI systems display
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
-    /// Write a picture of our image, the reference, and the relative error with its colour scale;
-    /// for two folders, a folder of pictures
-    #[arg(long, value_name = "FILE")]
+    /// Write a picture of the image, the reference, and the relative error with its colour scale;
+    /// for two folders, write a folder of pictures
+    #[arg(long, value_name = "PATH")]
     png: Option<PathBuf>,
     /// Exposure of the picture and of the images that SSIM compares, in stops
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true, value_parser = super::finite)]
@@ -58,18 +61,19 @@ pub struct Arguments {
     /// Maximum root mean square difference
     #[arg(long, value_name = "X", value_parser = at_least_0)]
     max_rmse: Option<f64>,
-    /// Maximum relative root mean square difference of the interior
+    /// Maximum relative root mean square difference over the interior: all pixels except explained
+    /// ones and those that --edges-of excludes
     #[arg(long, value_name = "X", value_parser = at_least_0)]
     max_rel_rmse_interior: Option<f64>,
     /// Exclude pixels at the edges of this layer of either image from the interior; numeric layers
-    /// need a step, as in depth.Z=0.1
+    /// need a step, as in depth.Z=0.1; can be repeated
     #[arg(long = "edges-of", value_name = "LAYER[=STEP]", value_parser = edge_layer)]
     edges_of: Vec<EdgeLayer>,
     /// Maximum number of pixels over tolerance [default: 0 if no other limit is given, else
     /// unlimited]
     #[arg(long, value_name = "N")]
     max_over: Option<usize>,
-    /// Maximum number of connected pixels over tolerance
+    /// Maximum size of a connected area of pixels over tolerance, in pixels
     #[arg(long, value_name = "N")]
     max_area: Option<usize>,
     /// Tolerance of a pixel, as a fraction of the reference's value there
@@ -120,7 +124,7 @@ fn edge_layer(text: &str) -> Result<EdgeLayer, String> {
         None if text.ends_with(".I") => (text, 0.0),
         None => {
             return Err(format!(
-                "only layers of ids, which end with .I, need no step: {text}=STEP"
+                "the layer {text} needs a step: write {text}=STEP; only id layers, whose names end in .I, need none"
             ));
         }
     };
@@ -169,7 +173,7 @@ pub fn run(arguments: &Arguments) -> Result<Exit, Failure> {
                 false => (&arguments.reference, &arguments.ours),
             };
             Err(Failure::usage(format!(
-                "{} is a folder and {} is none: two images can be compared, or two folders",
+                "{} is a folder and {} is not; name two images or two folders",
                 folder.display(),
                 file.display()
             )))
