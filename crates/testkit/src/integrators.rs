@@ -25,7 +25,7 @@ impl Shape for Wall {
 
     fn intersect(&self, ray: &Ray, interval: Interval, origin_primitive: Option<u32>) -> Option<ShapeHit> {
         let t = (self.point - ray.origin).dot(self.normal) / ray.direction.dot(self.normal);
-        (leaves.is_none() && interval.contains(t)).then_some(ShapeHit {
+        (origin_primitive.is_none() && interval.contains(t)).then_some(ShapeHit {
             t,
             primitive: 0,
             prim_uv: DVec2::ZERO,
