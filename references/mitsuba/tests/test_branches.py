@@ -236,7 +236,7 @@ class Bodies(Case):
         glass = '{ type = "dielectric", priority = 1 }'
         self.refuse(scene + f'[[shape]]\ntype = "sphere"\nmaterial = {{ type = "two_sided", front = {glass}, back = {glass} }}\n', "scene", "part of another")
         group = f'[[group.g.shape]]\ntype = "sphere"\nmaterial = {glass}\n[[shape]]\ntype = "instance"\ngroup = "g"\n'
-        self.refuse(scene + group, "scene", "all copies")
+        self.refuse(scene + group, "scene", "all instances")
         self.refuse(scene + 65 * self.ball(1, "priority = 1"), "scene", "at most 64")
 
 

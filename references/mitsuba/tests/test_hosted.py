@@ -163,7 +163,7 @@ class Quadrics(Case):
             ('type = "quadric"\ncoefficients = [0, 0, 0, 0, 0, 0, 0, 0, 0, 1]', "constant"),
             ('type = "quadric"\ncoefficients = [1, 1, 1, 0, 0, 0, 0, 0, 0, 1]', "no real points"),
             ('type = "quadric"\nmatrix = [[1,1,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,-1]]', "symmetric"),
-            ('type = "torus"\nminor_radius = 2', "less than major_radius"),
+            ('type = "torus"\nminor_radius = 2', "less than `major_radius`"),
             ('type = "torus"\ntransform = { scale = [1, 2, 1] }', "similarity"),
             ('type = "cylinder"\ncaps = 1', "true or false"),
         ):

@@ -86,7 +86,7 @@ class Emission(Case):
 
     def test_a_material_must_not_contain_itself(self):
         shared = '[material.a]\ntype = "emissive"\nmaterial = "b"\n[material.b]\ntype = "emissive"\nmaterial = "a"\n'
-        self.refuse(HEAD + FLOOR + 'material = "a"\n' + shared, "scene", "part of itself")
+        self.refuse(HEAD + FLOOR + 'material = "a"\n' + shared, "scene", "contains itself")
 
 
 class Composites(Case):

@@ -106,7 +106,7 @@ class Lights(Case):
             fine = light.format("square.obj", "samples = 3")
             self.near(self.value(HEAD + fine + FLOOR, base=base), [expected * n for n in (1, 2, 3)])
             write("line.obj", "v 0 0 0\nv 1 0 0\nf 1 2 2\n")
-            self.refuse(HEAD + light.format("line.obj", "") + FLOOR, "scene", "no triangle has an area", base=base)
+            self.refuse(HEAD + light.format("line.obj", "") + FLOOR, "scene", "every triangle is degenerate", base=base)
             self.refuse(HEAD + light.format("none.obj", "") + FLOOR, "scene", "cannot be read", base=base)
             write("many.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "f 1 2 3\n" * 1025)
             self.refuse(HEAD + light.format("many.obj", "samples = 2") + FLOOR, "scene", "4096", base=base)
@@ -226,7 +226,7 @@ class Lights(Case):
             self.refuse(film() + look + sky.replace('faces.nz.file = "nz.exr"\n', ""), "scene", "faces.nz", "required", base=base)
             for name, height, width in (("wide", 2, 4), ("large", 4, 4)):
                 write(f"{name}.exr", height, width, 0)
-                self.refuse(film() + look + sky.replace("ny.exr", f"{name}.exr"), "scene", "square pictures of one size", base=base)
+                self.refuse(film() + look + sky.replace("ny.exr", f"{name}.exr"), "scene", "square images of equal size", base=base)
             self.refuse(film() + look + sky + "radiance = 1\n", "scene", "either", base=base)
 
     def test_ambient(self):

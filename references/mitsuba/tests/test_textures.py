@@ -157,7 +157,7 @@ class Textures(Case):
         self.near(self.grey(16, 16, '{ type = "rings", scale = 3, offset = 0.1 }'), alike(cell(3 * np.abs(x) + 0.1)))
         turned = "mapping = { transform = { rotate = { axis = [1, 0, 0], degrees = 90 } } }"
         self.near(self.grey(16, 16, f'{{ type = "rings", scale = 3, {turned} }}'), alike(cell(3 * np.hypot(x, y))))
-        self.refuse(scene(1, 1, '{ type = "rings", scale = 0 }'), "scene", "scale", "above 0")
+        self.refuse(scene(1, 1, '{ type = "rings", scale = 0 }'), "scene", "scale", "> 0")
 
     def test_gradient(self):
         j, i = np.mgrid[0:16, 0:16]

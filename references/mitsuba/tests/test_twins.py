@@ -38,7 +38,7 @@ class Twins(Case):
         twins.load([EXAMPLE])
         with self.assertRaises(DriverError) as raised:
             twins.load([EXAMPLE])
-        self.assertIn("is there already", str(raised.exception))
+        self.assertIn("already exists", str(raised.exception))
         self.assertIn("superquadric.py", str(raised.exception))
 
     def test_what_cannot_be_run_is_named(self):

@@ -128,8 +128,8 @@ class Balls:
         middle = -dr.dot(start, way) / dr.squared_norm(way)
         foot = start + way * middle
         half = dr.sqrt(dr.maximum(radius * radius - dr.squared_norm(foot), 0) / dr.squared_norm(way))
-        near, far, told = middle - half, middle + half, mi.Float64(t)
-        root = dr.select(dr.abs(near - told) <= dr.abs(far - told), near, far)
+        near, far, native = middle - half, middle + half, mi.Float64(t)
+        root = dr.select(dr.abs(near - native) <= dr.abs(far - native), near, far)
         n = dr.normalize(start + way * root)
         normal = mi.Vector3f(n)
         place = centre + n * radius

@@ -40,11 +40,11 @@ class LevelSets(Case):
         # Along z the densities 0, 1, 1, 3: greater than 1.001 from just behind the third value on,
         # at z = 1/3. At level 1 POV-Ray would look for roots in all of the plateau, for minutes.
         values = [v for v in (0, 1, 1, 3) for _ in range(4)]
-        shape = f'type = "isosurface"\nSEEN\nsize = [2, 2, 4]\nlevel = 1.001\nvalues = {values}\n'
+        shape = f'type = "isosurface"\nSEEN\nsize = [2, 2, 4]\niso_value = 1.001\nvalues = {values}\n'
         self.assertEqual(self.seen(shape, [(0.1, 0.2)], above=0.32), [True])
         self.assertEqual(self.seen(shape, [(0.1, 0.2)], above=0.35), [False])
         # Along x, level 1.5 of 0, 1, 2: from x = 1/2 on; a wall, turned to the viewer.
-        shape = 'type = "isosurface"\nSEEN\nsize = [3, 2, 2]\nlevel = 1.5\nvalues = [0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2]\n'
+        shape = 'type = "isosurface"\nSEEN\nsize = [3, 2, 2]\niso_value = 1.5\nvalues = [0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2]\n'
         shape += "transform = { rotate = { axis = [0, 1, 0], degrees = 90 } }\n"
         self.assertEqual(self.seen(shape, [(0, 0)], above=-0.49), [False])
         self.assertEqual(self.seen(shape, [(0, 0)], above=-0.51), [True])
@@ -117,9 +117,9 @@ class LevelSets(Case):
             return film() + CAMERA + f"[[shape]]\n{text}\n"
 
         self.refuse(scene('type = "isosurface"\nsize = [2, 2, 2]\nvalues = [1]'), "scene", "expected 8")
-        self.refuse(scene('type = "isosurface"\nsize = [2, 2, 2]'), "scene", "one of values")
+        self.refuse(scene('type = "isosurface"\nsize = [2, 2, 2]'), "scene", "one of `values`")
         self.refuse(scene('type = "implicit"\nfield = { shpere = {} }'), "scene", "no such field")
-        self.refuse(scene('type = "implicit"\nfield = { plane = { normal = [0, 0, 1] } }'), "scene", "without end")
+        self.refuse(scene('type = "implicit"\nfield = { plane = { normal = [0, 0, 1] } }'), "scene", "unbounded")
         self.refuse(scene('type = "fractal"\nkind = "julia"\nc = [2, 1, 0, 0]'), "scene", "at most 2 long")
         self.refuse(scene('type = "fractal"\nkind = "mandelbulb"\nc = [0, 0, 0, 0]'), "scene", "unknown key")
         self.refuse(scene('type = "fractal"\nkind = "mandelbulb"\ndepth = 20'), "unsupported", "iterations")
