@@ -1,4 +1,4 @@
-"""Errors in documents are found, all at once, and named."""
+"""Errors in documents are found, and all of them are reported at once."""
 
 import unittest
 
@@ -62,7 +62,7 @@ class Documents(Case):
             self.refuse(HEAD + text, "unsupported", word)
         self.refuse(HEAD.replace("perspective", "fisheye"), "unsupported", "fisheye")
 
-    def test_what_changes_no_image(self):
+    def test_tables_that_do_not_affect_the_image(self):
         self.value(HEAD + '[accelerator]\ntype = "anything"\nleaf = 4\n[expect]\nrmse = 1e-3\n')
 
 

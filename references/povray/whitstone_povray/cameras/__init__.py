@@ -95,7 +95,7 @@ def window_of(fields: Fields, other: str) -> Optional[Tuple[Window, float]]:
     if not (left < right and bottom < top) and not fields.context.errors:
         inner.error("", "expected l < r and b < t")
     if fields.has(other):
-        fields.error(other, "cannot be given together with `window`")
+        fields.error(other, "cannot be given together with window")
     return (left, right, bottom, top), distance
 
 
