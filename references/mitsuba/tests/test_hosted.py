@@ -375,7 +375,7 @@ class Shading(Case):
         self.assertEqual(self.nodes(camera + cap + flat)[0]["primitive"], 6)
 
     def test_stretched_and_sheared(self):
-        """Instances that shear a disk and a plane: texture coordinates stay those of object space."""
+        """Instances that shear a disk and a plane do not change texture coordinates."""
         shear = "transform = { matrix = [[1, 0.5, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]] }"
         for kind, at in (("disk", (0.5, 0.25)), ("plane", (0.4, 0.6))):
             scene = f'[[group.g.shape]]\ntype = "{kind}"\n[[shape]]\ntype = "instance"\ngroup = "g"\n{shear}\n'

@@ -174,7 +174,7 @@ class Tracer:
         self._budget: float = math.inf
 
     # ---- pixels
-    # --------------------------------------------------------------------------------------------------
+    # ----------------------------------------------------------------------------------------------
 
     def pixels(self, x: np.ndarray, y: np.ndarray, setting: np.ndarray) -> np.ndarray:
         """(n, 3) float32: values of pixels (x[i], y[i]) under settings[setting[i]], as the mean
@@ -271,7 +271,7 @@ class Tracer:
         key = mix(mi.UInt32(pixel.astype(np.uint32)) + mix(mi.UInt32(number.astype(np.uint32))))
         rays = Rays(
             o, d, mi.Color3f(dr.full(mi.Float, 1, width)), dr.zeros(mi.Color3f, width), key, dr.full(mi.UInt32, 1, width),
-            mi.UInt32(which.astype(np.uint32)), *spawn.nowhere(width), dr.zeros(mi.UInt64, width), real=count,
+            mi.UInt32(which.astype(np.uint32)), *spawn.no_surface(width), dr.zeros(mi.UInt64, width), real=count,
         )  # fmt: skip
         # Every lane needs its own memory: arrays that repeat one value are another kind of kernel
         # input.
@@ -285,7 +285,7 @@ class Tracer:
         return rays
 
     # ---- rays
-    # ----------------------------------------------------------------------------------------------------
+    # ----------------------------------------------------------------------------------------------
 
     def trace(self, rays: Rays, depth: int) -> Any:
         """Radiance along each ray (Color3f, evaluated)."""
@@ -597,7 +597,7 @@ class Tracer:
         return spawn.Met(valid, pi.t, shape, facet)
 
     # ---- branches
-    # ------------------------------------------------------------------------------------------------
+    # ----------------------------------------------------------------------------------------------
 
     def _branches(self, level: Level, groups: Dict[int, np.ndarray], depth: int) -> Optional[Rays]:
         """The delta branches of a level: links from children to parents, and the rays of the next
@@ -691,7 +691,7 @@ class Tracer:
         return spawned, weight, keep
 
     # ---- numbers
-    # -------------------------------------------------------------------------------------------------
+    # ----------------------------------------------------------------------------------------------
 
     def leave(self, p: Any, n_g: Any, direction: Any, shape: Any, facet: Any, setting: Any) -> spawn.Spawned:
         """The origin of a ray in this direction: `spawn.leave` with the setting's K."""

@@ -52,7 +52,7 @@ class Host:
         self.hosts = mi.UInt32(hosts)
 
     # ---- rays
-    # ----------------------------------------------------------------------------------------------------
+    # ----------------------------------------------------------------------------------------------
 
     def _may_hit(self, number: int, o: np.ndarray, d: np.ndarray) -> np.ndarray:
         """The lanes whose lines may hit a shape, by a test of its bounding sphere."""
@@ -120,7 +120,7 @@ class Host:
         return Found(t, p, n_g, n_s, uv, shape, primitive, code)
 
     # ---- Dr.Jit
-    # --------------------------------------------------------------------------------------------------
+    # ----------------------------------------------------------------------------------------------
 
     def combine(self, rays: Any, valid: Any, values: Sequence[Any]) -> Tuple[Any, List[Any]]:
         """(valid, values) with hosted surfaces where they are nearer than Mitsuba's.

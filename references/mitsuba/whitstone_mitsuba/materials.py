@@ -174,7 +174,7 @@ class Material:
         )
 
 
-def _lit(texture: Any) -> bool:
+def _is_nonzero(texture: Any) -> bool:
     """Whether a texture is not black everywhere."""
     return texture.range()[1] > 0
 
@@ -206,7 +206,7 @@ def _whitted(fields: Fields, textures: Textures) -> Material:
     k_refl = textures.value(fields, "k_refl", 0.0, 0.0, math.inf)
     k_refr = textures.value(fields, "k_refr", 0.0, 0.0, math.inf)
     ior, interior, exterior = _media(fields)
-    branches = (REFLECT,) * (_lit(k_refl) or _lit(k_refr)) + (TRANSMIT,) * _lit(k_refr)
+    branches = (REFLECT,) * (_is_nonzero(k_refl) or _is_nonzero(k_refr)) + (TRANSMIT,) * _is_nonzero(k_refr)
     return Material(
         "whitted",
         lobes.ambient,
@@ -216,7 +216,7 @@ def _whitted(fields: Fields, textures: Textures) -> Material:
         exterior,
         {**lobes.textures, "k_refl": k_refl, "k_refr": k_refr},
         {**lobes.numbers, **ior},
-        refracts=_lit(k_refr),
+        refracts=_is_nonzero(k_refr),
     )
 
 

@@ -246,7 +246,7 @@ def _rectangle(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
 
 def _disk(fields: Fields, place: Place, base: Folder) -> Tuple[Any, Any]:
     matrix = place.world
-    if not transforms.alike(place.own[:3, :2]):
+    if not transforms.are_equal_and_perpendicular(place.own[:3, :2]):
         fields.error("transform", "must scale x and y equally")
     if _sheared(place):
         return surfaces.Flat(matrix, "disk"), _SHEARED

@@ -56,7 +56,7 @@ class Spawned:
         return Spawned(*[dr.gather(type(array), array, lanes) for array in self.arrays()])
 
 
-def nowhere(width: int) -> Tuple[Any, Any, Any, Any]:
+def no_surface(width: int) -> Tuple[Any, Any, Any, Any]:
     """`shape`, `facet`, `within` and `push` of rays that start on no surface."""
     nothing = [dr.full(mi.UInt32, _NOTHING, width) for _ in range(2)]
     return (*nothing, dr.zeros(mi.Float, width), dr.zeros(mi.Vector3f, width))

@@ -146,7 +146,7 @@ def closed(mesh: Mesh) -> bool:
 
 def rounding(setting: Setting) -> Callable[[float], float]:
     """How a number is converted to single precision: unchanged, for POV-Ray to round, or randomly
-    down or up (equal numbers alike).
+    down or up (equal numbers to equal results).
     """
     if not setting.vertices:
         return lambda value: value
