@@ -111,7 +111,7 @@ class Built:
         shapes.
         """
         if self.host is not None:
-            raise Unsupported(f"{what}: Mitsuba's own scene lacks the shapes that the driver intersects by itself")
+            raise Unsupported(f"{what}: Mitsuba's scene lacks the hosted shapes, which the driver intersects")
 
     def behind(self, directions: Any) -> Any:
         """Background radiance in unit directions."""
