@@ -68,9 +68,9 @@ class Outline:
     closed: bool
     # The lowest and the highest corner of a shape that can be stretched along its axes.
     ends: Optional[Tuple[Vector, Vector]] = None
-    # Whether it can be translated as a whole.
-    slides: bool = False
     round: Optional[Round] = None
+    # Whether other surfaces of it move along if a face does: so it stays if it can.
+    rigid: bool = False
     # Whether POV-Ray stores its vertices in single precision.
     single: bool = False
 
@@ -102,7 +102,7 @@ def disk(radius: float, height: float, up: float, end: Optional[Tuple[int, int]]
 def sheet(corners: Sequence[Vector], n: Vector) -> Outline:
     """An open flat shape."""
     flat = Flat(tuple(corners), n)
-    return Outline(flat.corners, lambda: (flat,), False, slides=True)
+    return Outline(flat.corners, lambda: (flat,), False)
 
 
 def box() -> Outline:
@@ -132,7 +132,7 @@ def ball(center: Vector, radius: float) -> Outline:
 
 
 def mesh(positions: Sequence[Vector], faces: Sequence[Sequence[int]]) -> Outline:
-    """A mesh, which does not move. It is closed if each edge runs as often in both directions."""
+    """A mesh. It is closed if each edge runs as often in both directions."""
     edges: Counter = Counter()
     for a, b, c in (tuple(tuple(positions[k]) for k in face) for face in faces):
         edges.update([(a, b), (b, c), (c, a)])
@@ -142,13 +142,32 @@ def mesh(positions: Sequence[Vector], faces: Sequence[Sequence[int]]) -> Outline
         return [Flat(ring, cross(sub(ring[1], ring[0]), sub(ring[2], ring[0]))) for ring in rings]
 
     closed = all(edges[b, a] == count for (a, b), count in edges.items())
-    return Outline(positions, flats, closed, single=True)
+    return Outline(positions, flats, closed, rigid=True, single=True)
+
+
+def combined(operands: Sequence[Tuple[Optional[Outline], Matrix]], difference: bool) -> Outline:
+    """A csg of operands, each with its transform. All flat faces of its operands count, except planes,
+    also where the operation removes them: then only a gap is made that nothing needs.
+    """
+    known = [(outline, matrix, difference and k > 0) for k, (outline, matrix) in enumerate(operands) if outline]
+
+    def flats() -> List[Flat]:
+        found = []
+        for outline, matrix, flipped in known:
+            for flat in outline.flats() if outline.points else ():
+                n = [-c if flipped else c for c in normal(matrix, flat.normal)]
+                found.append(Flat(tuple(point(matrix, corner) for corner in flat.corners), n))
+        return found
+
+    points = [point(matrix, p) for outline, matrix, _ in known for p in outline.points]
+    return Outline(points, flats, True, rigid=True, single=any(outline.single for outline, _, _ in known))
 
 
 @dataclass
 class _Face:
     """A surface in world space."""
 
+    # Position of its shape, by rank.
     owner: int
     form: str
     # Along the normal: of a flat face n_g, of a round one outwards.
@@ -158,6 +177,10 @@ class _Face:
     # A point of it; the centre of a round one.
     at: Vector
     radius: float = 0.0
+    # Which set of surfaces that coincide, directly or through others, it belongs to.
+    component: int = -1
+    # Whether its own normal is opposite to the common one.
+    against: bool = False
     # How far it moves along its normal, in metres.
     moves: float = 0.0
 
@@ -390,80 +413,89 @@ def _components(count: int, pairs: Sequence[Tuple[int, int]]) -> List[List[int]]
 
 def separate(shapes: Sequence[Placed], scale: float) -> Tuple[Dict[int, Moves], List[Dict[str, Any]]]:
     """How the shapes move, by position, and the entries `coincident` of PROTOCOL.md."""
+    positions = sorted(range(len(shapes)), key=lambda k: shapes[k].rank)
+    shapes = [shapes[k] for k in positions]
     search = _Search(shapes)
     try:
         search.run()
     except _TooMany as why:
         return {}, [{"not_examined": str(why)}]
-    faces = search.faces
-    beside: Dict[int, List[int]] = {}
+    faces, gaps = search.faces, []
+    partners: List[List[int]] = [[] for _ in faces]
     for a, b in search.pairs:
-        beside.setdefault(a, []).append(b)
-        beside.setdefault(b, []).append(a)
-    # By face: its place along the common normal, and whether its own normal is opposite.
-    level: Dict[int, int] = {}
-    against: Dict[int, bool] = {}
-    gaps: Dict[int, float] = {}
-    for members in _components(len(faces), search.pairs):
+        partners[a].append(b)
+        partners[b].append(a)
+    for number, members in enumerate(_components(len(faces), search.pairs)):
         along = faces[members[0]].normal
         for k in members:
-            against[k] = faces[k].form == "plane" and dot(faces[k].normal, along) < 0
-        ordered = _order(members, faces, shapes, against)
-        for k in ordered:
-            level[k] = 1 + max((level[other] for other in beside[k] if other in level), default=-1)
-        stays = level[_anchor(ordered, faces, shapes, against, level)]
-        single = max((_largest(faces[k].corners) for k in members if shapes[faces[k].owner].outline.single), default=0.0)
-        gap = GAP / scale + MESH_GAP * single
+            faces[k].component = number
+            faces[k].against = faces[k].form == "plane" and dot(faces[k].normal, along) < 0
+        single = [_largest(faces[k].corners) for k in members if shapes[faces[k].owner].outline.single]
+        gaps.append(GAP / scale + MESH_GAP * max(single, default=0.0))
+        # Faces of one shape on one side form a layer. Each layer lies a gap beyond the highest one
+        # that it touches.
+        layers = _layers([faces[k] for k in members], shapes)
+        layer_of = {id(face): n for n, layer in enumerate(layers) for face in layer}
+        touched: List[set] = [set() for _ in layers]
         for k in members:
-            gaps[k] = gap
-            faces[k].moves = (level[k] - stays) * gap * (-1 if against[k] else 1)
+            touched[layer_of[id(faces[k])]].update(layer_of[id(faces[other])] for other in partners[k])
+        levels: List[int] = []
+        for n in range(len(layers)):
+            levels.append(1 + max((levels[other] for other in touched[n] if other < n), default=-1))
+        stays = levels[_anchor(layers, levels, shapes)]
+        for layer, level in zip(layers, levels):
+            for face in layer:
+                face.moves = (level - stays) * gaps[-1] * (-1 if face.against else 1)
     moves = {}
-    for owner in sorted({face.owner for face in faces}):
-        own = [face for face in faces if face.owner == owner]
+    of: Dict[int, List[_Face]] = {}
+    for face in faces:
+        of.setdefault(face.owner, []).append(face)
+    for owner, own in of.items():
         found = _moves(shapes[owner], own)
         if found is None:
             for face in own:
                 face.moves = 0.0
         elif found != STAYS:
-            moves[owner] = found
+            moves[positions[owner]] = found
     told: Dict[Tuple[int, int, str], Optional[float]] = {}
-    for a, b in search.pairs:
-        low, high = sorted((a, b), key=level.__getitem__)
-        there = [faces[k].moves * (-1 if against[k] else 1) for k in (low, high)]
-        width = there[1] - there[0]
-        key = (*sorted(shapes[faces[k].owner].index for k in (a, b)), faces[a].form)
+    for one, other in ((faces[a], faces[b]) for a, b in search.pairs):
+        low, high = sorted((one, other), key=lambda face: _place(face, shapes[face.owner].outline.closed))
+        width = high.moves * (-1 if high.against else 1) - low.moves * (-1 if low.against else 1)
+        key = (*sorted((shapes[one.owner].index, shapes[other.owner].index)), one.form)
         known = told.get(key, math.inf)
-        told[key] = None if known is None or width < 0.99 * gaps[a] else min(known, width)
+        told[key] = None if known is None or width < 0.99 * gaps[one.component] else min(known, width)
     return moves, [{"shapes": [a, b], "form": form, "gap": gap} for (a, b, form), gap in sorted(told.items())]
 
 
-def _order(members: List[int], faces: List[_Face], shapes: Sequence[Placed], against: Dict[int, bool]) -> List[int]:
-    """The order of the model along the common normal."""
-    by_rank = sorted(members, key=lambda k: shapes[faces[k].owner].rank)
-    closed = [k for k in by_rank if shapes[faces[k].owner].outline.closed]
-    first: List[int] = []
-    last: List[int] = []
-    for k in (k for k in by_rank if k not in closed):
-        (first if against[k] else last).append(k)
-    before = [k for k in reversed(closed) if not against[k]]
-    return [*before, *first, *reversed(last), *(k for k in closed if against[k])]
+def _place(face: _Face, closed: bool) -> Tuple[int, int]:
+    """Sorts surfaces along the common normal, in the order of the model."""
+    # Of the surfaces that face against the normal the first shape comes first, of others last.
+    part = {(True, False): 0, (False, True): 1, (False, False): 2, (True, True): 3}[closed, face.against]
+    return part, face.owner if face.against else -face.owner
 
 
-def _anchor(ordered: List[int], faces: List[_Face], shapes: Sequence[Placed], against: Dict[int, bool], level: Dict[int, int]) -> int:
-    """The surface that stays where it is: one that cannot move; else an open one, planes first; else
-    the outermost solid.
+def _layers(members: List[_Face], shapes: Sequence[Placed]) -> List[List[_Face]]:
+    """The faces of each shape on one side, in the order of the model."""
+    layers: Dict[Tuple, List[_Face]] = {}
+    for face in sorted(members, key=lambda face: _place(face, shapes[face.owner].outline.closed)):
+        layers.setdefault((face.owner, face.against), []).append(face)
+    return list(layers.values())
+
+
+def _anchor(layers: List[List[_Face]], levels: List[int], shapes: Sequence[Placed]) -> int:
+    """The layer that stays where it is: of a mesh or csg; else of an open surface, planes first;
+    else of the outermost solid.
     """
-    outlines = {k: shapes[faces[k].owner].outline for k in ordered}
-    fixed = [k for k in ordered if not (outlines[k].ends or outlines[k].slides or outlines[k].round)]
-    if fixed:
-        # The level of most of them: the others are not separated.
-        most = Counter(level[k] for k in fixed).most_common(1)[0][0]
-        return next(k for k in fixed if level[k] == most)
-    opened = [k for k in ordered if not outlines[k].closed]
+    outlines = [shapes[layer[0].owner].outline for layer in layers]
+    rigid = [n for n, outline in enumerate(outlines) if outline.rigid]
+    if rigid:
+        most = Counter(levels[n] for n in rigid).most_common(1)[0][0]
+        return next(n for n in rigid if levels[n] == most)
+    opened = [n for n, outline in enumerate(outlines) if not outline.closed]
     if opened:
-        return min(opened, key=lambda k: (bool(faces[k].corners), shapes[faces[k].owner].rank))
-    inner = [k for k in ordered if not against[k]]
-    return inner[-1] if inner else ordered[0]
+        return min(opened, key=lambda n: (bool(layers[n][0].corners), layers[n][0].owner))
+    inner = [n for n, layer in enumerate(layers) if not layer[0].against]
+    return inner[-1] if inner else 0
 
 
 def _moves(shape: Placed, faces: List[_Face]) -> Optional[Moves]:
@@ -471,11 +503,11 @@ def _moves(shape: Placed, faces: List[_Face]) -> Optional[Moves]:
     outline, matrix = shape.outline, shape.matrix
     if not any(face.moves for face in faces):
         return STAYS
-    if outline.slides:
-        (face,) = faces
-        return IDENTITY, tuple((*row[:3], face.moves * c) for row, c in zip(IDENTITY, face.normal))
     if outline.ends is None and outline.round is None:
-        return None
+        face = faces[0]
+        if len({(other.component, other.against) for other in faces}) > 1:
+            return None
+        return IDENTITY, tuple((*row[:3], face.moves * c) for row, c in zip(IDENTITY, face.normal))
     factors, center = [1.0] * 3, (outline.round.center if outline.round else (0.0,) * 3)
     shifts = [0.0] * 3
     ends = [list(end) for end in outline.ends or ()]
