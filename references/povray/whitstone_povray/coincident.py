@@ -7,9 +7,10 @@ compares the outlines of all placed shapes and returns one affine map per shape 
 
 from __future__ import annotations
 
+import bisect
 import math
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Callable, Dict, Iterator, List, Optional, Sequence, Tuple
 
 from .transforms import IDENTITY, Matrix, cross, dot, normal, point, similarity, sub
@@ -348,18 +349,29 @@ class _Search:
     def compare(self, a: int, ones: Sequence[int], b: int, others: Sequence[int]) -> None:
         """Compares faces of two shapes, by their positions."""
         self.near.update([(a, k) for k in ones] if others else [], [(b, k) for k in others] if ones else [])
-        self.tried += len(ones) * len(others)
         if len(self.near) > MAX_FACES:
             raise _TooMany(f"more than {MAX_FACES} faces lie near other shapes")
-        if self.tried > MAX_PAIRS:
-            raise _TooMany(f"more than {MAX_PAIRS} pairs of faces lie near each other")
+        # Planes that coincide have equal distances from the origin.
+        there = sorted(((abs(dot(face.normal, face.at)), k, face) for k, (face, _) in ((k, self.of(b)[k]) for k in others)))
+        distances = [entry[0] for entry in there]
+        size = max((_largest((face.at, *face.corners)) for _, _, face in there), default=0.0)
         for one in (self.of(a)[k][0] for k in ones):
-            for other in (self.of(b)[k][0] for k in others):
+            distance, room = abs(dot(one.normal, one.at)), 1e-8 * max(size, _largest((one.at, *one.corners)))
+            first, last = bisect.bisect_left(distances, distance - room), bisect.bisect_right(distances, distance + room)
+            self.tried += last - first
+            if self.tried > MAX_PAIRS:
+                raise _TooMany(f"more than {MAX_PAIRS} pairs of faces lie near each other")
+            for _, _, other in there[first:last]:
                 if _meet(one, other):
                     self.add(one, other)
 
     def run(self) -> None:
         """Compares all shapes."""
+        sides = {k: _rounded(shape, k) for k, shape in enumerate(self.shapes) if shape.outline and shape.outline.round}
+        sides = {k: side for k, side in sides.items() if side is not None}
+        for a, b in _sweep({k: _bounds(side.corners or (side.at,)) for k, side in sides.items()}):
+            if _equal(sides[a], sides[b]):
+                self.add(sides[a], sides[b])
         world, planes = {}, []
         for k, shape in enumerate(self.shapes):
             if shape.outline and shape.outline.points:
@@ -381,16 +393,13 @@ class _Search:
                         if all(abs(dot(face.normal, sub(p, face.at))) <= near for p in flat.corners)
                     ]
                     self.compare(plane, [0], k, tried)
-        for a, b in _sweep(bounds):
+        # Meshes with each other last: there may be too many faces.
+        rigid = {k: self.shapes[k].outline.rigid for k in bounds}
+        for a, b in sorted(_sweep(bounds), key=lambda pair: rigid[pair[0]] and rigid[pair[1]]):
             ones, others = (
                 [n for n, (_, box_) in enumerate(self.of(one)) if _touch(box_, bounds[other])] for one, other in ((a, b), (b, a))
             )
             self.compare(a, ones, b, others)
-        sides = {k: _rounded(shape, k) for k, shape in enumerate(self.shapes) if shape.outline and shape.outline.round}
-        sides = {k: side for k, side in sides.items() if side is not None}
-        for a, b in _sweep({k: _bounds(side.corners or (side.at,)) for k, side in sides.items()}):
-            if _equal(sides[a], sides[b]):
-                self.add(sides[a], sides[b])
 
 
 def _components(count: int, pairs: Sequence[Tuple[int, int]]) -> List[List[int]]:
@@ -415,11 +424,11 @@ def separate(shapes: Sequence[Placed], scale: float) -> Tuple[Dict[int, Moves], 
     """How the shapes move, by position, and the entries `coincident` of PROTOCOL.md."""
     positions = sorted(range(len(shapes)), key=lambda k: shapes[k].rank)
     shapes = [shapes[k] for k in positions]
-    search = _Search(shapes)
+    search, notes = _Search(shapes), []
     try:
         search.run()
     except _TooMany as why:
-        return {}, [{"not_examined": str(why)}]
+        notes.append({"not_examined": str(why)})
     faces, gaps = search.faces, []
     partners: List[List[int]] = [[] for _ in faces]
     for a, b in search.pairs:
@@ -442,7 +451,7 @@ def separate(shapes: Sequence[Placed], scale: float) -> Tuple[Dict[int, Moves], 
         levels: List[int] = []
         for n in range(len(layers)):
             levels.append(1 + max((levels[other] for other in touched[n] if other < n), default=-1))
-        stays = levels[_anchor(layers, levels, shapes)]
+        stays = levels[_anchor(layers, levels, shapes, gaps[-1])]
         for layer, level in zip(layers, levels):
             for face in layer:
                 face.moves = (level - stays) * gaps[-1] * (-1 if face.against else 1)
@@ -464,7 +473,7 @@ def separate(shapes: Sequence[Placed], scale: float) -> Tuple[Dict[int, Moves], 
         key = (*sorted((shapes[one.owner].index, shapes[other.owner].index)), one.form)
         known = told.get(key, math.inf)
         told[key] = None if known is None or width < 0.99 * gaps[one.component] else min(known, width)
-    return moves, [{"shapes": [a, b], "form": form, "gap": gap} for (a, b, form), gap in sorted(told.items())]
+    return moves, [{"shapes": [a, b], "form": form, "gap": gap} for (a, b, form), gap in sorted(told.items())] + notes
 
 
 def _place(face: _Face, closed: bool) -> Tuple[int, int]:
@@ -482,15 +491,16 @@ def _layers(members: List[_Face], shapes: Sequence[Placed]) -> List[List[_Face]]
     return list(layers.values())
 
 
-def _anchor(layers: List[List[_Face]], levels: List[int], shapes: Sequence[Placed]) -> int:
-    """The layer that stays where it is: of a mesh or csg; else of an open surface, planes first;
-    else of the outermost solid.
+def _anchor(layers: List[List[_Face]], levels: List[int], shapes: Sequence[Placed], gap: float) -> int:
+    """The layer that stays where it is: of a mesh, a csg, or a shape too thin to be inset; else of an
+    open surface, planes first; else of the outermost solid.
     """
     outlines = [shapes[layer[0].owner].outline for layer in layers]
-    rigid = [n for n, outline in enumerate(outlines) if outline.rigid]
-    if rigid:
-        most = Counter(levels[n] for n in rigid).most_common(1)[0][0]
-        return next(n for n in rigid if levels[n] == most)
+    inset = [[replace(face, moves=gap) for face in layer] for layer in layers]
+    stiff = [n for n, outline in enumerate(outlines) if outline.rigid or _moves(shapes[layers[n][0].owner], inset[n]) is None]
+    if stiff:
+        most = Counter(levels[n] for n in stiff).most_common(1)[0][0]
+        return next(n for n in stiff if levels[n] == most)
     opened = [n for n, outline in enumerate(outlines) if not outline.closed]
     if opened:
         return min(opened, key=lambda n: (bool(layers[n][0].corners), layers[n][0].owner))

@@ -23,6 +23,9 @@ MAX_LEVEL = 256
 MAX_NESTING = 16
 # Upper bound on the shape instances in one scene file.
 MAX_COPIES = 20000
+# Upper bound on the scenes whose separated shapes are remembered.
+MAX_SEPARATED = 16
+_SEPARATED: Dict[Tuple[str, str, float], Tuple[Dict[int, coincident.Moves], List[Dict[str, Any]]]] = {}
 
 
 @dataclass
@@ -145,14 +148,19 @@ class _Scene:
         self.used.append(material)
         return _Shape(name, solid, material, own)
 
-    def put_all(self) -> List[Dict[str, Any]]:
+    def put_all(self, key: Tuple[str, str, float]) -> List[Dict[str, Any]]:
         """Adds the objects of all shapes, and separates those that coincide. Returns the entries
-        `coincident` of PROTOCOL.md.
+        `coincident` of PROTOCOL.md. The scene and the scale identify the result: a scene is read
+        many times, at several exposures and positions in the pixel.
         """
         outlined = [
             coincident.Placed(p.shape.solid.outline, transforms.product(p.around, p.shape.own), p.rank, p.index) for p in self.placed
         ]
-        moves, told = coincident.separate(outlined, self.context.setting.scale)
+        if key not in _SEPARATED:
+            if len(_SEPARATED) == MAX_SEPARATED:
+                _SEPARATED.clear()
+            _SEPARATED[key] = coincident.separate(outlined, self.context.setting.scale)
+        moves, told = _SEPARATED[key]
         for number, placed in enumerate(self.placed):
             self.put(placed, *moves.get(number, coincident.STAYS))
         return told
@@ -305,7 +313,7 @@ def parse(text: str, base: str, setting: Setting, channel: Optional[int] = None)
     materials = Materials(root.get("material", {}), library, lit.ambient, context)
     scene = _Scene(context, materials, root.get("group", {}), integrator.shadows)
     scene.walk(root.get("shape", []), "", transforms.IDENTITY)
-    told = [] if context.errors else scene.put_all()
+    told = [] if context.errors else scene.put_all((text, base, setting.scale))
     _check_media(scene.used, context)
     if integrator.limit_shown and any(lit.background) and any(material.branches for material in scene.used):
         context.unsupported.append("integrator.at_max_depth: POV-Ray shows black where it goes no deeper, not the background")
