@@ -375,8 +375,8 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), LiveError> {
     atomic::write_bytes(path, bytes).map_err(|error| LiveError::Image(error.to_string()))
 }
 
-/// A hash of the driver's Python files and requirements, and of its requests for a floor. Answers
-/// are reused only if it is unchanged.
+/// A hash of the driver's Python files and requirements, of the package that all drivers share, and
+/// of the driver's requests for a floor. Answers are reused only if it is unchanged.
 pub fn hash_sources(environment: &Environment) -> String {
     let Environment {
         renderer,
@@ -386,7 +386,10 @@ pub fn hash_sources(environment: &Environment) -> String {
     } = environment;
     let mut files = vec![package.join("requirements.txt")];
     files.extend_from_slice(twins);
-    let mut open = vec![package.join(renderer.package())];
+    let mut open = vec![
+        package.join(renderer.package()),
+        package.with_file_name("protocol").join("whitstone_protocol"),
+    ];
     while let Some(folder) = open.pop() {
         for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
             let path = entry.path();

@@ -13,6 +13,7 @@ sys.path.insert(0, ROOT)
 
 from whitstone_mitsuba import operations  # noqa: E402
 from whitstone_mitsuba.runtime import mi  # noqa: E402
+from whitstone_protocol import exr  # noqa: E402
 
 # Relative error of float32 chains of a few operations.
 EPS = 2e-6
@@ -33,6 +34,12 @@ transform = { rotate = { axis = [1, 0, 0], degrees = -90 } }
 
 def film(width=1, height=1, aovs=()):
     return f"[film]\nwidth = {width}\nheight = {height}\naovs = {json.dumps(list(aovs))}\n"
+
+
+def write_exr(path, channels):
+    """Writes arrays as the channels of an image."""
+    height, width = next(iter(channels.values())).shape
+    exr.write(path, width, height, {name: np.asarray(plane, dtype="<f4").tobytes() for name, plane in channels.items()})
 
 
 class Case(unittest.TestCase):

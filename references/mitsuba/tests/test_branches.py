@@ -4,6 +4,7 @@ import math
 import unittest
 
 import numpy as np
+
 from support import DOWN, FLOOR, Case, film
 
 HEAD = film() + DOWN

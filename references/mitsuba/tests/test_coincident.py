@@ -4,8 +4,8 @@ import unittest
 from unittest import mock
 
 import numpy as np
-from support import Case, film
 
+from support import Case, film
 from whitstone_mitsuba import coincident
 
 HEAD = (
@@ -81,6 +81,14 @@ def instances(gap):
 SCENES = (on_a_plane, stacked, carpets, balls, standing_cylinder, instances)
 
 
+def differing(one, other):
+    """The number of pixels that differ by more than 1 %."""
+    off = np.zeros(one["R"].shape, dtype=bool)
+    for channel in "RGB":
+        off |= np.abs(one[channel] - other[channel]) > 0.01 * np.maximum(one[channel], other[channel])
+    return int(off.sum())
+
+
 class Coincident(Case):
     def test_the_image_equals_that_with_gaps(self):
         for scene in SCENES:
@@ -91,15 +99,8 @@ class Coincident(Case):
                 self.assertEqual((answer["rehits"], other["coincident"]), (0, []))
                 self.assertTrue(answer["coincident"])
                 self.assertTrue(all(0 < pair["gap"] < 1e-4 for pair in answer["coincident"]), answer["coincident"])
-
-                def differing(one):
-                    off = np.zeros(found["R"].shape, dtype=bool)
-                    for channel in "RGB":
-                        off |= np.abs(found[channel] - one[channel]) > 0.01 * np.maximum(found[channel], one[channel])
-                    return int(off.sum())
-
-                self.assertLessEqual(differing(expected), 2)
-                self.assertGreater(differing(swapped), 100)
+                self.assertLessEqual(differing(found, expected), 2)
+                self.assertGreater(differing(found, swapped), 100)
 
     def test_pairs_are_reported_once(self):
         answer = self.render(HEAD + instances(0.0))[1]

@@ -7,8 +7,8 @@ import unittest
 from unittest import mock
 
 import numpy as np
-from support import Case, film
 
+from support import Case, film
 from whitstone_mitsuba import driver, operations
 
 SCENE = """

@@ -8,8 +8,8 @@ import os
 import tempfile
 
 import numpy as np
-from support import Case, film
 
+from support import Case, film
 from whitstone_mitsuba import cameras, document, driver, footprints, pyramid, scene
 from whitstone_mitsuba.images import srgb_to_linear
 from whitstone_mitsuba.runtime import mi
@@ -21,6 +21,34 @@ AMBIENT = '[[light]]\ntype = "ambient"\nradiance = 1\n'
 
 def unit(v):
     return v / np.linalg.norm(v)
+
+
+def rays(camera, x, y, point):
+    """Origins and directions of camera rays."""
+    o, d = camera.formula(x, y, point)
+    return np.stack([o + camera.starts(d) * d, d], axis=1).transpose(2, 1, 0)
+
+
+def mean(picture, half_axes, place):
+    """The mean over an ellipse around a place, by loops; lengths in units of the picture. The first
+    axis repeats in mirror images, the second repeats.
+    """
+    h, w = picture.shape[:2]
+    if (h, w) == (1, 1):
+        return picture[0, 0]
+    axes = [axis * [w, h] for axis in half_axes]
+    axes = np.array([axis * max(1, 1 / np.linalg.norm(axis)) for axis in axes])
+    middle = place * [w, h] - 0.5
+    total, weights = np.zeros(3), 0
+    for j, i in itertools.product(range(-60, 90), range(-60, 90)):
+        x, y = np.linalg.solve(axes.T, np.array([i, j]) - middle)
+        d = x * x + y * y
+        if d < 1:
+            x = 1 - d
+            weight = x * (0.3053604 + x * (0.3825704 + x * (0.0182518 + 0.2935583 * x)))
+            column = i % (2 * w) if i % (2 * w) < w else 2 * w - 1 - i % (2 * w)
+            total, weights = total + weight * picture[j % h, column], weights + weight
+    return total / weights
 
 
 class Cameras(Case):
@@ -39,13 +67,8 @@ class Cameras(Case):
             x, y, point = np.array([0.3, 7.1, 11.0]), np.array([0.1, 3.3, 7.9]), np.array([0, 4, 7])
             found = footprints.of_camera(camera, x, y, point, 0.5)
             h = 1e-4
-
-            def rays(dx, dy):
-                o, d = camera.formula(x + dx, y + dy, point)
-                return np.stack([o + camera.starts(d) * d, d], axis=1).transpose(2, 1, 0)
-
             for side, (dx, dy) in enumerate(((h, 0), (0, h))):
-                expected = (rays(dx, dy) - rays(-dx, -dy)) / (2 * h) * 0.5
+                expected = (rays(camera, x + dx, y + dy, point) - rays(camera, x - dx, y - dy, point)) / (2 * h) * 0.5
                 self.near(found[:, side], expected, rel=1e-6, atol=1e-8)
 
 
@@ -176,9 +199,9 @@ class Pyramids(Case):
         # Each texel of a level is the mean of the finer level, upsampled so that its texels divide
         # evenly.
         for fine, coarse in itertools.pairwise(found):
-            (h, w), (k, l) = fine.shape[:2], coarse.shape[:2]
-            drawn = fine.repeat(k, axis=0).repeat(l, axis=1)
-            self.near(coarse, drawn.reshape(k, h, l, w, 3).mean(axis=(1, 3)), rel=1e-12)
+            (h, w), (k, m) = fine.shape[:2], coarse.shape[:2]
+            drawn = fine.repeat(k, axis=0).repeat(m, axis=1)
+            self.near(coarse, drawn.reshape(k, h, m, w, 3).mean(axis=(1, 3)), rel=1e-12)
         self.near(found[-1][0, 0], found[-2].mean(axis=(0, 1)), rel=1e-12)
 
     def test_trilinear(self):
@@ -213,31 +236,13 @@ class Pyramids(Case):
             B = max(B, A / 5)
             other = across * B
 
-            def mean(level):
-                picture = table.levels[level]
-                h, w = picture.shape[:2]
-                if (h, w) == (1, 1):
-                    return picture[0, 0]
-                axes = [axis * [w / 10, h / 7] for axis in (one, other)]
-                axes = np.array([axis * max(1, 1 / np.linalg.norm(axis)) for axis in axes])
-                middle = place[lane] * [w, h] - 0.5
-                total, weights = np.zeros(3), 0
-                for j, i in itertools.product(range(-60, 90), range(-60, 90)):
-                    x, y = np.linalg.solve(axes.T, np.array([i, j]) - middle)
-                    d = x * x + y * y
-                    if d < 1:
-                        x = 1 - d
-                        weight = x * (0.3053604 + x * (0.3825704 + x * (0.0182518 + 0.2935583 * x)))
-                        column = i % (2 * w) if i % (2 * w) < w else 2 * w - 1 - i % (2 * w)
-                        total, weights = total + weight * picture[j % h, column], weights + weight
-                return total / weights
-
             if A <= 1:
                 expected = table.bilinear(0, place[lane : lane + 1])[0]
             else:
                 x = min(max(0, math.log2(B)), len(table.levels) - 1)
                 low = math.floor(x)
-                expected = mean(low) if x == low else (1 - x + low) * mean(low) + (x - low) * mean(low + 1)
+                means = [mean(picture, [axis / [10, 7] for axis in (one, other)], place[lane]) for picture in table.levels[low : low + 2]]
+                expected = means[0] if x == low else (1 - x + low) * means[0] + (x - low) * means[1]
                 if A < 2:
                     expected = (2 - A) * table.bilinear(0, place[lane : lane + 1])[0] + (A - 1) * expected
             self.near(found[lane], expected, rel=1e-9)

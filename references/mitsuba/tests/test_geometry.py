@@ -7,8 +7,8 @@ import unittest
 from itertools import product
 
 import numpy as np
-from support import DOWN, FLOOR, Case, film
 
+from support import DOWN, FLOOR, Case, film
 from whitstone_mitsuba import displacement, mappings, meshes, subdivision, textures
 from whitstone_mitsuba.runtime import mi
 

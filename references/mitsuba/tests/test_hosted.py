@@ -4,8 +4,8 @@ import math
 import unittest
 
 import numpy as np
-from support import Case, film
 
+from support import Case, film
 from whitstone_mitsuba import analytic, polynomials
 from whitstone_mitsuba.hosted import Host
 from whitstone_mitsuba.solids import DIFFERENCE, INTERSECTION, UNION, Solid
@@ -358,7 +358,7 @@ class Shading(Case):
         high = "transform = { translate = [0, 0, 1] }"
         for x, hidden in ((0, False), (2, True), (2.7, False)):
             camera = looking((x, -3, 0.2), (x, 0, 0), (0, 0, 1))
-            lamp = f"[[light]]\ntype = \"directional\"\ndirection = [0, 0, -1]\nirradiance = 2\n"
+            lamp = "[[light]]\ntype = \"directional\"\ndirection = [0, 0, -1]\nirradiance = 2\n"
             value = self.value(camera + lamp + floor + shape(ring, high))
             self.near(value, 0 if hidden else 0.5 / math.pi * 2, atol=1e-6)
         filtered = '[integrator]\ntype = "whitted"\nshadows = "filtered"\n'

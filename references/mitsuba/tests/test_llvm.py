@@ -6,8 +6,8 @@ import unittest
 from unittest import mock
 
 import support  # noqa: F401  (puts the package on the path)
-
-from whitstone_mitsuba import errors, llvm
+from whitstone_mitsuba import llvm
+from whitstone_protocol import errors
 
 
 class Llvm(unittest.TestCase):

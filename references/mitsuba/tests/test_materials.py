@@ -4,8 +4,8 @@ import math
 import unittest
 
 import numpy as np
-from support import DOWN, FLOOR, Case, film
 
+from support import DOWN, FLOOR, Case, film
 from whitstone_mitsuba.materials import METALS
 from whitstone_mitsuba.runtime import mi
 

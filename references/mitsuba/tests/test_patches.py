@@ -7,8 +7,8 @@ import unittest
 from unittest import mock
 
 import numpy as np
-from support import Case, film
 
+from support import Case, film
 from whitstone_mitsuba import patches
 
 HEIGHTS = np.array([[0.1, -0.5, 0.4, 0.0], [0.3, 0.6, -0.2, -0.4], [-0.3, 0.2, 0.5, 0.1], [0.0, -0.4, 0.3, 0.2]])

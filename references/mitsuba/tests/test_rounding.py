@@ -7,8 +7,8 @@ import tempfile
 import unittest
 
 import numpy as np
-from support import DOWN, Case, film
 
+from support import DOWN, Case, film
 from whitstone_mitsuba import rounding
 
 LIGHT = '[[light]]\ntype = "point"\nposition = [1, 3, 2]\nintensity = 30\n'

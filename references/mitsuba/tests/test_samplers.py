@@ -4,8 +4,8 @@
 import unittest
 
 import numpy as np
-from support import DOWN, FLOOR, Case, film
 
+from support import DOWN, FLOOR, Case, film
 from whitstone_mitsuba import samplers
 
 SIDE = 2.0**32

@@ -6,6 +6,7 @@ import tempfile
 import unittest
 
 import numpy as np
+
 from support import DOWN, FLOOR, Case, film
 from whitstone_mitsuba import lights, mappings, sky, textures
 from whitstone_mitsuba.runtime import mi
@@ -166,7 +167,10 @@ class Lights(Case):
 
     def test_sky_light(self):
         """The energy of a cell, divided between regions or not, and its centroid in closed form."""
-        hemisphere = lambda uv, d: np.where(d[:, 1:2] > 0, [[1.0, 2.0, 4.0]], [[0.0, 0.0, 0.0]])
+
+        def hemisphere(uv, d):
+            return np.where(d[:, 1:2] > 0, [[1.0, 2.0, 4.0]], [[0.0, 0.0, 0.0]])
+
         for n in (1, 3, 8):
             directions, irradiances = sky.directions(n, 1, hemisphere)
             np.testing.assert_allclose(irradiances.sum(axis=0), 2 * np.pi * np.array([1.0, 2.0, 4.0]), rtol=1e-12)
@@ -179,8 +183,7 @@ class Lights(Case):
         # All light in one cell: every direction lies in it.
         one = np.zeros((512, 1024))
         one[300, 700] = 1.0
-        cell = lambda uv, d: np.repeat(one.reshape(-1, 1), 3, axis=1)
-        directions, irradiances = sky.directions(4, 1, cell)
+        directions, irradiances = sky.directions(4, 1, lambda uv, d: np.repeat(one.reshape(-1, 1), 3, axis=1))
         v, u = 0.5 + np.arcsin(directions[:, 1]) / np.pi, 0.5 + np.arctan2(directions[:, 0], -directions[:, 2]) / (2 * np.pi)
         np.testing.assert_allclose([u * 1024, v * 512], [np.full(len(u), 700.5), np.full(len(v), 300.5)], atol=0.5)
         np.testing.assert_allclose(irradiances.sum(axis=0), (np.sin(np.pi * (301 / 512 - 0.5)) - np.sin(np.pi * (300 / 512 - 0.5))) * 2 * np.pi / 1024, rtol=1e-12)

@@ -7,6 +7,7 @@ import os
 import unittest
 
 import numpy as np
+
 from support import Case, film
 
 ASSETS = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "..", "scenes", "assets")

@@ -5,9 +5,9 @@ import tempfile
 import unittest
 
 import numpy as np
-from support import Case, film
 from test_check import BALLS, FLOOR, LAMPS, LOOK, SKY
 
+from support import Case, film
 from whitstone_mitsuba import operations
 from whitstone_mitsuba.runtime import mi
 

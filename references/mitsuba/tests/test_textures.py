@@ -9,9 +9,9 @@ import unittest
 import unittest.mock
 
 import numpy as np
-from support import Case, film
 
-from whitstone_mitsuba import exr, quilting
+from support import Case, film, write_exr
+from whitstone_mitsuba import quilting
 from whitstone_mitsuba.images import srgb_to_linear
 from whitstone_mitsuba.runtime import mi
 
@@ -79,9 +79,9 @@ class Textures(Case):
             j, i = np.mgrid[0:8, 0:8]
             x, y = (i + 0.5) / 4 - 1, 1 - (j + 0.5) / 4
             w_x, w_z = (s3 / 2) ** sharpness, (0.5 / scale) ** sharpness
-            line = lambda u: np.abs(u - np.round(u)) < 0.25
             # Along x the first coordinate is y, along z it is x, which the rotation has halved.
-            self.near(found, (w_x * line(y) + w_z * line(0.5 * x)) / (w_x + w_z), rel=1e-5, atol=1e-6)
+            on_y, on_x = (np.abs(u - np.round(u)) < 0.25 for u in (y, 0.5 * x))
+            self.near(found, (w_x * on_y + w_z * on_x) / (w_x + w_z), rel=1e-5, atol=1e-6)
         self.refuse(scene(1, 1, '{ type = "checker", mapping = { sharpness = 2 } }'), "scene", "mapping.sharpness")
 
     def test_texel_centres(self):
@@ -120,7 +120,7 @@ class Textures(Case):
 
     def test_exr_and_grey(self):
         grey = np.linspace(0, 1, 12, dtype=np.float32).reshape(3, 4)
-        exr.write(os.path.join(self.base, "g.exr"), {"Y": grey})
+        write_exr(os.path.join(self.base, "g.exr"), {"Y": grey})
         self.near(self.seen(4, 3, '{ type = "image", file = "g.exr" }'), np.repeat(grey[..., None], 3, axis=2), rel=1e-5, atol=1e-6)
         mi.Bitmap(self.texels[:, :, :1]).write(os.path.join(self.base, "g.png"))
         self.near(self.seen(4, 3, '{ type = "image", file = "g.png" }')[:, :, 2], self.linear[:, :, 0], rel=1e-5, atol=2e-6)
@@ -149,8 +149,13 @@ class Textures(Case):
         """On a wall at z = 0, which lies exactly on a border of the third axis."""
         j, i = np.mgrid[0:16, 0:16]
         x, y = (i + 0.5) / 8 - 1, 1 - (j + 0.5) / 8
-        cell = lambda x: np.floor(x + 1 / 4096)
-        alike = lambda cells: np.where(cells % 2 == 1, 0.2, 0.8)
+
+        def cell(x):
+            return np.floor(x + 1 / 4096)
+
+        def alike(cells):
+            return np.where(cells % 2 == 1, 0.2, 0.8)
+
         self.near(self.grey(16, 16, '{ type = "checker3d" }'), alike(cell(x) + cell(y)))
         found = self.grey(16, 16, '{ type = "checker3d", scale = 3, offset = [0.1, -0.3, 1] }')
         self.near(found, alike(cell(3 * x + 0.1) + cell(3 * y - 0.3) + 1))
@@ -299,7 +304,7 @@ class Textures(Case):
         sixteen = random.integers(0, 65536, (3, 4, 4), dtype=np.uint16)
         mi.Bitmap(sixteen).write(os.path.join(self.base, "16.png"))
         floats = {name: random.random((3, 4), dtype=np.float32) for name in "ARGB"}
-        exr.write(os.path.join(self.base, "f.exr"), floats)
+        write_exr(os.path.join(self.base, "f.exr"), floats)
         text = '{{ type = "image", file = "{}", filter = "nearest", channel = "{}" }}'
         for name, alpha in (("8.png", eight[:, :, 3] / 255), ("grey.png", eight[:, :, 3] / 255), ("16.png", sixteen[:, :, 3] / 65535), ("f.exr", floats["A"])):
             found = self.seen(4, 3, text.format(name, "alpha"))
@@ -311,9 +316,10 @@ class Textures(Case):
     def test_synthesized_and_optimized(self):
         """One iteration by the model's definition, with integers and loops."""
         random = np.random.default_rng(10)
-        sample = random.integers(0, 256, (7, 8, 3))
+        once = random.integers(0, 256, (7, 8, 3))
         # Each piece of this sample occurs four times.
-        for sample in (sample, np.tile(random.integers(0, 256, (4, 4, 3)), (3, 3, 1))):
+        four_times = np.tile(random.integers(0, 256, (4, 4, 3)), (3, 3, 1))
+        for sample in (once, four_times):
             picture = random.integers(0, 256, (11, 9, 3))
             found = [[[] for _ in range(9)] for _ in range(11)]
             pieces = [sample[y : y + 5, x : x + 5] for y in range(len(sample) - 4) for x in range(sample.shape[1] - 4)]
@@ -347,7 +353,7 @@ class Textures(Case):
         shared = '[texture.t]\ntype = "constant"\nvalue = [0.1, 0.2, 0.3]\n'
         self.near(self.value(scene(1, 1, '"t"') + shared), [0.1, 0.2, 0.3])
         self.refuse(scene(1, 1, '"u"') + shared, "scene", "'u'", "known: t")
-        exr.write(os.path.join(self.base, "bright.exr"), {"Y": np.full((2, 2), 3, dtype=np.float32)})
+        write_exr(os.path.join(self.base, "bright.exr"), {"Y": np.full((2, 2), 3, dtype=np.float32)})
         # The model leaves the upper bound of varying textures open. It bounds colours on both sides
         # and varying textures from below.
         self.value(scene(1, 1, '{ type = "image", file = "bright.exr" }'), base=self.base)

@@ -5,9 +5,8 @@ import tempfile
 import unittest
 
 from support import DOWN, ROOT, Case, film
-
 from whitstone_mitsuba import shapes, twins
-from whitstone_mitsuba.errors import DriverError
+from whitstone_protocol.errors import DriverError
 
 EXAMPLE = os.path.join(ROOT, "..", "..", "examples", "plugin-superquadric", "src", "superquadric.py")
 LAMP = '[[light]]\ntype = "point"\nposition = [2, 6, 3]\nintensity = 40\n'

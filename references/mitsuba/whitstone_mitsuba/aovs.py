@@ -22,8 +22,8 @@ def render(tracer: Tracer, x: np.ndarray, y: np.ndarray) -> Dict[str, np.ndarray
         hits = tracer.intersect(tracer.camera_rays(x[span], y[span], np.zeros(count, dtype=np.int64), Samples.all(CENTRE)))
         valid = hits.valid.numpy()[:count]
 
-        def add(name: str, values: np.ndarray, nothing: float = 0.0) -> None:
-            shown = np.where(valid, values[:count].astype(np.float32), np.float32(nothing))
+        def add(name: str, values: np.ndarray, nothing: float = 0.0, valid: np.ndarray = valid) -> None:
+            shown = np.where(valid, values[: len(valid)].astype(np.float32), np.float32(nothing))
             parts.setdefault(name, []).append(shown.astype(np.float32))
 
         if "depth" in wanted:

@@ -14,9 +14,10 @@ from typing import Any, List, Optional, Tuple
 
 import numpy as np
 
-from .errors import Unsupported
+from whitstone_protocol.errors import Unsupported
+
 from .fields import REQUIRED, Fields, nearest
-from .runtime import dr, mi
+from .runtime import mi
 
 # Mitsuba starts rays on the near clip plane; a power of two makes undoing this exact. The far clip
 # limits nothing here.

@@ -5,24 +5,20 @@ and so on.
 from __future__ import annotations
 
 import argparse
-import json
-import os
-import sys
-from typing import List, Optional
+from typing import List, Optional, Sequence
+
+from whitstone_protocol import commands
+from whitstone_protocol.serve import Answerer
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="whitstone_mitsuba", description="Mitsuba 3 as a deterministic Whitted tracer.")
-    commands = parser.add_subparsers(dest="op", required=True)
-    serve = commands.add_parser("serve", help="answer JSON requests from standard input, one per line")
-    serve.add_argument(
+def _parser() -> commands.Parser:
+    parser = commands.Parser("whitstone_mitsuba", "Mitsuba 3 as a deterministic Whitted tracer.")
+    parser.serve.add_argument(
         "--twin", action="append", default=[], metavar="FILE", help="Python file with twins of out-of-tree plugins (see `twins.py`); may be repeated"
     )
-    commands.add_parser("hello", help="print versions and a description of the machine")
 
-    def add(name: str, text: str, setting: bool = True) -> argparse.ArgumentParser:
-        command = commands.add_parser(name, help=text, description=text)
-        command.add_argument("scene", help="a flattened scene document (TOML)")
+    def add(name: str, text: str) -> argparse.ArgumentParser:
+        command = parser.add(name, text)
         command.add_argument("--threads", type=int, default=0, help="number of threads; 0 means all (default)")
         unit = "2^-24 (s + max abs of p), where s is the largest coordinate of the shape, at most 1 m"
         command.add_argument("--k", type=float, default=4.0, help=f"spawn offset, in units of {unit}")
@@ -50,61 +46,37 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _pair(text: str) -> List[int]:
-    try:
-        x, y = (int(part) for part in text.split(","))
-    except ValueError:
-        raise SystemExit(f"expected a pixel as X,Y, found {text!r}") from None
-    return [x, y]
-
-
-def _request(arguments: argparse.Namespace) -> dict:
-    """The protocol request for a command line."""
-    request: dict = {"op": arguments.op}
-    if arguments.op == "hello":
-        return request
-    with open(arguments.scene, encoding="utf-8") as file:
-        request["scene"] = file.read()
-    request["base"] = os.path.dirname(os.path.abspath(arguments.scene))
-    request["threads"] = arguments.threads
+def _complete(arguments: commands.Arguments) -> dict:
+    """The driver's own keys of the request for a command line."""
     setting = {key: getattr(arguments, key) for key in ("k", "dx", "dy", "ulps", "seed")}
     setting["robust"] = not arguments.not_robust
     setting["vertices"] = arguments.vertices
     setting["largest"] = arguments.largest
-    request["setting"] = setting
+    request: dict = {"threads": arguments.threads, "setting": setting}
     for key in ("out", "sample", "repeats", "path_depth"):
         if getattr(arguments, key, None) is not None:
             request[key] = getattr(arguments, key)
     if arguments.op == "probe":
-        request["pixels"], request["settings"] = [_pair(text) for text in arguments.pixels], [setting]
+        request["pixels"], request["settings"] = [commands.pixel(text) for text in arguments.pixels], [setting]
     if arguments.op == "tree":
-        request["pixel"] = _pair(arguments.pixel)
+        request["pixel"] = commands.pixel(arguments.pixel)
     return request
 
 
-def main(argv: Optional[List[str]] = None) -> int:
-    """Exit codes as everywhere in Whitstone: 0 success, 2 invalid scene or request, 3 this machine
-    cannot run the driver.
+def _load(twins: Sequence[str]) -> Answerer:
+    """Imports Mitsuba, which may be impossible. `twins`: files with twins of out-of-tree plugins.
     """
-    arguments = _parser().parse_args(argv)
-    if arguments.op == "serve":
-        from .serve import run
+    from .operations import answer
 
-        return run(arguments.twin)
-    try:
-        request = _request(arguments)
-    except OSError as error:
-        print(f"{arguments.scene}: {error.strerror}", file=sys.stderr)
-        return 2
-    try:
-        from .operations import answer
-    except Exception as error:
-        print(error, file=sys.stderr)
-        return 3
-    reply = answer(request)
-    if not reply["ok"]:
-        print(f"{reply['kind']}: {reply['error']}", file=sys.stderr)
-        return 3 if reply["kind"] == "internal" else 2
-    del reply["ok"]
-    print(json.dumps(reply, indent=2))
-    return 0
+    if twins:
+        from .twins import load
+
+        load(twins)
+    return answer
+
+
+def main(argv: Optional[List[str]] = None) -> int:
+    """Returns the exit code: see `commands.main`."""
+    arguments = _parser().parse(argv)
+    twins = arguments.twin if arguments.op == "serve" else ()
+    return commands.main(arguments, lambda: _load(twins), _complete)

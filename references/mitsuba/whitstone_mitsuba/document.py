@@ -8,8 +8,18 @@ import sys
 from dataclasses import dataclass, replace
 from typing import Any, List, Optional, Tuple
 
-from . import cameras, footprints, lights, materials, patterns, samplers, shapes, textures
-from .errors import SceneError, Unsupported
+from whitstone_protocol.errors import SceneError, Unsupported
+
+from . import (
+    cameras,
+    footprints,
+    lights,
+    materials,
+    patterns,
+    samplers,
+    shapes,
+    textures,
+)
 from .fields import Fields, nearest
 from .files import Folder
 

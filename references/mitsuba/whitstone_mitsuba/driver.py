@@ -22,7 +22,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from . import footprints, gouraud, shadows, spawn
-from .lanes import Counts, Sums, TooDeep, mix, pad, branch_name
+from .lanes import Counts, Sums, TooDeep, branch_name, mix, pad
 from .runtime import ULP, dr, mi
 from .samplers import Samples
 from .scene import NOTHING, Built, geometry

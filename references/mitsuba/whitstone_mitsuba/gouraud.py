@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import List, Tuple
+from typing import Any, List, Tuple
 
 import numpy as np
 
@@ -14,6 +14,10 @@ from .scene import Built
 Corner = Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
+def _table(parameters: Any, name: str, width: int) -> np.ndarray:
+    return np.array(parameters[name]).reshape(-1, width)
+
+
 def corners(built: Built, valid: np.ndarray, shape: np.ndarray, primitive: np.ndarray, p: np.ndarray) -> List[Corner]:
     """The three vertices of the triangle that each lane hit at p; weights are 0 on a miss."""
     count = len(valid)
@@ -21,12 +25,8 @@ def corners(built: Built, valid: np.ndarray, shape: np.ndarray, primitive: np.nd
     for number in np.unique(shape[valid]):
         lanes = np.flatnonzero(valid & (shape == number))
         parameters = mi.traverse(built.meshes[number])
-
-        def table(name: str, width: int) -> np.ndarray:
-            return np.array(parameters[name]).reshape(-1, width)
-
-        vertices = table("faces", 3)[primitive[lanes]]
-        points = table("vertex_positions", 3).astype(np.float64)[vertices]
+        vertices = _table(parameters, "faces", 3)[primitive[lanes]]
+        points = _table(parameters, "vertex_positions", 3).astype(np.float64)[vertices]
         smooth = bool(built.document.shapes[number].rules.smooth)
         across = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
         size = np.einsum("ij,ij->i", across, across)
@@ -36,7 +36,7 @@ def corners(built: Built, valid: np.ndarray, shape: np.ndarray, primitive: np.nd
             part = np.cross(after - p[lanes], last - p[lanes])
             weights[lanes] = np.einsum("ij,ij->i", part, across) / size
             positions[lanes] = points[:, corner]
-            uvs[lanes] = table("vertex_texcoords", 2)[vertices[:, corner]]
+            uvs[lanes] = _table(parameters, "vertex_texcoords", 2)[vertices[:, corner]]
             if smooth:
-                normals[lanes] = table("vertex_normals", 3)[vertices[:, corner]]
+                normals[lanes] = _table(parameters, "vertex_normals", 3)[vertices[:, corner]]
     return found

@@ -6,7 +6,8 @@ import os
 
 import numpy as np
 
-from .errors import SceneError
+from whitstone_protocol.errors import SceneError
+
 from .runtime import mi
 
 EXTENSIONS = (".png", ".jpg", ".jpeg", ".exr")

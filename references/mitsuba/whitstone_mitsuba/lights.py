@@ -15,8 +15,9 @@ from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
 
+from whitstone_protocol.errors import SceneError
+
 from . import images, mappings, meshes, sky, textures, transforms
-from .errors import SceneError
 from .fields import REQUIRED, Fields, Vector, nearest
 from .files import Folder
 from .runtime import dr, mi

@@ -17,7 +17,7 @@ import sys
 from dataclasses import dataclass
 from typing import Iterator, Optional
 
-from .errors import EnvironmentFailure
+from whitstone_protocol.errors import EnvironmentFailure
 
 MINIMUM_MAJOR = 16
 VARIABLE = "DRJIT_LIBLLVM_PATH"

@@ -15,7 +15,7 @@ from typing import Dict, List, Optional, Tuple
 
 import numpy as np
 
-from .errors import SceneError
+from whitstone_protocol.errors import SceneError
 
 
 @dataclass
@@ -256,6 +256,12 @@ def _words(values: np.ndarray) -> np.ndarray:
     return (np.asarray(values, dtype=np.uint64) & np.uint64(0xFFFFFFFF)).astype(np.uint32)
 
 
+def _lattice(octave: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Pseudo-random values in [-1, 1) at the points of a lattice."""
+    line = _lowbias(_words(octave + rows.astype(np.uint64)))
+    return _lowbias(_words(line[:, None].astype(np.uint64) + columns.astype(np.uint64)[None, :])) / 2.0**31 - 1.0
+
+
 def heightfield(columns: int, rows: int, amplitude: float, hills: int, octaves: int, seed: int) -> Triangles:
     """The model's procedural height field."""
     i, j = np.arange(columns + 1), np.arange(rows + 1)
@@ -267,12 +273,10 @@ def heightfield(columns: int, rows: int, amplitude: float, hills: int, octaves: 
         u, v = (t * t * (3.0 - 2.0 * t) for t in (p - left, q - low))
         octave = _lowbias(_words(np.array([seed], dtype=np.uint64) + _lowbias(_words(np.array([k])))))
 
-        def value(right: int, up: int) -> np.ndarray:
-            line = _lowbias(_words(octave + (low + up).astype(np.uint64)))
-            return _lowbias(_words(line[:, None].astype(np.uint64) + (left + right).astype(np.uint64)[None, :])) / 2.0**31 - 1.0
-
-        near = value(0, 0) + u[None, :] * (value(1, 0) - value(0, 0))
-        far = value(0, 1) + u[None, :] * (value(1, 1) - value(0, 1))
+        # The values at the four corners of each cell, named by row and column.
+        v00, v01, v10, v11 = (_lattice(octave, low + up, left + right) for up in (0, 1) for right in (0, 1))
+        near = v00 + u[None, :] * (v01 - v00)
+        far = v10 + u[None, :] * (v11 - v10)
         z += amplitude * 0.5**k * (near + v[:, None] * (far - near))
     x, y = np.meshgrid(2.0 * i / columns - 1.0, 2.0 * j / rows - 1.0)
     positions = np.stack([x, y, z], axis=2).reshape(-1, 3).astype(np.float32).astype(np.float64)

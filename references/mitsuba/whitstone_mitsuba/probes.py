@@ -12,7 +12,8 @@ from typing import Any, List, Optional, Tuple
 
 import numpy as np
 
-from .errors import DriverError, Unsupported
+from whitstone_protocol.errors import DriverError, Unsupported
+
 from .runtime import dr, mi
 from .scene import Built
 

@@ -7,11 +7,12 @@ from typing import Any, Optional, Sequence, Tuple
 
 import numpy as np
 
+from whitstone_protocol.errors import Unsupported
+
 from . import bodies, footprints, lights, rounding, shaders, spawn
-from .errors import Unsupported
-from .hosted import Host
 from . import shapes as shape_module
 from .document import Document
+from .hosted import Host
 from .runtime import dr, mi
 from .settings import Setting
 

@@ -15,8 +15,19 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 import numpy as np
 
-from . import analytic, coincident, displacement, meshes, patches, rounding, subdivision, surfaces, transforms
-from .errors import SceneError
+from whitstone_protocol.errors import SceneError
+
+from . import (
+    analytic,
+    coincident,
+    displacement,
+    meshes,
+    patches,
+    rounding,
+    subdivision,
+    surfaces,
+    transforms,
+)
 from .fields import REQUIRED, Fields, nearest
 from .files import Folder
 from .runtime import mi

@@ -23,10 +23,11 @@ from typing import Any, Dict, List, Tuple
 
 import numpy as np
 
+from whitstone_protocol.errors import Unsupported
+
 from . import patterns, shapes
 from .document import Document
 from .driver import LANES, Level, Rays, Tracer
-from .errors import Unsupported
 from .fields import Vector
 from .lanes import pad
 from .materials import Material

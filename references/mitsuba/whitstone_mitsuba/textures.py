@@ -13,8 +13,9 @@ from typing import Any, Callable, Dict, List, Tuple
 
 import numpy as np
 
+from whitstone_protocol.errors import SceneError
+
 from . import footprints, images, mappings, patterns, pyramid, quilting
-from .errors import SceneError
 from .fields import REQUIRED, Fields, Vector, as_color, is_number, nearest
 from .files import Folder
 from .runtime import mi
@@ -415,8 +416,7 @@ def _gradient(fields: Fields, base: Folder) -> patterns.Gradient:
             fields.error("stops", "expected 2 to 64 tables")
             raw = []
         stops = [Fields(table, f"{fields.where}.stops[{index}]", fields.errors) for index, table in enumerate(raw)]
-        within = lambda place: 0 <= place <= 1
-        places = tuple(stop.number("at", REQUIRED, within, "a number from 0 to 1") for stop in stops)
+        places = tuple(stop.number("at", REQUIRED, lambda at: 0 <= at <= 1, "a number from 0 to 1") for stop in stops)
         colors = tuple(stop.color("color", REQUIRED) for stop in stops)
         for stop in stops:
             stop.close()

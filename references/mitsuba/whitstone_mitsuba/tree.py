@@ -6,8 +6,9 @@ from typing import Any, Dict, List, Optional
 
 import numpy as np
 
+from whitstone_protocol.errors import DriverError
+
 from .driver import Level, Tracer
-from .errors import DriverError
 from .scene import Built
 from .settings import Setting
 

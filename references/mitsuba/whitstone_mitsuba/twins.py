@@ -20,8 +20,9 @@ import importlib.util
 import os
 from typing import Any, Callable, Dict, Sequence, Tuple
 
+from whitstone_protocol.errors import DriverError
+
 from . import lights, materials, shapes, textures
-from .errors import DriverError
 
 Reader = Callable[..., Any]
 

@@ -7,7 +7,8 @@ import tempfile
 import unittest
 
 from support import ROOT  # noqa: F401  (puts the package on the path)
-from whitstone_povray import exr, halves, tracing
+from whitstone_povray import halves, operations, tracing
+from whitstone_protocol import exr
 
 
 def half(value):
@@ -50,12 +51,12 @@ class Files(unittest.TestCase):
         rows = [[(x + 0.5, y - 0.25, 1000.0 * x * y) for x in range(5)] for y in range(37)]
         with tempfile.TemporaryDirectory() as folder:
             path = os.path.join(folder, "a.exr")
-            exr.write(path, rows)
+            exr.write(path, 5, 37, operations._channels(rows))
             self.assertEqual(os.listdir(folder), ["a.exr"])
             with open(path, "rb") as file:
                 data = file.read()
-        attributes, at = halves._header(data)
-        self.assertEqual(halves._channels(attributes["channels"]), [("B", 2), ("G", 2), ("R", 2)])
+        attributes, at = exr.header(data)
+        self.assertEqual(exr.channel_types(attributes["channels"]), [("B", 2), ("G", 2), ("R", 2)])
         self.assertEqual(struct.unpack("<4i", attributes["dataWindow"]), (0, 0, 4, 36))
         self.assertEqual(len(struct.unpack_from("<3Q", data, at)), 3)
 

@@ -54,7 +54,9 @@ class Textures(Case):
         self.assertGreater(len({round(color[0], 3) for color in found}), 1, text)
 
     def test_cells(self):
-        alike = lambda odd: 0.2 if odd % 2 else 0.8
+        def alike(odd):
+            return 0.2 if odd % 2 else 0.8
+
         self.check(
             'type = "checker3d", scale = 2, offset = [0.3, 0, 1]',
             lambda p, uv: alike(cell(2 * p[0] + 0.3) + cell(2 * p[1]) + cell(2 * p[2] + 1)),
@@ -77,7 +79,10 @@ class Textures(Case):
 
     def test_gradient(self):
         ramp = 'type = "gradient", a = 0, b = 1, scale = 1.5, offset = 0.25'
-        x = lambda p: 1.5 * p[0] + 0.25
+
+        def x(p):
+            return 1.5 * p[0] + 0.25
+
         self.check(ramp, lambda p, uv: x(p) % 1)
         self.check(f'{ramp}, wrap = "clamp"', lambda p, uv: min(1, max(0, x(p))))
         self.check(f'{ramp}, wrap = "mirror"', lambda p, uv: 1 - abs(x(p) % 2 - 1))
@@ -92,15 +97,21 @@ class Textures(Case):
         self.refuse(WALL % 'type = "gradient", stops = []', "scene", "stops")
 
     def test_grid_lines(self):
-        near = lambda x: abs(x - round(x))
+        def near(x):
+            return abs(x - round(x))
+
         self.check(
             'type = "grid_lines", scale = [4, 2], width = [0.3, 0.4], offset = [0.1, 0]',
             lambda p, uv: 0.2 if near(4 * uv[0] + 0.1) < 0.15 or near(2 * uv[1]) < 0.2 else 0.8,
         )
 
     def test_mappings(self):
-        checks = lambda u, v: 0.2 if (math.floor(3 * u + 0.07) + math.floor(3 * v + 0.07)) % 2 else 0.8
-        lift = lambda p: (p[0] + 0.013, p[1] + 0.027, p[2] + 0.7)
+        def checks(u, v):
+            return 0.2 if (math.floor(3 * u + 0.07) + math.floor(3 * v + 0.07)) % 2 else 0.8
+
+        def lift(p):
+            return (p[0] + 0.013, p[1] + 0.027, p[2] + 0.7)
+
         text = 'type = "checker", scale = 3, offset = [0.07, 0.07], mapping = { %s }'
         moved = ", transform = { translate = [0.013, 0.027, 0.7] }"
         for mapping, place in (
@@ -112,7 +123,7 @@ class Textures(Case):
             ('projection = "cube"' + moved, lambda p, uv: cube(lift(p))),
         ):
             with self.subTest(mapping=mapping):
-                self.check(text % mapping, lambda p, uv: checks(*place(p, uv)[:2]))
+                self.check(text % mapping, lambda p, uv, place=place: checks(*place(p, uv)[:2]))
         self.refuse(WALL % (text % 'projection = "triplanar"'), "unsupported", "mapping.projection", "normal")
 
     def test_instances_use_world_space_positions(self):

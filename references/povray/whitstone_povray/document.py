@@ -4,12 +4,14 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass, field, replace
 from typing import Any, Dict, List, Optional, Tuple
 
+import tomllib
+
+from whitstone_protocol.errors import SceneError, Unsupported
+
 from . import cameras, checks, coincident, lights, registry, sdl, transforms
-from .errors import SceneError, Unsupported
 from .fields import REQUIRED, Context, Fields, nearest
 from .materials import Material, Materials
 from .settings import Setting

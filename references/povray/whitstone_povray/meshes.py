@@ -5,9 +5,10 @@ from __future__ import annotations
 import struct
 from collections import Counter
 from dataclasses import dataclass
-from typing import Callable, Dict, List, Optional, Sequence, Tuple
+from typing import Callable, Dict, Iterator, List, Optional, Sequence, Tuple
 
-from .errors import SceneError
+from whitstone_protocol.errors import SceneError
+
 from .settings import Setting
 from .transforms import cross, dot
 
@@ -96,9 +97,9 @@ def _ply(data: bytes) -> Mesh:
     faces: List[Tuple[int, int, int]] = []
     for name, count, properties in elements:
         for _ in range(count):
-            words = iter(next(lines).split()) if form == "ascii" else iter(())
+            words: Iterator[str] = iter(next(lines).split()) if form == "ascii" else iter(())
 
-            def take(kind: str) -> float:
+            def take(kind: str, words: Iterator[str] = words) -> float:
                 nonlocal at
                 if form == "ascii":
                     return float(next(words))

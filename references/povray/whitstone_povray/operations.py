@@ -4,46 +4,28 @@ dictionaries.
 
 from __future__ import annotations
 
-import math
 import os
 import platform
-import sys
+import struct
 import time
-from typing import Any, Callable, Dict, List
+from typing import Any, Dict, List
 
-from . import exr, povray, tracing
-from .errors import DriverError
+from whitstone_protocol import exr, requests
+from whitstone_protocol.errors import DriverError
+from whitstone_protocol.requests import Answer, Operation, Request, cpu, get
+
+from . import povray, tracing
+from .halves import Color
 from .settings import Setting
-
-Request = Dict[str, Any]
-Answer = Dict[str, Any]
-
-
-def _get(request: Request, key: str, kind: type, default: Any = None) -> Any:
-    value = request.get(key, default)
-    if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
-        raise DriverError(f"{key}: expected {kind.__name__}, found {value!r}")
-    return value
 
 
 def _scene(request: Request) -> tracing.Scene:
-    return tracing.Scene(_get(request, "scene", str), _get(request, "base", str, "."))
+    return tracing.Scene(get(request, "scene", str), get(request, "base", str, "."))
 
 
 def hello(request: Request) -> Answer:
     """Versions and the machine."""
-    return {"povray": povray.version(), "python": platform.python_version(), "cpu": _cpu(), "threads": os.cpu_count() or 1}
-
-
-def _cpu() -> str:
-    try:
-        with open("/proc/cpuinfo", encoding="utf-8") as file:
-            for line in file:
-                if line.startswith("model name"):
-                    return line.split(":", 1)[1].strip()
-    except OSError:
-        pass
-    return platform.processor() or platform.machine()
+    return {"povray": povray.version(), "python": platform.python_version(), "cpu": cpu(), "threads": os.cpu_count() or 1}
 
 
 def render(request: Request) -> Answer:
@@ -51,12 +33,12 @@ def render(request: Request) -> Answer:
     several times.
     """
     setting = Setting.read(request.get("setting"))
-    out = _get(request, "out", str)
+    out = get(request, "out", str)
     begin = time.perf_counter()
     rows, document = tracing.render(_scene(request), setting)
     seconds = time.perf_counter() - begin
     try:
-        exr.write(out, rows)
+        exr.write(out, document.width, document.height, _channels(rows))
     except OSError as error:
         raise DriverError(f"{out}: cannot be written: {error.strerror}") from error
     return {
@@ -73,12 +55,18 @@ def render(request: Request) -> Answer:
     }
 
 
+def _channels(rows: List[List[Color]]) -> Dict[str, bytes]:
+    """The colours as the channels of an EXR file."""
+    planes = zip(*(color for row in rows for color in row))
+    return {letter: struct.pack(f"<{len(plane)}f", *plane) for letter, plane in zip("RGB", planes)}
+
+
 def probe(request: Request) -> Answer:
     """Some pixels under some settings. POV-Ray renders rectangles, so it renders the bounding
     rectangle of the pixels.
     """
-    pixels = _get(request, "pixels", list)
-    settings = [Setting.read(value) for value in _get(request, "settings", list, [None])]
+    pixels = get(request, "pixels", list)
+    settings = [Setting.read(value) for value in get(request, "settings", list, [None])]
     if not pixels or not settings:
         return {"values": [[] for _ in settings]}
     scene = _scene(request)
@@ -102,31 +90,9 @@ def write(request: Request) -> Answer:
     return {"scenes": [document.write(document.samples[0]) for document in found]}
 
 
-OPERATIONS: Dict[str, Callable[[Request], Answer]] = {"hello": hello, "render": render, "probe": probe, "write": write}
-
-
-def plain(value: Any) -> Any:
-    """Converts the answer for JSON: non-finite numbers to strings."""
-    if isinstance(value, dict):
-        return {key: plain(entry) for key, entry in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(entry) for entry in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return "nan" if math.isnan(value) else ("inf" if value > 0 else "-inf")
-    return value
+OPERATIONS: Dict[str, Operation] = {"hello": hello, "render": render, "probe": probe, "write": write}
 
 
 def answer(request: Any) -> Answer:
     """Executes one request; never raises."""
-    try:
-        if not isinstance(request, dict):
-            raise DriverError(f"expected a JSON object, found {type(request).__name__}")
-        operation = OPERATIONS.get(request.get("op", ""))
-        if operation is None:
-            raise DriverError(f"unknown op {request.get('op')!r}; known: {', '.join(OPERATIONS)}")
-        return {"ok": True, **plain(operation(request))}
-    except DriverError as error:
-        return {"ok": False, "kind": error.kind, "error": str(error)}
-    except Exception as error:  # the process must survive any error
-        print(f"whitstone_povray: {type(error).__name__}: {error}", file=sys.stderr)
-        return {"ok": False, "kind": "internal", "error": f"{type(error).__name__}: {error}"}
+    return requests.answer("whitstone_povray", OPERATIONS, request)

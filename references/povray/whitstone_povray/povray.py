@@ -9,8 +9,9 @@ import subprocess
 import tempfile
 from typing import List
 
+from whitstone_protocol.errors import DriverError, Unsupported
+
 from . import checks, halves
-from .errors import DriverError, Unsupported
 
 # Time limit of one rendering in seconds. The harness has its own limit.
 _LIMIT = 3600

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Dict, List
 
-from .errors import DriverError
+from whitstone_protocol.errors import DriverError
+from whitstone_protocol.settings import SettingBase
 
 # POV-Ray's self-intersection thresholds are absolute lengths (1e-3 for shadows). The scene is
 # scaled up, so that they are relatively small. The factor is a power of two, so that the
@@ -14,7 +15,7 @@ _SCALE_TIMES_K = 4096.0
 
 
 @dataclass(frozen=True)
-class Setting:
+class Setting(SettingBase):
     """See README.md; `dx`, `dy` are in pixels."""
 
     # POV-Ray's self-intersection threshold, in units of 1e-3/4096 m; the default is 1e-6 m.
@@ -35,26 +36,20 @@ class Setting:
         """POV-Ray units per metre."""
         return _SCALE_TIMES_K / self.k
 
-    @staticmethod
-    def read(value: Any) -> "Setting":
-        """Reads a setting from a request; missing keys take their defaults, unknown ones are
-        refused.
+    @classmethod
+    def without_ignored(cls, value: Dict[str, Any]) -> Dict[str, Any]:
+        """POV-Ray computes in double precision and has no robust traversal, so these settings are
+        ignored if they have their default values.
         """
-        if value is None:
-            return Setting()
-        if not isinstance(value, dict):
-            raise DriverError(f"setting: expected an object, found {value!r}")
-        # POV-Ray computes in double precision and has no robust traversal, so these settings are
-        # ignored if they have their default values.
-        value = {key: entry for key, entry in value.items() if (key, entry) not in (("robust", True), ("ulps", 0))}
-        unknown = sorted(set(value) - set(asdict(Setting())))
-        if unknown:
-            raise DriverError(f"setting: POV-Ray does not support {', '.join(unknown)}; supported: {', '.join(asdict(Setting()))}")
-        setting = Setting(**value)
-        if not (setting.k > 0 and setting.exposure > 0):
-            raise DriverError(f"setting: `k` and `exposure` must be > 0, found {value!r}")
-        return setting
+        return {key: entry for key, entry in value.items() if (key, entry) not in (("robust", True), ("ulps", 0))}
 
-    def to_json(self) -> dict:
-        """All keys, with defaults filled in."""
-        return asdict(self)
+    @classmethod
+    def describe_unknown(cls, unknown: List[str], known: List[str]) -> str:
+        """See `SettingBase`."""
+        return f"setting: POV-Ray does not support {', '.join(unknown)}; supported: {', '.join(known)}"
+
+    @classmethod
+    def check(cls, value: Dict[str, Any]) -> None:
+        """See `SettingBase`."""
+        if not (value.get("k", cls.k) > 0 and value.get("exposure", cls.exposure) > 0):
+            raise DriverError(f"setting: `k` and `exposure` must be > 0, found {value!r}")

@@ -18,7 +18,7 @@ from typing import Dict, List, Optional, Sequence, Tuple
 
 from . import halves, povray
 from .document import Document, parse
-from .errors import NeedsChannels
+from .materials import NeedsChannels
 from .settings import Setting
 
 # Exposures per sample. The mean of many samples needs fewer, because their rounding errors are

@@ -10,13 +10,18 @@ from dataclasses import dataclass
 from typing import Any, Callable, Dict, Optional
 
 from .. import registry, sdl
-from ..errors import NeedsChannels
 from ..fields import Context, Fields, Vector
 from ..textures import Library, Surface, Texture
 
 # Keeps the formulas short: half of a transparent pigment counts as transmitted, half as reflected
 # (see `whitted`).
 FILTER = 0.5
+
+
+class NeedsChannels(Exception):
+    """POV-Ray has a number where the model has a colour: red, green and blue must be rendered
+    separately.
+    """
 
 
 @dataclass(frozen=True)

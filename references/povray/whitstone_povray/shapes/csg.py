@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Optional, Tuple
 
+from whitstone_protocol.errors import Unsupported
+
 from .. import registry, transforms
-from ..errors import Unsupported
 from ..textures import Point
 from . import INSIDE, Fields, Place, Solid, Surface, coincident
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 import os
 import struct
-from typing import Callable, List, Optional
+from typing import List, Optional, Sequence
 
 from . import Fields, Place, Solid, Surface
 from ._functions import Functions, box, number
@@ -85,18 +85,18 @@ def values(fields: Fields, size: List[int]) -> Optional[List[float]]:
     return found
 
 
-def _piecewise(parameter: str, count: int, at: Callable[[int], str]) -> str:
-    """Linear interpolation between the values at 0 .. count - 1; each piece is found by bisection.
+def _piecewise(parameter: str, values: Sequence[str]) -> str:
+    """Linear interpolation between values at 0, 1 and so on; each piece is found by bisection.
     """
 
     def part(low: int, high: int) -> str:
         if high - low == 1:
-            return f"({at(low)}*({high}-{parameter})+{at(high)}*({parameter}-{low}))"
+            return f"({values[low]}*({high}-{parameter})+{values[high]}*({parameter}-{low}))"
         middle = (low + high) // 2
         # Returns the second argument if the first is below 0.
         return f"select({parameter}-{middle},{part(low, middle)},{part(middle, high)})"
 
-    return part(0, count - 1)
+    return part(0, len(values) - 1)
 
 
 def _steepest(size: List[int], found: List[float]) -> float:
@@ -139,9 +139,9 @@ def twin(fields: Fields, place: Place) -> Solid:
         lines = []
         for j in range(ny):
             start = nx * (j + ny * k)
-            lines.append(functions.declare(["pa"], _piecewise("pa", nx, lambda i: number(found[start + i]))))
-        planes.append(functions.declare(["pa", "pb"], _piecewise("pb", ny, lambda j: f"{lines[j]}(pa)")))
-    name = functions.declare(["pa", "pb", "pc"], _piecewise("pc", nz, lambda k: f"{planes[k]}(pa,pb)"))
+            lines.append(functions.declare(["pa"], _piecewise("pa", [number(value) for value in found[start : start + nx]])))
+        planes.append(functions.declare(["pa", "pb"], _piecewise("pb", [f"{line}(pa)" for line in lines])))
+    name = functions.declare(["pa", "pb", "pc"], _piecewise("pc", [f"{plane}(pa,pb)" for plane in planes]))
     cells = [f"({p}+1)*{number((n - 1) / 2)}" for p, n in zip(("pa", "pb", "pc"), size)]
     name = functions.declare(["pa", "pb", "pc"], f"{name}({','.join(cells)})")
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import List
 
+from whitstone_protocol.errors import SceneError
+
 from .. import meshes, transforms
-from ..errors import SceneError
 from . import Fields, Place, Solid, Surface, baked, coincident, sdl
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from . import REQUIRED, Fields, Place, Solid, Surface, axes, sdl
-from . import _round
+from . import REQUIRED, Fields, Place, Solid, Surface, _round, axes, sdl
 
 
 def _coefficients(fields: Fields) -> tuple:

@@ -16,14 +16,14 @@ class SceneError(DriverError):
 
 
 class Unsupported(DriverError):
-    """The document may be valid, but POV-Ray cannot render something in it: one problem per line,
-    each preceded by its position.
+    """The document may be valid, but the reference renderer cannot render something in it: one
+    problem per line.
     """
 
     kind = "unsupported"
 
 
-class NeedsChannels(Exception):
-    """POV-Ray has a number where the model has a colour: red, green and blue must be rendered
-    separately.
-    """
+class EnvironmentFailure(DriverError):
+    """This machine cannot run the driver; the text explains how to fix this."""
+
+    kind = "internal"
