@@ -505,6 +505,7 @@ def _change(kind: str, world: np.ndarray, outline_: Outline, moves: Sequence[Tup
         ends = np.array([[-1.0, 1.0], [-1.0, 1.0], outline_.z])
         for node, by in moves:
             if node.form == "cylinder":
+                assert outline_.tube is not None, "only tubes have nodes of this form"
                 inner[0, 0] = inner[1, 1] = 1 + by / outline_.tube[1]
             for part in node.parts:
                 axis, side = (part // 2, part % 2) if kind == "box" else (2, part)
@@ -514,6 +515,7 @@ def _change(kind: str, world: np.ndarray, outline_: Outline, moves: Sequence[Tup
             inner[:3, 3] = 0.5 * (ends[:, 1] + ends[:, 0])
         return Change(world @ inner @ np.linalg.inv(world), caps=None if kind == "box" else ends[2].tolist())
     for node, by in moves:
+        assert node.normal is not None, "the other shapes have flat faces only"
         inner[:3, 3] += by * node.normal
     return Change(inner)
 

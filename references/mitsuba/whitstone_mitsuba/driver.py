@@ -76,7 +76,8 @@ class Rays:
         """A subset of the rays, in the order of `indices`."""
         lanes = pad(indices)
         differentials = None if self.differentials is None else self.differentials[lanes.numpy()]
-        taken = Rays(*[dr.gather(type(array), array, lanes) for array in self.arrays()], real=len(indices), differentials=differentials)
+        taken = Rays(*[dr.gather(type(array), array, lanes) for array in self.arrays()])
+        taken.real, taken.differentials = len(indices), differentials
         dr.eval(taken.arrays())
         return taken
 
@@ -129,8 +130,9 @@ class Hits:
 class Level:
     """The data of a level that the backward pass needs, and (for `tree`) the recorded details."""
 
-    rays: Optional[Rays]
-    hits: Optional[Hits]
+    # None after the forward pass: see `release`.
+    _rays: Optional[Rays]
+    _hits: Optional[Hits]
     local: Any
     transmittance: Any
     footprint: Optional[footprints.Footprint] = None
@@ -140,6 +142,22 @@ class Level:
     # Per lamp (lanes, visible, contribution); only when recording.
     lamps: List[Tuple[np.ndarray, int, Any, Any]] = field(default_factory=list)
     ambient: List[Tuple[np.ndarray, Any]] = field(default_factory=list)
+
+    @property
+    def rays(self) -> Rays:
+        """The rays of the level."""
+        assert self._rays is not None, "used after the forward pass without recording"
+        return self._rays
+
+    @property
+    def hits(self) -> Hits:
+        """Their hits."""
+        assert self._hits is not None, "used after the forward pass without recording"
+        return self._hits
+
+    def release(self) -> None:
+        """Frees what the backward pass does not need."""
+        self._rays = self._hits = self.footprint = None
 
 
 class Tracer:
@@ -193,6 +211,8 @@ class Tracer:
         long as the model's rule requires.
         """
         samples, (width, height) = self.document.samples, (self.document.width, self.document.height)
+        refinement = samples.refinement
+        assert refinement is not None, "only adaptive samplers refine"
         lens = max(samples.lens, 1)
         # The first samples of all pixels and their neighbours, each pixel once per setting.
         offsets = np.array([(i, j) for j in (-1, 0, 1) for i in (-1, 0, 1)])
@@ -200,7 +220,7 @@ class Tracer:
         there = (near_x >= 0) & (near_x < width) & (near_y >= 0) & (near_y < height)
         key = (setting[:, None].astype(np.int64) * height + near_y) * width + near_x
         unique, place = np.unique(key[there], return_inverse=True)
-        taken = samples.refinement.first
+        taken = refinement.first
         found = self._sums(unique % width, unique // width % height, unique // width // height, samples.between(0, taken * lens))
         ranges = np.zeros(there.shape)
         ranges[there] = found.ranges()[place]
@@ -213,7 +233,7 @@ class Tracer:
         active = np.arange(len(x))
         while True:
             most = taken == samples.sampler.count
-            unfinished = (not most) & samples.refinement.applies(taken * lens, state.ranges(), near[active])
+            unfinished = (not most) & refinement.applies(taken * lens, state.ranges(), near[active])
             values[active[~unfinished]] = state.total[~unfinished] / (taken * lens)
             active, state = active[unfinished], state.of(unfinished)
             if len(active) == 0:
@@ -298,7 +318,7 @@ class Tracer:
             if self.record:
                 self.levels.append(level)
             else:
-                level.rays = level.hits = level.footprint = None
+                level.release()
             kept += rays.real
             if kept > self._budget:
                 raise TooDeep
@@ -487,10 +507,10 @@ class Tracer:
     def _gouraud(self, level: Level, groups: Dict[int, np.ndarray]) -> None:
         """Adds the interpolated local terms of the vertices of the triangles (Gouraud shading)."""
         hits, rays = level.hits, level.rays
-        where = [array.numpy() for array in (hits.valid, hits.shape, hits.primitive)]
+        valid, shape, primitive = (array.numpy() for array in (hits.valid, hits.shape, hits.primitive))
         points = np.array(hits.p).reshape(3, -1).T.astype(np.float64)
         total = mi.Color3f(hits.local)
-        for position, normal, uv, weight in gouraud.corners(self.built, *where, points):
+        for position, normal, uv, weight in gouraud.corners(self.built, valid, shape, primitive, points):
             p = mi.Point3f(np.ascontiguousarray(position.T, dtype=np.float32))
             n_raw = mi.Vector3f(np.ascontiguousarray(normal.T, dtype=np.float32))
             v = dr.normalize(rays.o - p)
@@ -666,6 +686,7 @@ class Tracer:
             face = self.built.bodies.face(dr.gather(mi.UInt32, hits.shape, lanes), inside, side > 0)
             found = face.branch(letter, si)
             inside = face.before if letter == "R" else face.behind
+        assert found is not None, "the material has this branch"
         weight = found.weight
         direction = mi.Vector3f(si.to_world(found.wo))
         leaving = dr.dot(n_g, direction) * side

@@ -170,8 +170,8 @@ class Host:
 
 
 def _unit(n: Vector) -> np.ndarray:
-    n = np.array(n)
-    return n / np.sqrt((n * n).sum(axis=0))
+    rows = np.array(n)
+    return rows / np.sqrt((rows * rows).sum(axis=0))
 
 
 def _vector(kind: Any, rows: np.ndarray) -> Any:

@@ -250,7 +250,7 @@ class Cube:
 
 def _faces(fields: Fields, base: Folder) -> Any:
     inner = Fields(fields.take("faces"), f"{fields.where}.faces", fields.errors)
-    found = []
+    found: List[textures.Image] = []
     for name in FACES:
         face = Fields(inner.take(name, REQUIRED) or {}, f"{inner.where}.{name}", fields.errors)
         try:

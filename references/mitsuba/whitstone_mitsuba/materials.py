@@ -241,7 +241,7 @@ def _dielectric(fields: Fields, textures: Textures) -> Material:
 
 
 # eta and k of measured metals, as listed in the model.
-METALS = {
+METALS: Dict[str, Tuple[Vector, Vector]] = {
     "Ag": ((0.15528, 0.11673, 0.13839), (4.82835, 3.12222, 2.14690)),
     "Al": ((1.65750, 0.88040, 0.52124), (9.22381, 6.26950, 4.83700)),
     "Au": ((0.14304, 0.37531, 1.44205), (3.98300, 2.38556, 1.60336)),

@@ -136,7 +136,8 @@ def _ply_header(data: bytes) -> Tuple[str, List[Tuple[str, int, List[Tuple[str, 
     if not data.startswith(b"ply") or end < 0:
         raise ValueError("not a PLY header")
     body = data.index(b"\n", end) + 1
-    form, elements = "", []
+    form = ""
+    elements: List[Tuple[str, int, List[Tuple[str, ...]]]] = []
     for line in data[:end].decode("ascii").splitlines():
         words = line.split()
         if words[:1] == ["format"]:

@@ -10,9 +10,6 @@ import numpy as np
 from . import footprints, mappings
 from .runtime import mi
 
-# (x, y) positions or steps in the unit square of the image, rows counted from the top: (n, 2).
-Place = np.ndarray
-
 # Upper bound on texels that are weighted at once.
 _AT_ONCE = 1 << 20
 
@@ -77,7 +74,7 @@ class Pyramid:
         picture = self.levels[level]
         return picture[wrapped(row, picture.shape[0], self.wrap[1]), wrapped(column, picture.shape[1], self.wrap[0])]
 
-    def bilinear(self, level: int, place: Place) -> np.ndarray:
+    def bilinear(self, level: int, place: np.ndarray) -> np.ndarray:
         """Bilinear interpolation."""
         x = place * self._size(level) - 0.5
         low = np.floor(x)
@@ -103,14 +100,14 @@ class Pyramid:
                 total[lanes] += share[:, None] * of(level, lanes)
         return total
 
-    def trilinear(self, place: Place, steps: np.ndarray) -> np.ndarray:
+    def trilinear(self, place: np.ndarray, steps: np.ndarray) -> np.ndarray:
         """`steps`: (n, 2, 2), to the neighbour on the right and to the one below."""
         with np.errstate(all="ignore"):
             longest = np.linalg.norm(steps * self.size, axis=2).max(axis=1)
             level = np.where(longest <= 1, 0.0, np.log2(longest))
         return self.between(level, lambda level, lanes: self.bilinear(level, place[lanes]))
 
-    def ewa(self, place: Place, steps: np.ndarray, max_anisotropy: float) -> np.ndarray:
+    def ewa(self, place: np.ndarray, steps: np.ndarray, max_anisotropy: float) -> np.ndarray:
         """The mean over the ellipse of the sample."""
         finite = np.isfinite(steps).all(axis=(1, 2))
         axes, lengths = ellipse(np.where(finite[:, None, None], steps, 0.0) * self.size)
@@ -130,7 +127,7 @@ class Pyramid:
         total[~finite] = self.levels[-1][0, 0]
         return total
 
-    def elliptical(self, level: int, place: Place, axes: np.ndarray) -> np.ndarray:
+    def elliptical(self, level: int, place: np.ndarray, axes: np.ndarray) -> np.ndarray:
         """The weighted mean of the texels of a level in ellipses with these half axes (n, 2, 2), in
         texels of the image.
         """

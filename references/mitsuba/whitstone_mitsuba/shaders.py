@@ -112,12 +112,14 @@ class Leaf(Shader):
             return Branch(_black())
         cosine = dr.abs(mi.Frame3f.cos_theta(si.wi))
         if self.material.type == "thin_dielectric":
+            assert self._tint is not None, "every thin dielectric has a tint"
             r = mi.fresnel(cosine, self._eta)[0]
             return Branch(self._tint.eval(si) * ((1 - r) / (1 + r)))
         if self.material.type == "dielectric":
             # Seen from the side with the lower index, where there is no total internal reflection.
             weight = mi.Color3f(1 - mi.fresnel(cosine, self._upward)[0])
         else:
+            assert self._k_refr is not None, "of the other materials, only `whitted` transmits"
             weight = mi.Color3f(self._k_refr.eval(si))
         return Branch(weight, None, False, *self._media)
 
@@ -309,9 +311,9 @@ class TwoSided(Shader):
         straight: Any = True
         if any(branch.straight is not True for branch in there):
             straight = both(lambda branch: mi.Bool(branch.straight), mi.Bool(True))
-        media = [both(lambda branch, side=side: getattr(branch, side), _black()) for side in ("inside", "outside")]
+        inside, outside = (both(lambda branch, side=side: getattr(branch, side), _black()) for side in ("inside", "outside"))
         eta = both(lambda branch: branch.eta, mi.Float(1)) if any(branch.eta is not None for branch in there) else None
-        return Branch(both(lambda branch: branch.weight, _black()), wo, straight, *media, eta)
+        return Branch(both(lambda branch: branch.weight, _black()), wo, straight, inside, outside, eta)
 
     def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Branch]:
         return self._combine(si, [part.branch(letter, si, number) for part in self.parts])

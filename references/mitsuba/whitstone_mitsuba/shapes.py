@@ -531,6 +531,7 @@ class _Reader:
         found = coincident.find(outlined)
         for place, change in found.changes.items():
             old = self.shapes[place]
+            assert old.again is not None, "every shape of a document can be read again"
             more = {name: getattr(old, name) for name in ("type", "number", "material", "path", "world", "again")}
             self.shapes[place] = Shape.of(*old.again(change), **more)
         return found

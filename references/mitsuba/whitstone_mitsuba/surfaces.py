@@ -153,10 +153,12 @@ class Cut(Surface):
 
     def half_gradient(self, p: Vector) -> Vector:
         a, b = self.a, self.b
+        assert a is not None, "only a surface with a function has points on it"
         return dot(a[0], p) + b[0], dot(a[1], p) + b[1], dot(a[2], p) + b[2]
 
     def _inside(self, o: Vector, d: Vector, start: Start) -> List[Tuple[np.ndarray, np.ndarray]]:
         """The at most two intervals of each line where f <= 0."""
+        assert self.a is not None, "the caller checks that there is a function"
         c2 = dot(tuple(dot(row, d) for row in self.a), d)
         gradient = self.half_gradient(o)
         c1, c0 = dot(gradient, d), dot(gradient, o) + dot(self.b, o) + self.c

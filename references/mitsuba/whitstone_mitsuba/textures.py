@@ -69,8 +69,8 @@ class Checker:
         return min(self.a + self.b), max(self.a + self.b)
 
     def build(self) -> "mi.Texture":
-        half = [0.5 * number for number in self.scale], [0.5 * number for number in self.offset]
-        checkerboard = {"type": "checkerboard", "color0": _color(self.a), "color1": _color(self.b), "to_uv": _to_uv(*half)}
+        scale, offset = (tuple(0.5 * number for number in pair) for pair in (self.scale, self.offset))
+        checkerboard = {"type": "checkerboard", "color0": _color(self.a), "color1": _color(self.b), "to_uv": _to_uv(scale, offset)}
         return _mapped(mi.load_dict(checkerboard), self.mapping)
 
 

@@ -18,7 +18,7 @@ def rotation(axis: np.ndarray, degrees: float) -> np.ndarray:
     x, y, z = axis / np.linalg.norm(axis)
     quarter = degrees / 90.0
     if quarter == round(quarter):
-        cosine, sine = ((1, 0), (0, 1), (-1, 0), (0, -1))[int(round(quarter)) % 4]
+        cosine, sine = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[int(round(quarter)) % 4]
     else:
         cosine, sine = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])

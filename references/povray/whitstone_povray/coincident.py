@@ -88,6 +88,12 @@ class Placed:
     # Index of the shape, or of the outermost instance, in the list of the document.
     index: int
 
+    @property
+    def outlined(self) -> Outline:
+        """The outline of a shape that has one, as all shapes with faces do."""
+        assert self.outline is not None
+        return self.outline
+
 
 # A map of object space that precedes the shape's transform, and one of world space that follows it.
 Moves = Tuple[Matrix, Matrix]
@@ -190,6 +196,11 @@ def _largest(points: Sequence[Vector]) -> float:
     return max((abs(c) for p in points for c in p), default=0.0)
 
 
+def _flattened(corners: Sequence[Vector], origin: Vector, u: int, v: int) -> List[Vector]:
+    """Two coordinates of points, relative to an origin."""
+    return [(p[u] - origin[u], p[v] - origin[v]) for p in corners]
+
+
 def _overlap(a: _Face, b: _Face) -> List[Vector]:
     """The points of a's plane that bound the common region of two polygons; empty if it has no area.
 
@@ -202,8 +213,9 @@ def _overlap(a: _Face, b: _Face) -> List[Vector]:
         return 0.5 * sum(p[0] * q[1] - p[1] * q[0] for p, q in zip(ring, [*ring[1:], *ring[:1]]))
 
     origin = a.corners[0]
-    ring_a, ring_b = ([(p[u] - origin[u], p[v] - origin[v]) for p in face.corners] for face in (a, b))
-    total, found = 0.0, []
+    ring_a, ring_b = (_flattened(face.corners, origin, u, v) for face in (a, b))
+    total = 0.0
+    found: List[Vector] = []
     for k in range(1, len(ring_b) - 1):
         triangle = [ring_b[0], ring_b[k], ring_b[k + 1]]
         size = area(triangle)
@@ -215,7 +227,7 @@ def _overlap(a: _Face, b: _Face) -> List[Vector]:
     if abs(total) <= NO_AREA * min(abs(area(ring_a)), abs(area(ring_b))):
         return []
     n = a.normal
-    lifted = []
+    lifted: List[Vector] = []
     for s, t in found:
         p = [0.0, 0.0, 0.0]
         p[u], p[v] = origin[u] + s, origin[v] + t
@@ -272,7 +284,8 @@ def _equal(a: _Face, b: _Face) -> bool:
 
 def _rounded(shape: Placed, owner: int) -> Optional[_Face]:
     """The round surface of a shape in world space, if it is still round there."""
-    form, matrix = shape.outline.round, shape.matrix
+    form, matrix = shape.outlined.round, shape.matrix
+    assert form is not None, "the caller checks that there is a round side"
     across = [math.hypot(*(row[k] for row in matrix)) for k in range(3)]
     columns = [[row[k] for row in matrix] for k in range(3)]
     at = point(matrix, form.center)
@@ -319,8 +332,9 @@ class _Search:
         self.shapes = shapes
         self.faces: List[_Face] = []
         self.pairs: List[Tuple[int, int]] = []
-        self.number: Dict[Tuple[int, int], int] = {}
-        self.flats: Dict[int, List[Tuple[_Face, Bounds]]] = {}
+        # Of each face in `faces`, by identity.
+        self.number: Dict[int, int] = {}
+        self.flats: Dict[int, List[Tuple[_Face, Optional[Bounds]]]] = {}
         self.near: set = set()
         self.tried = 0
 
@@ -328,8 +342,8 @@ class _Search:
         """The flat faces of a shape in world space, with their bounds."""
         if owner not in self.flats:
             shape = self.shapes[owner]
-            placed = []
-            for flat in shape.outline.flats():
+            placed: List[Tuple[_Face, Optional[Bounds]]] = []
+            for flat in shape.outlined.flats():
                 n = normal(shape.matrix, flat.normal)
                 corners = tuple(point(shape.matrix, corner) for corner in flat.corners)
                 at = corners[0] if corners else point(shape.matrix, (0.0, 0.0, 0.0))
@@ -338,13 +352,13 @@ class _Search:
             self.flats[owner] = placed
         return self.flats[owner]
 
-    def add(self, *found: _Face) -> None:
+    def add(self, one: _Face, other: _Face) -> None:
         """Notes a pair."""
-        for face in found:
+        for face in (one, other):
             if id(face) not in self.number:
                 self.number[id(face)] = len(self.faces)
                 self.faces.append(face)
-        self.pairs.append(tuple(self.number[id(face)] for face in found))
+        self.pairs.append((self.number[id(one)], self.number[id(other)]))
 
     def compare(self, a: int, ones: Sequence[int], b: int, others: Sequence[int]) -> None:
         """Compares faces of two shapes, by their positions."""
@@ -367,8 +381,8 @@ class _Search:
 
     def run(self) -> None:
         """Compares all shapes."""
-        sides = {k: _rounded(shape, k) for k, shape in enumerate(self.shapes) if shape.outline and shape.outline.round}
-        sides = {k: side for k, side in sides.items() if side is not None}
+        rounded = {k: _rounded(shape, k) for k, shape in enumerate(self.shapes) if shape.outline and shape.outline.round}
+        sides = {k: side for k, side in rounded.items() if side is not None}
         for a, b in _sweep({k: _bounds(side.corners or (side.at,)) for k, side in sides.items()}):
             if _equal(sides[a], sides[b]):
                 self.add(sides[a], sides[b])
@@ -394,10 +408,10 @@ class _Search:
                     ]
                     self.compare(plane, [0], k, tried)
         # Meshes with each other last: there may be too many faces.
-        rigid = {k: self.shapes[k].outline.rigid for k in bounds}
+        rigid = {k: self.shapes[k].outlined.rigid for k in bounds}
         for a, b in sorted(_sweep(bounds), key=lambda pair: rigid[pair[0]] and rigid[pair[1]]):
             ones, others = (
-                [n for n, (_, box_) in enumerate(self.of(one)) if _touch(box_, bounds[other])] for one, other in ((a, b), (b, a))
+                [n for n, (_, box_) in enumerate(self.of(one)) if box_ and _touch(box_, bounds[other])] for one, other in ((a, b), (b, a))
             )
             self.compare(a, ones, b, others)
 
@@ -439,7 +453,7 @@ def separate(shapes: Sequence[Placed], scale: float) -> Tuple[Dict[int, Moves], 
         for k in members:
             faces[k].component = number
             faces[k].against = faces[k].form == "plane" and dot(faces[k].normal, along) < 0
-        single = [_largest(faces[k].corners) for k in members if shapes[faces[k].owner].outline.single]
+        single = [_largest(faces[k].corners) for k in members if shapes[faces[k].owner].outlined.single]
         gaps.append(GAP / scale + MESH_GAP * max(single, default=0.0))
         # Faces of one shape on one side form a layer. Each layer lies a gap beyond the highest one
         # that it touches.
@@ -468,9 +482,10 @@ def separate(shapes: Sequence[Placed], scale: float) -> Tuple[Dict[int, Moves], 
             moves[positions[owner]] = found
     told: Dict[Tuple[int, int, str], Optional[float]] = {}
     for one, other in ((faces[a], faces[b]) for a, b in search.pairs):
-        low, high = sorted((one, other), key=lambda face: _place(face, shapes[face.owner].outline.closed))
+        low, high = sorted((one, other), key=lambda face: _place(face, shapes[face.owner].outlined.closed))
         width = high.moves * (-1 if high.against else 1) - low.moves * (-1 if low.against else 1)
-        key = (*sorted((shapes[one.owner].index, shapes[other.owner].index)), one.form)
+        first, second = sorted((shapes[one.owner].index, shapes[other.owner].index))
+        key = first, second, one.form
         known = told.get(key, math.inf)
         told[key] = None if known is None or width < 0.99 * gaps[one.component] else min(known, width)
     return moves, [{"shapes": [a, b], "form": form, "gap": gap} for (a, b, form), gap in sorted(told.items())] + notes
@@ -486,7 +501,7 @@ def _place(face: _Face, closed: bool) -> Tuple[int, int]:
 def _layers(members: List[_Face], shapes: Sequence[Placed]) -> List[List[_Face]]:
     """The faces of each shape on one side, in the order of the model."""
     layers: Dict[Tuple, List[_Face]] = {}
-    for face in sorted(members, key=lambda face: _place(face, shapes[face.owner].outline.closed)):
+    for face in sorted(members, key=lambda face: _place(face, shapes[face.owner].outlined.closed)):
         layers.setdefault((face.owner, face.against), []).append(face)
     return list(layers.values())
 
@@ -495,7 +510,7 @@ def _anchor(layers: List[List[_Face]], levels: List[int], shapes: Sequence[Place
     """The layer that stays where it is: of a mesh, a csg, or a shape too thin to be inset; else of an
     open surface, planes first; else of the outermost solid.
     """
-    outlines = [shapes[layer[0].owner].outline for layer in layers]
+    outlines = [shapes[layer[0].owner].outlined for layer in layers]
     inset = [[replace(face, moves=gap) for face in layer] for layer in layers]
     stiff = [n for n, outline in enumerate(outlines) if outline.rigid or _moves(shapes[layers[n][0].owner], inset[n]) is None]
     if stiff:
@@ -510,7 +525,7 @@ def _anchor(layers: List[List[_Face]], levels: List[int], shapes: Sequence[Place
 
 def _moves(shape: Placed, faces: List[_Face]) -> Optional[Moves]:
     """The maps that move the faces of one shape; None if they cannot move that far."""
-    outline, matrix = shape.outline, shape.matrix
+    outline, matrix = shape.outlined, shape.matrix
     if not any(face.moves for face in faces):
         return STAYS
     if outline.ends is None and outline.round is None:
@@ -529,6 +544,7 @@ def _moves(shape: Placed, faces: List[_Face]) -> Optional[Moves]:
                 factors[axis] = 1 + face.moves / face.radius
                 shifts[axis] = center[axis] * (1 - factors[axis])
             continue
+        assert face.end is not None and outline.ends is not None, "the other shapes have round sides only"
         axis, end = face.end
         # Metres along the normal per unit of object space.
         per_unit = abs(dot(face.normal, [row[axis] for row in matrix]))

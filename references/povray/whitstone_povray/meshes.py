@@ -69,7 +69,10 @@ def _obj(data: bytes) -> Mesh:
                 if not all(0 <= number < count for number in numbers):
                     raise ValueError(f"a face refers to a {name} that does not exist")
                 corners[kind] += _fan(numbers)
-    return Mesh(lists["v"], lists["vn"], lists["vt"], corners[0], corners[2], corners[1])
+    faces = [face for face in corners[0] if face is not None]
+    if len(faces) < len(corners[0]):
+        raise ValueError("a face has a corner without a vertex")
+    return Mesh(lists["v"], lists["vn"], lists["vt"], faces, corners[2], corners[1])
 
 
 _FORMATS = {
@@ -97,12 +100,12 @@ def _ply(data: bytes) -> Mesh:
     faces: List[Tuple[int, int, int]] = []
     for name, count, properties in elements:
         for _ in range(count):
-            words: Iterator[str] = iter(next(lines).split()) if form == "ascii" else iter(())
+            numbers: Iterator[str] = iter(next(lines).split()) if form == "ascii" else iter(())
 
-            def take(kind: str, words: Iterator[str] = words) -> float:
+            def take(kind: str, numbers: Iterator[str] = numbers) -> float:
                 nonlocal at
                 if form == "ascii":
-                    return float(next(words))
+                    return float(next(numbers))
                 (value,) = struct.unpack_from(order + _FORMATS[kind], data, at)
                 at += struct.calcsize(order + _FORMATS[kind])
                 return value

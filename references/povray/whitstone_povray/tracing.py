@@ -133,7 +133,7 @@ def _image(brackets: List[List[Document]], rendered: Dict[str, Image]) -> Image:
         image = [list(zip(*rows)) for rows in zip(*values)]
         total = image if not total else [[_sum(a, b) for a, b in zip(*rows)] for rows in zip(total, image)]
     share = 1.0 / len(samples)
-    return [[tuple(share * component for component in color) for color in row] for row in total]
+    return [[(share * r, share * g, share * b) for r, g, b in row] for row in total]
 
 
 def _sum(a: halves.Color, b: halves.Color) -> halves.Color:
@@ -160,7 +160,7 @@ def render(scene: Scene, setting: Setting) -> Tuple[Image, Document]:
     document = documents(scene, setting)[0]
     count = max(4, min(EXPOSURES, 4 * EXPOSURES // len(document.samples)))
     rows = images(scene, [setting], count)[0]
-    return [[tuple(map(_short, color)) for color in row] for row in rows], document
+    return [[(_short(r), _short(g), _short(b)) for r, g, b in row] for row in rows], document
 
 
 def _short(value: float) -> float:

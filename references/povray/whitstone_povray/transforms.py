@@ -10,7 +10,7 @@ from typing import Any, List, Optional, Sequence, Tuple
 from . import sdl
 from .fields import REQUIRED, Context, Fields, is_number
 
-Matrix = Tuple[Tuple[float, float, float, float], ...]
+Matrix = Tuple[Tuple[float, ...], ...]
 IDENTITY: Matrix = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0))
 
 

@@ -70,7 +70,7 @@ def _indices(fields: Fields) -> Tuple[Vector, Vector]:
             if fields.has(key):
                 fields.take(key)
                 fields.error(key, "cannot be given together with `metal`")
-        return tuple(map(fields.seen, METALS[metal]))
+        return fields.seen(METALS[metal][0]), fields.seen(METALS[metal][1])
     eta, k = fields.color("eta", REQUIRED, 1000.0), fields.color("k", REQUIRED, 1000.0)
     if not all(component > 0 for component in eta) and not fields.context.errors:
         fields.error("eta", "expected components > 0")

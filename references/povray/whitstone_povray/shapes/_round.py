@@ -23,7 +23,7 @@ def heights(fields: Fields, default: Tuple[float, float], least: float = -math.i
     return low, high
 
 
-def around(place: Place, z: Tuple[float, float], radii: Tuple[float, float], caps: bool) -> Surface:
+def around(place: Place, z: Tuple[float, float], radii: Sequence[float], caps: bool) -> Surface:
     """Texture coordinates about the z axis: angle and height on the side, distance and angle on
     caps.
     """
@@ -66,7 +66,7 @@ def cut(place: Place, body: str, low: Sequence[float], high: Sequence[float], ca
 
 
 def turned(
-    place: Place, z: Tuple[float, float], radii: Tuple[float, float], coefficients: Sequence[float], caps: bool
+    place: Place, z: Tuple[float, float], radii: Sequence[float], coefficients: Sequence[float], caps: bool
 ) -> Solid:
     """A quadric about the z axis, with its radii at both ends, of which the larger one is the
     widest.

@@ -19,15 +19,13 @@ _MAX_NESTING = 16
 _MAX_OPERANDS = 256
 
 
-class _OfOperands:
+class _OfOperands(Surface):
     """Texture coordinates of the operand that is visible: they have no twin if they are used. The
     world-space position is known.
     """
 
-    mapped = False
-
     def __init__(self, world: Point = ("x", "y", "z")) -> None:
-        self.world = world
+        object.__setattr__(self, "world", world)
 
     def placed(self, matrix: transforms.Matrix, scale: float) -> "_OfOperands":
         """See `Surface`."""

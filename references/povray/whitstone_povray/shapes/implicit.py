@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Callable, Dict, List, Tuple
+from typing import Any, Callable, Dict, List, Sequence, Tuple
 
 from ..fields import REQUIRED
 from ..transforms import unit
@@ -251,7 +251,8 @@ def twin(fields: Fields, place: Place) -> Solid:
         if not 0 < reach < math.inf:
             fields.error("bounds", "is required: the region where the field is negative may be unbounded or empty")
             reach = 1.0
-        low, high = (-1.001 * reach,) * 3, (1.001 * reach,) * 3
+        low: Sequence[float] = (-1.001 * reach,) * 3
+        high: Sequence[float] = (1.001 * reach,) * 3
     else:
         box_of = Fields(bounds, fields.where + ".bounds", fields.context)
         low, high = box_of.vector("min", REQUIRED), box_of.vector("max", REQUIRED)

@@ -37,15 +37,14 @@ def twin(fields: Fields, place: Place) -> Solid:
     indices = [sdl.vector_of_integers(face) for face in faces]
     if smooth and mesh.normals:
         turned = [transforms.normal(place.own, normal) for normal in mesh.normals]
-        corners = mesh.normal_faces
-        if any(corner is None for corner in corners):
-            # Faces without normals of their own have the geometric one.
-            corners = list(corners)
-            for number, face in enumerate(faces):
-                if corners[number] is None:
-                    a, b, c = (moved[corner] for corner in face)
-                    turned.append(transforms.unit(transforms.cross(transforms.sub(b, a), transforms.sub(c, a))))
-                    corners[number] = (len(turned) - 1,) * 3
+        corners = []
+        for face, own in zip(faces, mesh.normal_faces):
+            if own is None:
+                # Faces without normals of their own have the geometric one.
+                a, b, c = (moved[corner] for corner in face)
+                turned.append(transforms.unit(transforms.cross(transforms.sub(b, a), transforms.sub(c, a))))
+                own = (len(turned) - 1,) * 3
+            corners.append(own)
         parts.append(_list("normal_vectors", [sdl.vector(rounded(c) for c in normal) for normal in turned]))
         normal_indices = [sdl.vector_of_integers(face) for face in corners]
     else:

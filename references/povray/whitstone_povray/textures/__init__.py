@@ -46,6 +46,7 @@ class Texture:
     def pattern(self, surface: Surface) -> str:
         """The pattern that selects an entry of a map, with entries at `entry`."""
         by_uv = surface.mapped and self.mapping.projection == "uv"
+        assert self.value is not None, "a constant has no pattern"
         # Patterns repeat beyond 0 and 1, so both limits are avoided.
         return f"{'uv_mapping ' if by_uv else ''}function {{ 0.25+0.5*({self.value(self.mapping.point(surface))}) }}"
 
