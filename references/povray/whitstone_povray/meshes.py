@@ -71,7 +71,7 @@ def _obj(data: bytes) -> Mesh:
                 corners[kind] += _fan(numbers)
     faces = [face for face in corners[0] if face is not None]
     if len(faces) < len(corners[0]):
-        raise ValueError("a face has a corner without a vertex")
+        raise ValueError("a corner of a face has no vertex")
     return Mesh(lists["v"], lists["vn"], lists["vt"], faces, corners[2], corners[1])
 
 
