@@ -7,6 +7,7 @@ import unittest
 from support import DOWN, Case, film, with_povray
 from whitstone_povray import meshes
 from whitstone_povray.settings import Setting
+from whitstone_protocol.errors import SceneError
 
 WHITE = '[[light]]\ntype = "ambient"\nradiance = 1\n'
 SEEN = 'material = { type = "matte", reflectance = 1 }\n'
@@ -242,6 +243,14 @@ class Meshes(unittest.TestCase):
         whole = self.tetrahedron()
         part = meshes.Mesh(whole.positions, [], [], whole.faces[:3], whole.normal_faces[:3], whole.uv_faces[:3])
         self.assertFalse(meshes.closed(part))
+
+    def test_an_obj_face_without_vertices_is_an_error_of_the_scene(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = os.path.join(folder, "none.obj")
+            with open(path, "w", encoding="utf-8") as file:
+                file.write("v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf //1 //1 //1\n")
+            with self.assertRaisesRegex(SceneError, "has no vertex"):
+                meshes.load(path)
 
     def test_vertices_are_rounded_to_a_neighbour_and_equal_ones_equally(self):
         values = [k / 10 for k in range(-50, 50)]

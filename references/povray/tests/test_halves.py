@@ -5,6 +5,7 @@ import random
 import struct
 import tempfile
 import unittest
+import zlib
 
 from support import ROOT  # noqa: F401  (puts the package on the path)
 from whitstone_povray import halves, operations, tracing
@@ -59,6 +60,20 @@ class Files(unittest.TestCase):
         self.assertEqual(exr.channel_types(attributes["channels"]), [("B", 2), ("G", 2), ("R", 2)])
         self.assertEqual(struct.unpack("<4i", attributes["dataWindow"]), (0, 0, 4, 36))
         self.assertEqual(len(struct.unpack_from("<3Q", data, at)), 3)
+
+    def test_blocks_are_compressed_as_the_layout_says(self):
+        numbers = random.Random(3)
+        # Long runs, so that compression is worthwhile, with every difference of two bytes.
+        for data in (b"", b"\x80", bytes(5000), bytes(numbers.choice((0, 255, 128)) for _ in range(4999)), bytes(k // 7 % 256 for k in range(9000))):
+            packed = exr.compress(data)
+            self.assertEqual(exr.decompress(packed, len(data)), data)
+            if len(packed) < len(data):
+                apart = data[0::2] + data[1::2]
+                differences = [b - a + 128 & 255 for a, b in zip(apart, apart[1:])]
+                self.assertEqual(zlib.decompress(packed), bytes([apart[0], *differences]))
+        for a in range(256):
+            pairs = bytes(number for b in range(256) for number in (a, b))
+            self.assertEqual(exr._differences(pairs), bytes([a, *(y - x + 128 & 255 for x, y in zip(pairs, pairs[1:]))]))
 
 
 if __name__ == "__main__":
