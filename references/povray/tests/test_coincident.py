@@ -123,7 +123,7 @@ class Separated(Case):
 
 class Order(unittest.TestCase):
     def heights(self, *outlines):
-        """Where the origin of each shape, or its face there, lies after the separation, in gaps."""
+        """The height of the face at the origin of each shape after the separation, in gaps."""
         shapes = [coincident.Placed(outline, matrix, ("", k, 0), k) for k, (outline, matrix) in enumerate(outlines)]
         moves, told = coincident.separate(shapes, Setting().scale)
         self.assertTrue(all(entry["gap"] for entry in told), told)
@@ -168,7 +168,7 @@ class Shown(Case):
         return self.values(HEAD.replace(DOWN, view) + scene, pixels)
 
     def agree(self, touching, apart):
-        """All pixels agree with those of a scene with gaps made by hand, far wider than POV-Ray needs."""
+        """All pixels agree with those of a scene with gaps written by hand."""
         found, expected = self.image(touching), self.image(apart)
         self.assertGreater(len(set(map(tuple, expected))), 1)
         for one, other in zip(found, expected):

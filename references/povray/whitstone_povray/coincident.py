@@ -1,5 +1,5 @@
-"""Coincident surfaces of different shapes (model §9, "Coincident surfaces"): finds them, orders them
-and separates them by gaps.
+"""Coincident surfaces of different shapes (model §9): finds them, orders them and separates them by
+gaps.
 
 Each shape describes its flat faces, and its round side if it has one, as an `Outline`. `separate`
 compares the outlines of all placed shapes and returns one affine map per shape that has to move.
@@ -18,8 +18,8 @@ from .transforms import IDENTITY, Matrix, cross, dot, normal, point, similarity,
 Vector = Sequence[float]
 
 # Width of a gap in POV-Ray's units. POV-Ray 3.7 ignores hits closer than 1e-4 along a ray, and
-# blockers closer than 1e-3 along a shadow ray. At normal incidence a ray needs the whole gap, at
-# grazing angles more. So twice the larger threshold suffices for all rays.
+# blockers closer than 1e-3 along a shadow ray. A ray crosses a gap along at least its width, so
+# twice the larger threshold suffices at all angles.
 GAP = 2e-3
 # POV-Ray stores the vertices of `mesh2` in single precision: a gap next to a mesh is wider by this
 # part of the coordinates, two units in the last place.
@@ -31,7 +31,8 @@ MOST_INSET = 1 / 256
 # Overlaps below this part of the smaller face have no area: rounding makes slivers along common
 # edges.
 NO_AREA = 1e-9
-# Upper bounds on the faces near other shapes, as in the model, and on the pairs of such faces.
+# Upper bounds on the faces near other shapes, as in the model, and on the pairs of such faces whose
+# planes are equally far from the origin.
 MAX_FACES = 10000
 MAX_PAIRS = 200000
 # Corners of the polygon that represents a disk.
@@ -83,7 +84,8 @@ class Placed:
     outline: Optional[Outline]
     # `world_from_object`, with the transforms of all enclosing instances.
     matrix: Matrix
-    # Sorts like shape_id: the group ("" for none), the position in its list, the order of instances.
+    # Sorts like shape_id: the group ("" for none), the position in its list, and the order of
+    # instances.
     rank: Tuple[str, int, int]
     # Index of the shape, or of the outermost instance, in the list of the document.
     index: int
@@ -153,8 +155,8 @@ def mesh(positions: Sequence[Vector], faces: Sequence[Sequence[int]]) -> Outline
 
 
 def combined(operands: Sequence[Tuple[Optional[Outline], Matrix]], difference: bool) -> Outline:
-    """A csg of operands, each with its transform. All flat faces of its operands count, except planes,
-    also where the operation removes them: then only a gap is made that nothing needs.
+    """A csg of operands, each with its transform. All flat faces of its operands count, except
+    planes. They count even where the operation removes them: an unnecessary gap does no harm.
     """
     known = [(outline, matrix, difference and k > 0) for k, (outline, matrix) in enumerate(operands) if outline]
 
@@ -202,9 +204,10 @@ def _flattened(corners: Sequence[Vector], origin: Vector, u: int, v: int) -> Lis
 
 
 def _overlap(a: _Face, b: _Face) -> List[Vector]:
-    """The points of a's plane that bound the common region of two polygons; empty if it has no area.
+    """The points of a's plane that bound the common region of two polygons; empty if it has no
+    area.
 
-    Triangles of a fan, counted by the sign of their areas, make up b: so it need not be convex.
+    b is a fan of triangles with signed areas, so neither polygon has to be convex.
     """
     left_out = max(range(3), key=lambda k: abs(a.normal[k]))
     u, v = (left_out + 1) % 3, (left_out + 2) % 3
@@ -507,8 +510,8 @@ def _layers(members: List[_Face], shapes: Sequence[Placed]) -> List[List[_Face]]
 
 
 def _anchor(layers: List[List[_Face]], levels: List[int], shapes: Sequence[Placed], gap: float) -> int:
-    """The layer that stays where it is: of a mesh, a csg, or a shape too thin to be inset; else of an
-    open surface, planes first; else of the outermost solid.
+    """The layer that stays where it is: of a mesh, a csg, or a shape too thin to be inset; else of
+    an open surface, planes first; else of the outermost solid.
     """
     outlines = [shapes[layer[0].owner].outlined for layer in layers]
     inset = [[replace(face, moves=gap) for face in layer] for layer in layers]
