@@ -206,8 +206,9 @@ class Materials(Case):
         refused(scene + glass % (1, 0) + glass % (0.5, 0), "shape[1]", "overlap")
         refused(scene + glass % (1, 0) + glass % (1, 1.9), "shape[1]", "overlap")
         box = '[[shape]]\ntype = "box"\ntransform = { translate = [%s, 0, 0] }\nmaterial = { type = "dielectric" }\n'
-        refused(scene + box % 0 + box % 2, "shape[1]", "touch")
-        self.values(scene + box % 0 + box % 2.01)
+        refused(scene + box % 0 + box % 1.99, "shape[1]", "overlap")
+        # Boxes that touch are separated.
+        self.values(scene + box % 0 + box % 2)
         # Their bounding boxes overlap, the spheres do not.
         self.values(scene + glass % (1, 0) + glass.replace("0, 0]", "1.5, 0]") % (1, 1.5))
 

@@ -3,6 +3,7 @@
 POV-Ray keeps a list of the media that a ray is in; the model uses the indices of each surface as
 given. The two agree unless transparent shapes overlap or touch, or the camera is inside one. A
 program in POV-Ray's language checks this before the scene is rendered, and stops with an error.
+Coincident surfaces have been separated before (`coincident`).
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ import tomllib
 from dataclasses import dataclass, field, replace
 from typing import Any, Dict, List, Optional, Tuple
 
-from . import cameras, checks, lights, registry, sdl, transforms
+from . import cameras, checks, coincident, lights, registry, sdl, transforms
 from .errors import SceneError, Unsupported
 from .fields import REQUIRED, Context, Fields, nearest
 from .materials import Material, Materials
@@ -23,6 +23,9 @@ MAX_LEVEL = 256
 MAX_NESTING = 16
 # Upper bound on the shape instances in one scene file.
 MAX_COPIES = 20000
+# Upper bound on the scenes whose separated shapes are remembered.
+MAX_SEPARATED = 16
+_SEPARATED: Dict[Tuple[str, str, float], Tuple[Dict[int, coincident.Moves], List[Dict[str, Any]]]] = {}
 
 
 @dataclass
@@ -41,6 +44,8 @@ class Document:
     formulas: List[Tuple[str, str]]
     # A program with the checks that only POV-Ray can do, to be run once; may be empty.
     check: str
+    # The entries `coincident` of PROTOCOL.md.
+    coincident: List[Dict[str, Any]] = field(default_factory=list)
 
     def write(self, sample: Tuple[float, float, int]) -> str:
         """The scene in POV-Ray's language, for one position in every pixel and one lens sample.
@@ -48,6 +53,29 @@ class Document:
         """
         dx, dy = sample[0] - 0.5 + self.setting.dx, sample[1] - 0.5 + self.setting.dy
         return "\n".join([self.head, self.camera.write(self.setting, dx, dy, sample[2]), self.body, ""])
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """A declared shape."""
+
+    name: str
+    solid: Solid
+    material: Material
+    # Its own transform, also if the twin has applied it.
+    own: transforms.Matrix
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """An instance of a shape; `place` is the position of its table."""
+
+    shape: _Shape
+    around: transforms.Matrix
+    place: str
+    # See `coincident.Placed`.
+    rank: Tuple[str, int, int]
+    index: int
 
 
 @dataclass
@@ -62,28 +90,35 @@ class _Scene:
     objects: List[str] = field(default_factory=list)
     used: List[Material] = field(default_factory=list)
     # By position of a shape's table: its name, its twin, its material. Instances share them.
-    known: Dict[str, Optional[Tuple[str, Solid, Material]]] = field(default_factory=dict)
+    known: Dict[str, Optional["_Shape"]] = field(default_factory=dict)
+    placed: List["_Placed"] = field(default_factory=list)
     open: List[str] = field(default_factory=list)
     # Placed objects that light can enter.
     entered: List[checks.Body] = field(default_factory=list)
 
-    def walk(self, tables: Any, where: str, around: transforms.Matrix) -> None:
-        """Adds the shapes of one list."""
+    def walk(self, tables: Any, group: str, around: transforms.Matrix, outermost: Optional[int] = None) -> None:
+        """Adds the shapes of one list: of a group, or of the document if its name is empty. The
+        index `outermost` is that of the instance of the document that contains them.
+        """
+        where = f"group.{group}." if group else ""
         if not isinstance(tables, list):
             self.context.errors.append(f"{where}shape: expected an array of tables")
             return
         for index, table in enumerate(tables):
             place = f"{where}shape[{index}]"
             if isinstance(table, dict) and table.get("type") == "instance":
-                self.instance(Fields(table, place, self.context), around)
+                self.instance(Fields(table, place, self.context), around, index if outermost is None else outermost)
                 continue
             if place not in self.known:
                 self.known[place] = self.shape(Fields(table, place, self.context))
             entry = self.known[place]
             if entry is not None:
-                self.put(*entry, around, place)
+                rank = (group, index, len(self.placed))
+                self.placed.append(_Placed(entry, around, place, rank, index if outermost is None else outermost))
+                if len(self.placed) > MAX_COPIES:
+                    raise Unsupported(f"shape: POV-Ray has no twin of more than {MAX_COPIES} copies of shapes")
 
-    def shape(self, fields: Fields) -> Optional[Tuple[str, Solid, Material]]:
+    def shape(self, fields: Fields) -> Optional["_Shape"]:
         """Reads a shape and declares its geometry."""
         twin = registry.find("shapes", fields)
         if twin is None:
@@ -111,25 +146,51 @@ class _Scene:
         self.declarations += [solid.head] if solid.head else []
         self.declarations.append(f"#declare {name} = {solid.body} }}")
         self.used.append(material)
-        return name, solid, material
+        return _Shape(name, solid, material, own)
 
-    def put(self, name: str, solid: Solid, material: Material, around: transforms.Matrix, place: str) -> None:
-        """Adds an instance of a shape; `place` is the position of its table."""
+    def put_all(self, key: Tuple[str, str, float]) -> List[Dict[str, Any]]:
+        """Adds the objects of all shapes, and separates those that coincide. Returns the entries
+        `coincident` of PROTOCOL.md. The scene and the scale identify the result: a scene is read
+        many times, at several exposures and positions in the pixel.
+        """
+        outlined = [
+            coincident.Placed(p.shape.solid.outline, transforms.product(p.around, p.shape.own), p.rank, p.index) for p in self.placed
+        ]
+        if key not in _SEPARATED:
+            if len(_SEPARATED) == MAX_SEPARATED:
+                _SEPARATED.clear()
+            _SEPARATED[key] = coincident.separate(outlined, self.context.setting.scale)
+        moves, told = _SEPARATED[key]
+        for number, placed in enumerate(self.placed):
+            self.put(placed, *moves.get(number, coincident.STAYS))
+        return told
+
+    def put(self, placed: "_Placed", inner: transforms.Matrix, outer: transforms.Matrix) -> None:
+        """Adds an instance of a shape. The maps `inner`, of object space, and `outer`, of world
+        space, separate it from others.
+        """
+        name, solid, material, around = placed.shape.name, placed.shape.solid, placed.shape.material, placed.around
         scale = self.context.setting.scale
-        moves = " ".join(transforms.write(matrix, scale) for matrix in (solid.matrix or transforms.IDENTITY, around))
+        own = solid.matrix or transforms.IDENTITY
+        if (inner, outer) != coincident.STAYS:
+            own_moved, around_moved = transforms.product(own, inner), transforms.product(outer, around)
+        else:
+            own_moved, around_moved = own, around
+        moves = " ".join(transforms.write(matrix, scale) for matrix in (own_moved, around_moved))
         dark = not self.shadows or material.transparent
         flag = (" no_shadow" if dark else "") + (" hollow" if material.transparent else "")
-        surface = solid.surface.placed(transforms.product(around, solid.matrix or transforms.IDENTITY), scale)
+        # Textures see the point before the separation.
+        surface = solid.surface.placed(transforms.product(around, own), scale)
         self.objects.append(f"object {{ {name} {material.texture(surface)} {material.interior} {moves}{flag} }}")
         if material.transparent:
-            self.entered.append(checks.Body(place, name, moves))
+            self.entered.append(checks.Body(placed.place, name, moves))
         if material.transparent and self.shadows:
             black = "texture { pigment { rgb 0 } finish { ambient 0 diffuse 0 } }"
             self.objects.append(f"object {{ {name} {black} {moves} no_image no_reflection }}")
         if len(self.objects) > MAX_COPIES:
             raise Unsupported(f"shape: POV-Ray has no twin of more than {MAX_COPIES} copies of shapes")
 
-    def instance(self, fields: Fields, around: transforms.Matrix) -> None:
+    def instance(self, fields: Fields, around: transforms.Matrix, outermost: int) -> None:
         """Adds an instance of the shapes of a group."""
         fields.take("type")
         fields.text("id")
@@ -146,7 +207,7 @@ class _Scene:
             tables = group.take("shape", REQUIRED)
             group.close()
             self.open.append(name)
-            self.walk(tables, f"group.{name}.", transforms.product(around, own))
+            self.walk(tables, name, transforms.product(around, own), outermost)
             self.open.pop()
 
 
@@ -252,6 +313,7 @@ def parse(text: str, base: str, setting: Setting, channel: Optional[int] = None)
     materials = Materials(root.get("material", {}), library, lit.ambient, context)
     scene = _Scene(context, materials, root.get("group", {}), integrator.shadows)
     scene.walk(root.get("shape", []), "", transforms.IDENTITY)
+    told = [] if context.errors else scene.put_all((text, base, setting.scale))
     _check_media(scene.used, context)
     if integrator.limit_shown and any(lit.background) and any(material.branches for material in scene.used):
         context.unsupported.append("integrator.at_max_depth: POV-Ray shows black where it goes no deeper, not the background")
@@ -268,4 +330,4 @@ def parse(text: str, base: str, setting: Setting, channel: Optional[int] = None)
     body = "\n".join([*lit.objects, *scene.declarations, *scene.objects])
     places = camera.samples(samples)
     check = checks.program(head, scene.declarations, scene.entered, camera.origins(setting, places))
-    return Document(width, height, places, camera, setting, head, body, _formulas(root), check)
+    return Document(width, height, places, camera, setting, head, body, _formulas(root), check, told)

@@ -67,6 +67,7 @@ def render(request: Request) -> Answer:
         "samples": len(document.samples),
         "twin": "formula" if document.formulas else "native",
         "hosted": [{"type": kind, "twin": "formula", "reason": reason} for kind, reason in document.formulas],
+        "coincident": document.coincident,
         "rehits": 0,
         "setting": setting.to_json(),
     }

@@ -9,13 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Iterable, List, Optional
 
-from .. import sdl
+from .. import coincident, sdl
 from ..fields import REQUIRED, Fields, Vector
 from ..settings import Setting
 from ..textures import Surface
 from ..transforms import IDENTITY, Matrix, similarity
 
-__all__ = ["REQUIRED", "Fields", "Matrix", "Place", "Solid", "Surface", "Vector", "axes", "similarity"]
+__all__ = ["REQUIRED", "Fields", "Matrix", "Place", "Solid", "Surface", "Vector", "axes", "coincident", "similarity"]
 
 
 # The direction in which POV-Ray looks for the outside of a mesh; parallel to no edge of ours.
@@ -54,6 +54,9 @@ class Solid:
     smooth: bool = False
     # Declarations that must precede the object.
     head: str = ""
+    # Its surfaces that may coincide with those of other shapes; None if the model has no rule for
+    # them.
+    outline: Optional[coincident.Outline] = None
 
 
 def axes(place: Place) -> List[str]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from typing import Sequence, Tuple
 
-from . import Fields, Place, Solid, Surface, angle, axes, sdl
+from . import Fields, Place, Solid, Surface, angle, axes, coincident, sdl
 
 # Points this close to a cap, relative to the height of the shape, lie on it.
 _ON_CAP = 1e-7
@@ -73,4 +73,4 @@ def turned(
     """
     wide = 2.0 * max(radii)
     body = cut(place, quadric(place, coefficients), (-wide, -wide, z[0]), (wide, wide, z[1]), caps)
-    return Solid(body, around(place, z, radii, caps), caps)
+    return Solid(body, around(place, z, radii, caps), caps, outline=coincident.capped(z, radii, caps, False))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from . import Fields, Place, Solid, Surface, axes
+from . import Fields, Place, Solid, Surface, axes, coincident
 
 
 def twin(fields: Fields, place: Place) -> Solid:
@@ -17,4 +17,4 @@ def twin(fields: Fields, place: Place) -> Solid:
         return f"(select(max(abs({y}),abs({z}))-abs({x})-{edge},{on_x},{later})+1)/2"
 
     body = f"box {{ {place.point((-1, -1, -1))}, {place.point((1, 1, 1))}"
-    return Solid(body, Surface(by_face(y, z, x), by_face(z, x, y)), True)
+    return Solid(body, Surface(by_face(y, z, x), by_face(z, x, y)), True, outline=coincident.box())

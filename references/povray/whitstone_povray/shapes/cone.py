@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from . import Fields, Place, Solid
+from . import Fields, Place, Solid, coincident
 from ._round import around, heights
 
 
@@ -14,4 +14,4 @@ def twin(fields: Fields, place: Place) -> Solid:
     z = heights(fields, (0.0, 1.0))
     caps = fields.flag("caps", True)
     ends = ", ".join(f"{place.point((0, 0, height))}, {place.length(radius)}" for height, radius in zip(z, radii))
-    return Solid(f"cone {{ {ends}{'' if caps else ' open'}", around(place, z, radii, caps), caps)
+    return Solid(f"cone {{ {ends}{'' if caps else ' open'}", around(place, z, radii, caps), caps, outline=coincident.capped(z, radii, caps, False))

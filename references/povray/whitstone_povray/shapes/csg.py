@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Optional
+from typing import Optional, Tuple
 
 from .. import registry, transforms
 from ..errors import Unsupported
 from ..textures import Point
-from . import INSIDE, Fields, Place, Solid, Surface
+from . import INSIDE, Fields, Place, Solid, Surface, coincident
 
 # Half size in metres of the box that replaces a plane; POV-Ray sees little beyond.
 _FAR = 1e4
@@ -40,8 +40,8 @@ class _OfOperands:
     v = u
 
 
-def _operand(table: object, where: str, fields: Fields, place: Place, depth: int) -> Optional[Solid]:
-    """A closed operand, with its transform relative to the result."""
+def _operand(table: object, where: str, fields: Fields, place: Place, depth: int) -> Optional[Tuple[Solid, transforms.Matrix]]:
+    """A closed operand, and its transform relative to the result."""
     inner = Fields(table, where, fields.context)
     plane = isinstance(table, dict) and table.get("type") == "plane"
     nested = isinstance(table, dict) and table.get("type") == "csg"
@@ -60,11 +60,12 @@ def _operand(table: object, where: str, fields: Fields, place: Place, depth: int
     body = f"box {{ {place.point((-_FAR, -_FAR, -_FAR))}, {place.point((_FAR, _FAR, 0))}" if plane else solid.body
     if not (plane or solid.closed):
         inner.error("", "is not closed, so it cannot be an operand")
+    outlined = own
     if solid.matrix is not None:
         # A mesh is in world space already, so the enclosing transform must be undone.
         own = transforms.inverse(place.own)
         body = f"{body} {INSIDE}"
-    return replace(solid, body=f"{body} {transforms.write(own, place.setting.scale)} }}")
+    return replace(solid, body=f"{body} {transforms.write(own, place.setting.scale)} }}"), outlined
 
 
 def _twin(fields: Fields, place: Place, depth: int) -> Solid:
@@ -74,10 +75,13 @@ def _twin(fields: Fields, place: Place, depth: int) -> Solid:
         fields.error("operands", f"expected 2 to {_MAX_OPERANDS} tables of shapes")
         tables = []
     found = [_operand(table, f"{fields.where}.operands[{number}]", fields, place, depth) for number, table in enumerate(tables)]
-    operands = [operand for operand in found if operand is not None]
+    placed = [operand for operand in found if operand is not None]
+    operands = [solid for solid, _ in placed]
     inside = "\n  ".join(operand.body for operand in operands)
     head = "\n".join(operand.head for operand in operands if operand.head)
-    return Solid(f"{_NAMES[operation]} {{\n  {inside}", _OfOperands(), True, smooth=any(o.smooth for o in operands), head=head)
+    outline = coincident.combined([(solid.outline, own) for solid, own in placed], operation == "difference")
+    smooth = any(operand.smooth for operand in operands)
+    return Solid(f"{_NAMES[operation]} {{\n  {inside}", _OfOperands(), True, smooth=smooth, head=head, outline=outline)
 
 
 def twin(fields: Fields, place: Place) -> Solid:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from . import Fields, Place, Solid
+from . import Fields, Place, Solid, coincident
 from ._round import around, heights
 
 
@@ -13,4 +13,4 @@ def twin(fields: Fields, place: Place) -> Solid:
     caps = fields.flag("caps", True)
     ends = f"{place.point((0, 0, z[0]))}, {place.point((0, 0, z[1]))}"
     body = f"cylinder {{ {ends}, {place.length(radius)}{'' if caps else ' open'}"
-    return Solid(body, around(place, z, (radius, radius), caps), caps)
+    return Solid(body, around(place, z, (radius, radius), caps), caps, outline=coincident.capped(z, (radius, radius), caps, True))

@@ -6,7 +6,7 @@ from typing import List
 
 from .. import meshes, transforms
 from ..errors import SceneError
-from . import Fields, Place, Solid, Surface, baked, sdl
+from . import Fields, Place, Solid, Surface, baked, coincident, sdl
 
 
 def _list(name: str, entries: List[str]) -> str:
@@ -56,4 +56,5 @@ def twin(fields: Fields, place: Place) -> Solid:
     if normal_indices:
         parts.append(_list("normal_indices", normal_indices))
     parts.append(_list("uv_indices", uv_indices))
-    return Solid("mesh2 { " + "\n".join(parts), surface, meshes.closed(mesh), baked(), smooth=bool(normal_indices))
+    outline = coincident.mesh(mesh.positions, faces)
+    return Solid("mesh2 { " + "\n".join(parts), surface, meshes.closed(mesh), baked(), smooth=bool(normal_indices), outline=outline)

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from . import Fields, Place, Solid, Surface, axes, similarity
+from . import Fields, Place, Solid, Surface, axes, coincident, similarity
 
 
 def twin(fields: Fields, place: Place) -> Solid:
@@ -12,4 +12,4 @@ def twin(fields: Fields, place: Place) -> Solid:
     if similarity(place.own) is None:
         fields.error("transform", "must be a similarity")
     x, y, _ = axes(place)
-    return Solid("plane { <0,0,1>, 0", Surface(x, y), False)
+    return Solid("plane { <0,0,1>, 0", Surface(x, y), False, outline=coincident.sheet((), (0.0, 0.0, 1.0)))

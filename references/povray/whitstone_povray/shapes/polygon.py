@@ -9,7 +9,7 @@ from typing import Any, List, Sequence
 
 from ..fields import is_number
 from ..transforms import cross, dot, sub, unit
-from . import Fields, Place, Solid, Surface, axes, sdl
+from . import Fields, Place, Solid, Surface, axes, coincident, sdl
 
 MOST_VERTICES = 4096
 FLATNESS = 1e-9
@@ -59,4 +59,4 @@ def twin(fields: Fields, place: Place) -> Solid:
     flat = [(dot(sub(vertex, middle), side) * scale, dot(sub(vertex, middle), up) * scale, 0.0) for vertex in vertices]
     corners = ", ".join(sdl.vector(corner) for corner in flat + flat[:1])
     frame = sdl.vector([*side, *up, *normal, *(scale * component for component in middle)])
-    return Solid(f"polygon {{ {len(flat) + 1}, {corners} matrix {frame}", surface, False)
+    return Solid(f"polygon {{ {len(flat) + 1}, {corners} matrix {frame}", surface, False, outline=coincident.sheet(vertices, normal))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from . import Fields, Place, Solid, Surface, axes
+from . import Fields, Place, Solid, Surface, axes, coincident
 
 
 def twin(fields: Fields, place: Place) -> Solid:
@@ -10,4 +10,4 @@ def twin(fields: Fields, place: Place) -> Solid:
     corners = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0), (-1, -1, 0)]
     x, y, _ = axes(place)
     body = f"polygon {{ {len(corners)}, {', '.join(map(place.point, corners))}"
-    return Solid(body, Surface(f"({x}+1)/2", f"({y}+1)/2"), False)
+    return Solid(body, Surface(f"({x}+1)/2", f"({y}+1)/2"), False, outline=coincident.sheet(corners[:4], (0.0, 0.0, 1.0)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from . import Fields, Place, Solid, Surface, angle, axes, sdl, similarity
+from . import Fields, Place, Solid, Surface, angle, axes, coincident, sdl, similarity
 
 
 def twin(fields: Fields, place: Place) -> Solid:
@@ -14,4 +14,4 @@ def twin(fields: Fields, place: Place) -> Solid:
     x, y, z = (f"({axis}-{sdl.number(c)})" for axis, c in zip(axes(place), center))
     polar = f"acos(max(-1,min(1,{z}/sqrt({x}*{x}+{y}*{y}+{z}*{z}))))"
     surface = Surface(angle(x, y), f"(pi-{polar})/pi")
-    return Solid(f"sphere {{ {place.point(center)}, {place.length(radius)}", surface, True)
+    return Solid(f"sphere {{ {place.point(center)}, {place.length(radius)}", surface, True, outline=coincident.ball(center, radius))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .. import transforms
 from ..transforms import cross, dot, point, sub
-from . import Fields, Place, Solid, Surface, baked, sdl
+from . import Fields, Place, Solid, Surface, baked, coincident, sdl
 
 
 def twin(fields: Fields, place: Place) -> Solid:
@@ -30,9 +30,10 @@ def twin(fields: Fields, place: Place) -> Solid:
         return f"{sdl.number(uvs[0][k])}+" + "+".join(terms)
 
     surface = Surface(coordinate(0), coordinate(1))
+    outline = coincident.sheet(vertices, cross(sub(vertices[1], vertices[0]), sub(vertices[2], vertices[0])))
     corners = list(map(place.point, (a, b, c)))
     if normals is None:
-        return Solid(f"triangle {{ {', '.join(corners)}", surface, False, baked())
+        return Solid(f"triangle {{ {', '.join(corners)}", surface, False, baked(), outline=outline)
     turned = [sdl.vector(transforms.normal(place.own, normal)) for normal in normals]
     pairs = ", ".join(f"{corner}, {normal}" for corner, normal in zip(corners, turned))
-    return Solid(f"smooth_triangle {{ {pairs}", surface, False, baked(), smooth=True)
+    return Solid(f"smooth_triangle {{ {pairs}", surface, False, baked(), smooth=True, outline=outline)
