@@ -145,7 +145,7 @@ fn cube(faces: &Faces, context: &mut dyn Context) -> Result<[Arc<dyn Texture>; 6
     let mut errors = SceneErrors::default();
     let mut first = None;
     let pictures = [px, nx, py, ny, pz, nz].map(|Face { file }| {
-        let picture = errors.take(context.picture(file))?;
+        let picture = errors.take(context.image(file))?;
         if let Some([width, height]) = picture.size() {
             let expected = *first.get_or_insert(width);
             if [width, height] != [expected; 2] {

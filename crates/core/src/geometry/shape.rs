@@ -312,7 +312,7 @@ impl SurfaceInteraction {
     /// Origin of a ray spawned in direction `d`: on that side of the surface, outside the error
     /// bound.
     #[inline(always)]
-    pub fn leave(&self, d: DVec3) -> DVec3 {
+    pub fn spawn_origin(&self, d: DVec3) -> DVec3 {
         self.position + (self.error * self.n_g.dot(d).signum()) * self.n_g
     }
 
