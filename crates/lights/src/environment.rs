@@ -23,7 +23,7 @@ use whitstone_core::{
 
 /// An environment map: visible behind everything, and optionally a light.
 #[derive(Debug, JsonSchema)]
-#[serde(transparent)]
+#[schemars(try_from = "Keys")]
 pub struct Config(Keys);
 
 impl<'de> Deserialize<'de> for Config {
