@@ -115,7 +115,7 @@ fn what_cannot_be_baked_is_told() {
         ),
         (&["sky.exr", "--size", "0"], "0 is not in 1..=4096"),
         (&["sky.exr", "-o", "file"], "file: "),
-        (&["."], "no name of a picture"),
+        (&["."], "expected the path of an image file"),
         (&[], "required arguments"),
     ] {
         let (code, _, problems) = bake(folder, arguments);

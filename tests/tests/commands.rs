@@ -325,7 +325,7 @@ fn explain_says_what_is_built_and_follows_a_pixel() {
     .concat());
     assert_eq!(code(&output), Some(0), "{}", stderr(&output));
     let text = stdout(&output);
-    for expected in ["accelerator", "left out", "pixel (20, 20)", "camera ray: "] {
+    for expected in ["accelerator", "omitted", "pixel (20, 20)", "camera ray: "] {
         assert!(text.contains(expected), "no {expected} in\n{text}");
     }
     // The pixel is what its rays add, each by its throughput: also at the depth limit, in absorbing

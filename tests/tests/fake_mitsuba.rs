@@ -56,7 +56,7 @@ const BROKEN: [(&str, &str, &str); 5] = [
     ("sleep 100", "gave no answer", "a hang"),
     (
         "echo good morning",
-        "cannot be understood",
+        "gave an invalid answer",
         "an answer that is none",
     ),
     (

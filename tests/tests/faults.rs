@@ -49,7 +49,7 @@ fn set(text: &str) -> Vec<String> {
     vec![text.to_owned()]
 }
 
-const FAULTS: [Fault; 35] = [
+const FAULTS: [Fault; 36] = [
     Fault {
         reference: Renderer::MITSUBA,
         name: "a mixture of both sides of an edge",
@@ -332,6 +332,22 @@ const FAULTS: [Fault; 35] = [
         name: "a mirror brighter by 0.4%",
         scene: "scenes/showcase/furnace.toml",
         overrides: || set("shape.floor.material.reflectance=[0.703, 0.753, 0.803]"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        reference: Renderer::MITSUBA_STOCK,
+        name: "absorption stronger by 10%",
+        scene: "scenes/showcase/absorption.toml",
+        overrides: || {
+            vec![
+                "shape.green.material.absorption=[1.32, 0.22, 0.99]".to_owned(),
+                "shape.bubble.material.exterior_absorption=[1.32, 0.22, 0.99]".to_owned(),
+                "shape.amber.material.absorption=[0.11, 0.88, 2.75]".to_owned(),
+                "shape.water.material.absorption=[0.88, 0.33, 0.11]".to_owned(),
+                "shape.glass_in_water.material.exterior_absorption=[0.88, 0.33, 0.11]".to_owned(),
+            ]
+        },
         tamper: |_| {},
         found: unexplained,
     },

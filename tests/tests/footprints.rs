@@ -199,7 +199,7 @@ fn streams_spread_as_single_rays_do() {
     whole.scene = whole.scene.without_specialization();
     assert_eq!(whole.render(RenderOptions::default()).rgb, rendered.rgb);
     // More samples lie closer together.
-    let more = scene.replace("n = 2", "n = 4");
+    let more = scene.replace("samples_per_axis = 2", "samples_per_axis = 4");
     let sum = |pipeline: &Pipeline| pipeline.camera_differential([3, 4], 0).unwrap().direction[0].length();
     let ratio = sum(&built) / sum(&pipeline(CAMERA, film, &more, 1));
     assert!((ratio - 2.0).abs() < 1e-2, "{ratio}");

@@ -110,7 +110,10 @@ fn far_from_the_origin_the_reference_is_called_inexact() -> Result<(), Failed> {
          [[light]]\ntype = \"point\"\nposition = [10001, 2, 1]\nintensity = 3\n"
     );
     let case = validate(&scene, "")?;
-    let told = case.inexact.iter().any(|note| note.contains("leave shape 0"));
+    let told = case
+        .inexact
+        .iter()
+        .any(|note| note.contains("spawned on shape 0"));
     let ranges = case.worst.iter().any(|pixel| pixel.tried.is_some());
     check(
         case.status == Some(Status::Confirmed) && case.unexplained > 0 && told && ranges,
@@ -150,7 +153,10 @@ fn surfaces_that_nearly_coincide_are_named() -> Result<(), Failed> {
 
 fn coincident_surfaces_are_seen_in_the_same_order() -> Result<(), Failed> {
     let case = validate(&coplanar(0.0), "")?;
-    let drawn_apart = case.coincident.iter().any(|pair| pair.contains("drawn apart"));
+    let drawn_apart = case
+        .coincident
+        .iter()
+        .any(|pair| pair.contains("separated by a gap"));
     check(case.status == Some(Status::Pass) && drawn_apart, &case)
 }
 
@@ -229,14 +235,14 @@ fn explain_shows_both_trees() -> Result<(), Failed> {
     let agree = reference["first_difference"].is_null()
         && rays(reference) == rays(&report["pixel"])
         && rays(reference) > Some(3)
-        && text.contains("the two trees agree: ")
+        && text.contains("the ray trees agree: ")
         && text.contains("ours  ");
     if !agree {
         return Err(format!("{text}\n{reference}").into());
     }
     // The tree goes on below the rays that are shown.
     let (short, _) = explain(classic, "130,80", &["--max-rays", "2"])?;
-    if short.matches("throughput").count() != 2 || !short.contains("that agree; --max-rays shows them") {
+    if short.matches("throughput").count() != 2 || !short.contains("more that agree; increase --max-rays") {
         return Err(short.into());
     }
     let case = validate(&coplanar(NEARLY), "")?;
@@ -251,7 +257,7 @@ fn explain_shows_both_trees() -> Result<(), Failed> {
         _ => return Err(told.to_string().into()),
     }
     check(
-        text.contains("the two part at camera ray: ours hits shape"),
+        text.contains("the ray trees first differ at camera ray: ours hits shape"),
         &case,
     )
 }
@@ -309,7 +315,7 @@ fn settings_without_a_twin_are_left_out() -> Result<(), Failed> {
     }
     let cell = filter("scenes/materials/bump.toml", "ewa");
     let skipped = cell.as_ref().is_some_and(|cell| {
-        cell.outcome == Outcome::Skipped && cell.told.contains("no twin for footprints behind a normal_map")
+        cell.outcome == Outcome::Skipped && cell.detail.contains("no twin for footprints behind a normal_map")
     });
     if skipped {
         return Ok(());

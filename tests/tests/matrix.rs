@@ -37,7 +37,7 @@ fn cells(registry: &Registry, scene: &Path, overrides: &[&str], target: &Path) -
 fn axis<'a>(cells: &'a [Cell], axis: &str) -> Vec<(&'a str, Outcome, &'a str)> {
     let found = cells.iter().filter(|cell| cell.axis == axis);
     found
-        .map(|cell| (&*cell.setting, cell.outcome, &*cell.told))
+        .map(|cell| (&*cell.setting, cell.outcome, &*cell.detail))
         .collect()
 }
 
@@ -50,7 +50,7 @@ fn what_a_scene_does_not_need_is_left_out() {
     let plain = ["film={width=16,height=16}", "shape.0.material={type=\"matte\"}"];
     let found = cells(&registry, &scene, &plain, folder.path());
     for (name, why) in [
-        ("accelerator", "fit one leaf"),
+        ("accelerator", "fit into one leaf"),
         ("threads", "one tile"),
         ("max_depth", "no material in use reflects or refracts"),
         ("filter", "no texture in use"),
@@ -100,7 +100,7 @@ fn what_must_not_change_the_picture_does_not() {
     assert!(
         filter
             .iter()
-            .all(|cell| cell.1 == Outcome::Skipped && cell.2.contains("needs a live one")),
+            .all(|cell| cell.1 == Outcome::Skipped && cell.2.contains("a live reference is needed")),
         "{filter:?}"
     );
 }
@@ -157,7 +157,7 @@ fn an_accelerator_that_changes_the_picture_fails_by_name() {
     let failed: Vec<&Cell> = failed.collect();
     assert!(!failed.is_empty(), "{found:?}");
     assert!(failed.iter().all(|cell| cell.setting == "blind"), "{failed:?}");
-    assert!(failed[0].told.contains("pixels differ"), "{failed:?}");
+    assert!(failed[0].detail.contains("pixels differ"), "{failed:?}");
 }
 
 /// The reasons are true: depth does not matter where the sweep is left out, and does in most scenes
@@ -229,17 +229,17 @@ fn the_command_tells_cells_and_reasons() {
         assert!(junit.contains(case), "{case}: {junit}");
     }
     assert!(
-        stdout.contains("left out, all: no texture in use has a filter"),
+        stdout.contains("skipped, all: no texture in use has a filter"),
         "{stdout}"
     );
-    assert!(stdout.contains("holds beside own picture: 1, 3"), "{stdout}");
+    assert!(stdout.contains("agrees with own picture: 1, 3"), "{stdout}");
     let report: serde_json::Value = serde_json::from_slice(&std::fs::read(report).unwrap()).unwrap();
     assert_eq!(report["summary"]["matrix"]["passed"], 2);
     let cells = report["matrix"].as_array().unwrap();
     let depth = cells.iter().find(|cell| cell["axis"] == "max_depth").unwrap();
     assert_eq!(depth["outcome"], "skipped");
     assert!(
-        depth["told"].as_str().unwrap().contains("no material in use"),
+        depth["detail"].as_str().unwrap().contains("no material in use"),
         "{depth}"
     );
     let page = std::fs::read_to_string(folder.path().join("target/validate/index.html")).unwrap();

@@ -203,5 +203,8 @@ fn render_asks_before_the_work_whether_the_picture_can_be_written() {
     let output = run(&["render", scene, "--set", long[0], "--set", long[1], "-o", &output]);
     assert_eq!(output.status.code(), Some(3));
     let told = stderr(&output);
-    assert!(told.contains(&format!("there is no folder {missing}")), "{told}");
+    assert!(
+        told.contains(&format!("the folder {missing} does not exist")),
+        "{told}"
+    );
 }

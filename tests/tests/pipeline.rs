@@ -150,7 +150,7 @@ fn lights_that_reach_nothing_are_left_out() {
     let mirror = scene(point, "mirror");
     assert_eq!(mirror.scene.lights.len(), 0);
     let why = mirror.left_out.iter().find(|part| part.what == "light 1 (point)");
-    assert_eq!(why.unwrap().why, "no material in use reflects light by itself");
+    assert_eq!(why.unwrap().why, "no material in use has local illumination");
 }
 
 /// Heights are read while a mesh is built, and a slide only by the light that shows it: neither is
@@ -176,13 +176,13 @@ fn textures_that_nothing_looks_up_any_more_are_told_and_not_kept() {
         let part = pipeline.left_out.iter().find(|part| part.what == what);
         part.map(|part| part.why.clone())
     };
-    let read = Some("nothing looks it up once the scene is built".to_owned());
+    let read = Some("not used after the scene is built".to_owned());
     let plain = built("material = { type = \"matte\", reflectance = \"white\" }");
     assert!(kinds(&plain).is_empty());
     assert_eq!(why(&plain, "texture \"relief\""), read);
     assert_eq!(
         why(&plain, "texture \"spare\"").as_deref(),
-        Some("nothing in use names it")
+        Some("nothing in use refers to it")
     );
     assert_eq!(why(&plain, "texture \"white\""), None);
     assert!(plain.costs().iter().all(|cost| cost.part != "textures"));

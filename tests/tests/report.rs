@@ -70,7 +70,7 @@ fn a_report_is_written_anew_and_says_what_changed() {
         let arguments = with(old);
         check(&arguments.each_ref().map(String::as_str), code, parts)
     };
-    baseline(&same, 0, &["2 cases as before, 0 changes"]);
+    baseline(&same, 0, &["2 cases unchanged, 0 changes"]);
     let better = changed(&results, |old| {
         old["results"][0]["status"] = "fail".into();
         old["results"][0]["unexplained"] = 3.into();
@@ -89,7 +89,7 @@ fn a_report_is_written_anew_and_says_what_changed() {
     baseline(&same, 2, &["old.json", "line 2 column"]);
     fs::remove_file(at("old.json")).unwrap();
     baseline(&same, 2, &["old.json"]);
-    // Of other results, pictures are of no use.
+    // Pictures that belong to other results are not used.
     fs::write(at("pictures.json"), "[]").unwrap();
     check(&["report", "--target", target], 0, &["warning: ", "no pictures"]);
 }

@@ -60,7 +60,7 @@ fn a_missing_stored_reference_fails_visibly() {
     // The words of both commands are complete, and the name is not that of a scene of the
     // repository.
     assert!(
-        told.contains(&format!("again: whitstone validate {scene_name} {flags}\n")),
+        told.contains(&format!("reproduce: whitstone validate {scene_name} {flags}\n")),
         "{told}"
     );
     assert!(
@@ -76,12 +76,12 @@ fn a_missing_stored_reference_fails_visibly() {
     let changes = "--set camera.fov=30 --set 'light[0].intensity=[1, 2, 3]'";
     assert!(
         told.contains(&format!(
-            "again: whitstone validate {scene_name} {changes} {flags}\n"
+            "reproduce: whitstone validate {scene_name} {changes} {flags}\n"
         )),
         "{told}"
     );
     assert!(
-        !told.contains("--accept") && told.contains("changed by --set"),
+        !told.contains("--accept") && told.contains("changed by `--set`"),
         "{told}"
     );
     let report: serde_json::Value = serde_json::from_slice(&fs::read(report).unwrap()).unwrap();
@@ -148,7 +148,7 @@ fn a_missing_povray_is_told() {
     let (code, text) = validate("povray", "scenes/materials/phong.toml");
     assert_eq!(code, Some(0), "{text}");
     assert!(
-        text.contains("warning: no live POV-Ray") && text.contains("stored"),
+        text.contains("warning: live POV-Ray is not available") && text.contains("stored"),
         "{text}"
     );
     // What was changed on both sides is told.
@@ -207,7 +207,7 @@ fn outside_of_the_repository_it_is_told_that_there_are_no_scenes() {
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{stderr}");
     assert!(
-        stderr.contains("scenes: no such file or folder; name scenes"),
+        stderr.contains("scenes: no such file or folder; name scene files"),
         "{stderr}"
     );
     assert!(

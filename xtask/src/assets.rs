@@ -30,7 +30,7 @@ pub(crate) fn check() -> Vec<String> {
             match std::fs::read(&path) {
                 Ok(found) if found == *bytes => None,
                 Ok(_) => Some(format!(
-                    "{}: differs from what is generated; {again}",
+                    "{}: differs from the generated file; {again}",
                     path.display()
                 )),
                 Err(error) => Some(format!("{}: {error}; {again}", path.display())),
@@ -43,7 +43,10 @@ pub(crate) fn check() -> Vec<String> {
             .iter()
             .any(|(known, _)| name.to_string_lossy() == *known)
         {
-            problems.push(format!("{}: nothing generates this file", entry.path().display()));
+            problems.push(format!(
+                "{}: no generator writes this file; delete it",
+                entry.path().display()
+            ));
         }
     }
     problems

@@ -33,8 +33,8 @@ fn features(manifest: &str) -> impl Iterator<Item = (&str, &str)> {
     entries.filter(|(name, _)| *name != "default")
 }
 
-/// Each backend must have a file, tests and documentation. Every crate that passes it on must have it
-/// as a feature, and none may enable it by default. `built` are the backends in this program.
+/// Each backend must have a file, tests and documentation. Every crate that forwards it must have
+/// it as a feature, and none may enable it by default. `built` are the backends in this program.
 pub(crate) fn check(built: &[&Entry]) -> Vec<String> {
     let mut problems = check_names(&names(), &read);
     for entry in built {
@@ -57,7 +57,9 @@ pub(crate) fn check(built: &[&Entry]) -> Vec<String> {
         let name = file.file_name().to_string_lossy().into_owned();
         let stem = name.strip_suffix(".rs").unwrap_or("lib");
         if !["lib", "single"].contains(&stem) && !names().iter().any(|backend| backend == stem) {
-            problems.push(format!("{FOLDER}/src/{name}: there is no feature `{stem}`"));
+            problems.push(format!(
+                "{FOLDER}/src/{name}: there is no feature `{stem}` for this file"
+            ));
         }
     }
     problems
@@ -84,7 +86,7 @@ fn check_names(names: &[String], read: &dyn Fn(&str) -> String) -> Vec<String> {
         );
         require(
             source.contains("approximation_note: "),
-            format!("{file}: no `approximation_note`: nothing reports that images depend on it"),
+            format!("{file}: no `approximation_note`, which reports that images depend on the backend"),
         );
         require(
             lib.contains(&format!("registry.add::<whitstone_core::Accelerators, {name}::")),
@@ -95,17 +97,20 @@ fn check_names(names: &[String], read: &dyn Fn(&str) -> String) -> Vec<String> {
             format!("whitstone_backends::{name}::"),
             format!("type = \\\"{name}\\\""),
         ] {
-            require(tests.contains(&part), format!("{TESTS}: nowhere is `{part}`"));
+            require(
+                tests.contains(&part),
+                format!("{TESTS}: does not contain `{part}`"),
+            );
         }
         require(
             read(DOCUMENTATION).contains(&format!("`{name}`")),
-            format!("{DOCUMENTATION}: does not say what `{name}` is"),
+            format!("{DOCUMENTATION}: does not describe `{name}`"),
         );
         for manifest in ["crates/whitstone/Cargo.toml", "xtask/Cargo.toml"] {
             let text = read(manifest);
             require(
                 features(&text).any(|(feature, _)| feature == name),
-                format!("{manifest}: does not pass the feature `{name}` on"),
+                format!("{manifest}: does not forward the feature `{name}`"),
             );
         }
     }
@@ -119,7 +124,7 @@ fn check_names(names: &[String], read: &dyn Fn(&str) -> String) -> Vec<String> {
         let default = text.lines().find_map(|line| line.strip_prefix("default = "));
         require(
             !default.is_some_and(|default| names.iter().any(|name| default.contains(&format!("\"{name}\"")))),
-            format!("{manifest}: a backend is on by default; backends must be asked for"),
+            format!("{manifest}: a backend is enabled by default; backends must be opt-in"),
         );
     }
     problems

@@ -24,8 +24,14 @@ use whitstone::core::simd::Level;
 use whitstone::{Exit, Failure};
 
 /// Benchmark whole scenes with Whitstone and Mitsuba, interleaved, and print medians and ratios
+///
+/// The subcommands are benchmarks of single parts.
 #[derive(Args, Debug)]
-#[command(args_conflicts_with_subcommands = true)]
+#[command(
+    args_conflicts_with_subcommands = true,
+    help_template = whitstone::commands::HELP_TEMPLATE,
+    after_help = "Examples:\n  cargo xtask bench\n  taskset -c 0 cargo xtask bench --povray\n  cargo xtask bench --fps\n  taskset -c 0 cargo xtask bench accelerators --quick"
+)]
 pub(crate) struct Arguments {
     #[command(subcommand)]
     what: Option<What>,

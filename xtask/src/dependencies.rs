@@ -65,7 +65,7 @@ fn check_licences(metadata: &Value) -> Vec<String> {
             match package["license"].as_str() {
                 None => Some(format!("{name} {version}: names no licence")),
                 Some(licence) if !is_allowed(licence) => Some(format!(
-                    "{name} {version}: its licence \"{licence}\" is not met by those of xtask/src/dependencies.rs"
+                    "{name} {version}: its licence \"{licence}\" is not allowed; xtask/src/dependencies.rs lists the allowed ones"
                 )),
                 Some(_) => None,
             }

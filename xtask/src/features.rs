@@ -36,7 +36,10 @@ pub(crate) fn run(registry: &Registry) -> Result<Exit, Failure> {
         let result = result.map_err(|_| Failure::environment("a check panicked"))?;
         problems.extend(result.map_err(Failure::environment)?);
     }
-    verdict(&problems, &format!("features: {} compile alone", features.len()))
+    verdict(
+        &problems,
+        &format!("features: each of {} compiles alone", features.len()),
+    )
 }
 
 /// The compiler's messages for a single feature.

@@ -31,9 +31,7 @@ pub(crate) fn check() -> Vec<String> {
     for page in below(Path::new("docs")) {
         let path = page.strip_prefix("docs").unwrap_or(&page).display().to_string();
         if page != Path::new(SUMMARY) && !listed.contains(&path.as_str()) {
-            problems.push(format!(
-                "{SUMMARY}: {path} is not in it; run `cargo xtask readme`"
-            ));
+            problems.push(format!("{SUMMARY}: {path} is missing; run `cargo xtask readme`"));
         }
     }
     problems
@@ -45,7 +43,7 @@ fn dead(document: &Path, text: &str) -> Vec<String> {
     let inside = targets(text).filter(|target| !target.contains("://") && !target.starts_with('#'));
     let files = inside.map(|target| target.split('#').next().unwrap_or(target));
     let missing = files.filter(|target| !folder.join(target).exists());
-    let missing = missing.map(|target| format!("{}: the link to {target} leads nowhere", document.display()));
+    let missing = missing.map(|target| format!("{}: broken link to {target}", document.display()));
     missing.collect()
 }
 

@@ -21,8 +21,11 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use whitstone::{Exit, Failure, commands, finish};
 
-/// Maintenance commands of the repository. Exit codes: 0 pass, 1 differs, 2 usage or scene, 3
-/// environment.
+/// All commands of `whitstone`, and the maintenance commands of this repository.
+///
+/// Paths are relative to the repository root. Exit codes: 0 success; 1 a check fails or a
+/// comparison differs; 2 the command line, a scene or an input file is wrong; 3 something that the
+/// command needs is missing or broken, such as a live Mitsuba.
 #[derive(Parser)]
 #[command(name = "cargo xtask", arg_required_else_help = true, max_term_width = 100)]
 struct Arguments {
@@ -35,9 +38,9 @@ enum Verb {
     #[command(flatten)]
     Whitstone(commands::Command),
     Tidy(places::Arguments),
-    /// Check that every plugin feature compiles alone
+    /// Check that every plugin compiles as the only enabled feature of its crate
     Features,
-    /// Write the generated meshes and pictures of scenes/assets
+    /// Write the generated meshes and pictures of scenes/assets again
     Assets,
     Bench(bench::Arguments),
     Oracle(oracle::Arguments),
@@ -75,7 +78,7 @@ fn root() -> PathBuf {
     package.parent().unwrap_or(Path::new(".")).to_owned()
 }
 
-/// Prints the problems and returns the result of a check.
+/// Prints the problems, or the text `good` if there are none, and returns the result of a check.
 fn verdict(problems: &[String], good: &str) -> Result<Exit, Failure> {
     for problem in problems {
         println!("{problem}");

@@ -34,19 +34,24 @@ const EXCEPTIONS: [(&str, &str); 5] = [
     ("showcase/gear", TOUCH),
 ];
 
-const TOUCH: &str = "rays that touch a surface or an edge, or meet two surfaces at one \
-                     place that the order of coincident surfaces does not cover";
+const TOUCH: &str = "rays that touch a surface or an edge, or hit two coincident surfaces \
+                     whose order the model does not define";
 const DOUBLED: &str =
-    "every face is there twice in one mesh: which of two equal faces counts changes the pixel";
+    "the mesh contains every face twice; the pixel depends on which of two equal faces is hit";
 
-/// Query the oracle about evenly spaced pixels of scenes, and print how many it decides
+/// Measure for how many pixels of each scene the oracle has a certain value, and its time
 ///
+/// The pixels are evenly spaced.
 /// A pixel is decided if the oracle's value is certain to within the tolerance of `validate`. Exit
 /// code 1 if it decides less than 95 % of the pixels of a scene that is not a known exception, or
 /// if a known exception reaches 95 %.
 #[derive(Args, Debug)]
+#[command(
+    help_template = whitstone::commands::HELP_TEMPLATE,
+    after_help = "Examples:\n  cargo xtask oracle\n  cargo xtask oracle scenes/showcase/room.toml --budget 300"
+)]
 pub(crate) struct Arguments {
-    /// Scene files, or folders of them
+    /// Scene files (TOML), or folders of them
     #[arg(default_values = ["scenes", "scenes/community"], value_name = "SCENE")]
     scenes: Vec<PathBuf>,
     /// Number of pixels of each scene
@@ -61,7 +66,7 @@ pub(crate) struct Arguments {
     /// Write the results to this file as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Write the table into docs/oracle.md
+    /// Write the table into docs/oracle.md, between its marker comments
     #[arg(long)]
     page: bool,
 }
@@ -155,14 +160,17 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     for row in &rows {
         match (row.is_enough(), row.exception()) {
             (false, None) => problems.push(format!(
-                "{}: decides {} of {} and is no known exception",
+                "{}: the oracle decides {} of {} pixels, less than 95 %, and the scene is not in `EXCEPTIONS`",
                 row.name, row.decided, row.asked
             )),
-            (true, Some(_)) => problems.push(format!("{}: the exception is none", row.name)),
+            (true, Some(_)) => problems.push(format!("{}: the oracle decides at least 95 %; remove the scene from `EXCEPTIONS`", row.name)),
             _ => {}
         }
     }
-    crate::verdict(&problems, "oracle: all scenes without a reason are decided")
+    crate::verdict(
+        &problems,
+        "oracle: all scenes that are not exceptions are decided",
+    )
 }
 
 fn name(path: &Path) -> String {
@@ -246,7 +254,7 @@ fn query(path: &Path, arguments: &Arguments, registry: &Registry) -> Result<Row,
     Ok(row)
 }
 
-/// Writes the scenes below the limit and the slowest of the others between the marks of the page.
+/// Writes the scenes below the limit and the slowest of the others between the markers of the page.
 fn write_page(rows: &[Row]) -> Result<(), Failure> {
     let mut table = String::from(
         "| scene | decided | ill-posed | unknown | seconds | reason |\n|---|---:|---:|---:|---:|---|\n",

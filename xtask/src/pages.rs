@@ -58,7 +58,7 @@ pub(crate) fn between(page: &str, [begin, end]: [&str; 2], text: &str) -> Result
     let old = std::fs::read_to_string(page).map_err(Failure::environment)?;
     let (Some(from), Some(to)) = (old.find(begin), old.find(end)) else {
         return Err(Failure::usage(format!(
-            "{page}: the marks {begin} and {end} are missing"
+            "{page}: the marker comments {begin} and {end} are missing"
         )));
     };
     let new = format!("{}{begin}\n\n{text}\n\n{}", &old[..from], &old[to..]);
@@ -117,13 +117,13 @@ fn page(entry: &Entry, cases: &Cases<'_>, costs: &Costs) -> String {
     if !method.is_empty() {
         let _ = writeln!(text, "\n## Method\n\n{method}");
     }
-    text += "\n## Held to\n\n";
+    text += "\n## Validation\n\n";
     if let Some(twin) = plugins::note(&source, "Twin") {
         let _ = writeln!(text, "- Twin: {}", twin.trim_end_matches('.'));
     }
     let laws = plugins::laws(&source);
     if !laws.is_empty() {
-        let _ = writeln!(text, "- Laws: `{}`", laws.join("`, `"));
+        let _ = writeln!(text, "- Property tests: `{}`", laws.join("`, `"));
     }
     let scene = format!("{plural}/{name}");
     let cases = cases
@@ -135,14 +135,14 @@ fn page(entry: &Entry, cases: &Cases<'_>, costs: &Costs) -> String {
         };
         let _ = writeln!(
             text,
-            "- Error of the example against {renderer}: {error:.0e} (limit {:.0e}); {} pixels over the tolerance, {} unexplained",
+            "- Error of the example against {renderer}: {error:.0e} (limit {:.0e}); {} pixels over tolerance, {} unexplained",
             case.limit, case.pixels_over_tolerance, case.unexplained
         );
     }
     let _ = match costs.get(plural).and_then(|costs| costs.get(name)) {
         Some(cost) => writeln!(
             text,
-            "- Cost of the example: {cost} ns a ray on one thread, shading and shadow rays included (`cargo xtask bench plugins`)"
+            "- Cost of the example: {cost} ns per ray on one thread, including shading and shadow rays (`cargo xtask bench plugins`)"
         ),
         None => writeln!(text, "- Cost: not measured yet (`cargo xtask bench plugins`)"),
     };
@@ -176,7 +176,60 @@ struct Row {
     key: String,
     kind: String,
     required: bool,
+    /// In Markdown; `None` if the key is required, or its default is not declared.
+    default: Option<String>,
     about: String,
+}
+
+/// The key of a schema that describes a default which is no constant, such as "that of `k_d`".
+const COMPUTED_DEFAULT: &str = "x-default";
+
+/// The optional keys of a plugin whose schema declares no default.
+pub(crate) fn undeclared_defaults(entry: &Entry) -> Vec<String> {
+    let schema = table_schema(entry);
+    let forms = ["oneOf", "anyOf"].iter().filter_map(|key| schema[key].as_array());
+    let tables = std::iter::once(&schema).chain(forms.flatten().map(|form| resolved(form, &schema)));
+    let rows = tables.flat_map(|table| rows(table, &schema));
+    let mut keys: Vec<String> = rows
+        .filter(|row| !row.required && row.default.is_none())
+        .map(|row| row.key)
+        .collect();
+    keys.dedup();
+    keys
+}
+
+/// The default of a key in Markdown.
+fn default(value: &Value) -> Option<String> {
+    let constant = || {
+        let constant = value.get("default").filter(|constant| !constant.is_null())?;
+        Some(format!("`{}`", as_toml(constant)))
+    };
+    value[COMPUTED_DEFAULT]
+        .as_str()
+        .map(str::to_owned)
+        .or_else(constant)
+}
+
+/// A JSON value as it would be written in a scene file.
+fn as_toml(value: &Value) -> String {
+    match value {
+        Value::Number(number) => match number.as_f64() {
+            Some(number) if number.fract() == 0.0 && number.abs() < 1e15 => format!("{number:.0}"),
+            _ => number.to_string(),
+        },
+        Value::Array(items) => {
+            let items: Vec<String> = items.iter().map(as_toml).collect();
+            format!("[{}]", items.join(", "))
+        }
+        Value::Object(keys) => {
+            let keys: Vec<String> = keys
+                .iter()
+                .map(|(key, value)| format!("{key} = {}", as_toml(value)))
+                .collect();
+            format!("{{ {} }}", keys.join(", "))
+        }
+        other => other.to_string(),
+    }
 }
 
 fn rows(table: &Value, root: &Value) -> Vec<Row> {
@@ -195,6 +248,7 @@ fn rows(table: &Value, root: &Value) -> Vec<Row> {
             key: key.clone(),
             kind: kind(value, root),
             required: required.contains(&key.as_str()),
+            default: default(value).filter(|_| !required.contains(&key.as_str())),
             about: one_line(value["description"].as_str().unwrap_or_default()),
         })
         .collect();
@@ -203,16 +257,18 @@ fn rows(table: &Value, root: &Value) -> Vec<Row> {
 }
 
 fn table(rows: &[Row]) -> String {
-    let mut text = String::from("| key | value | |\n|---|---|---|\n");
-    for Row {
-        key,
-        kind,
-        required,
-        about,
-    } in rows
-    {
-        let required = if *required { "**required.** " } else { "" };
-        let _ = writeln!(text, "| `{key}` | {kind} | {required}{about} |");
+    let mut text = String::from("| key | value | default | meaning |\n|---|---|---|---|\n");
+    for row in rows {
+        let default = match (&row.default, row.required) {
+            (_, true) => "required",
+            (Some(default), false) => default,
+            (None, false) => "none",
+        };
+        let _ = writeln!(
+            text,
+            "| `{}` | {} | {default} | {} |",
+            row.key, row.kind, row.about
+        );
     }
     text
 }
@@ -305,23 +361,40 @@ mod tests {
     use serde_json::json;
 
     #[test]
+    fn defaults_are_written_as_in_a_scene_file() {
+        let shown = |value: Value| default(&value);
+        assert_eq!(shown(json!({ "default": 32.0 })), Some("`32`".to_owned()));
+        assert_eq!(
+            shown(json!({ "default": [0.5, 1.0] })),
+            Some("`[0.5, 1]`".to_owned())
+        );
+        assert_eq!(shown(json!({ "default": "uv" })), Some("`\"uv\"`".to_owned()));
+        assert_eq!(
+            shown(json!({ "x-default": "that of `k_d`" })),
+            Some("that of `k_d`".to_owned())
+        );
+        assert_eq!(shown(json!({ "default": null })), None);
+        assert_eq!(shown(json!({})), None);
+    }
+
+    #[test]
     fn kinds_are_put_into_words() {
         let root = json!({ "$defs": { "a": { "oneOf": [{ "const": "x" }, { "const": "y" }] } } });
-        let said = |value: Value| kind(&value, &root);
+        let shown = |value: Value| kind(&value, &root);
         assert_eq!(
-            said(json!({ "type": "number", "exclusiveMinimum": 0 })),
+            shown(json!({ "type": "number", "exclusiveMinimum": 0 })),
             "number > 0"
         );
         assert_eq!(
-            said(json!({ "type": "integer", "minimum": 1, "maximum": 9 })),
+            shown(json!({ "type": "integer", "minimum": 1, "maximum": 9 })),
             "integer ≥ 1, ≤ 9"
         );
-        assert_eq!(said(json!({ "$ref": "#/$defs/a" })), "`\"x\"` or `\"y\"`");
+        assert_eq!(shown(json!({ "$ref": "#/$defs/a" })), "`\"x\"` or `\"y\"`");
         let three = json!({ "type": "array", "items": { "type": "number" }, "minItems": 3, "maxItems": 3 });
         assert_eq!(
-            said(json!({ "anyOf": [{ "type": "number" }, three, { "type": "null" }] })),
+            shown(json!({ "anyOf": [{ "type": "number" }, three, { "type": "null" }] })),
             "number or 3 × number"
         );
-        assert_eq!(said(json!({ "type": ["boolean", "null"] })), "boolean");
+        assert_eq!(shown(json!({ "type": ["boolean", "null"] })), "boolean");
     }
 }

@@ -6,12 +6,20 @@ use std::path::{Path, PathBuf};
 use whitstone::core::FamilyName;
 use whitstone::{Exit, Failure};
 
-/// Check what the compiler cannot: that every plugin has its file, feature, example, twin and
-/// documentation, and that all licences of dependencies are allowed; with --plugin, list the places
-/// that one plugin needs and what is missing in each
+/// Check the repository for problems that the compiler cannot find
+///
+/// Every plugin must have its file, feature, example, twin and documentation, every scene a stored
+/// reference, every link a target, and every dependency an allowed licence. With --plugin, the
+/// command instead lists the places that one plugin needs, and whether each is complete.
+///
+/// Exit code 0 if there is no problem, 1 if there is one.
 #[derive(Args, Debug)]
+#[command(
+    help_template = whitstone::commands::HELP_TEMPLATE,
+    after_help = "Examples:\n  cargo xtask tidy\n  cargo xtask tidy --plugin shape capsule"
+)]
 pub(crate) struct Arguments {
-    /// List the places of a plugin, whether or not they exist yet
+    /// List the places of one plugin, whether or not they exist yet
     #[arg(long, num_args = 2, value_names = ["FAMILY", "NAME"])]
     pub(crate) plugin: Option<Vec<String>>,
 }
@@ -61,7 +69,11 @@ pub(crate) fn places(family: FamilyName, name: &str) -> Vec<Place> {
     // The image does not depend on the accelerator.
     if family != FamilyName::Accelerator {
         let modelled = read(&model).contains(&format!("**{name}**"));
-        all.push(place(model, format!("what **{name}** is, exactly"), modelled));
+        all.push(place(
+            model,
+            format!("the exact definition of **{name}**"),
+            modelled,
+        ));
         let (path, there) = twin(family, name);
         all.push(place(
             path,
@@ -107,24 +119,29 @@ fn twin(family: FamilyName, name: &str) -> (PathBuf, bool) {
 /// Lists the places of a plugin. Places without it are problems.
 pub(crate) fn run(plugin: &[String]) -> Result<Exit, Failure> {
     let [family, name] = plugin else {
-        return Err(Failure::usage("expected a family and a name"));
+        return Err(Failure::usage(
+            "expected a family and a name, for example `--plugin shape capsule`",
+        ));
     };
     let families = FamilyName::ALL.into_iter();
     let mut families = families.filter(|known| family == known.singular() || family == known.plural());
     let Some(family) = families.next() else {
-        return Err(Failure::usage(format!("{family} is no family of plugins")));
+        return Err(Failure::usage(format!(
+            "unknown family \"{family}\"; expected one of {}",
+            FamilyName::ALL.map(FamilyName::singular).join(", ")
+        )));
     };
     let all = places(family, name);
     for (number, place) in all.iter().enumerate() {
-        let mark = if place.there { "there  " } else { "missing" };
+        let mark = if place.there { "present" } else { "missing" };
         println!("{} {mark} {}: {}", number + 1, place.path.display(), place.what);
     }
     println!(
-        "  and a line in CHANGELOG.md; pages, pictures and stored references are written by the commands in CONTRIBUTING.md"
+        "  also needed: a line in CHANGELOG.md; the commands in CONTRIBUTING.md write pages, pictures and stored references"
     );
     let missing = all.iter().filter(|place| !place.there).count();
     println!(
-        "{} {name}: {missing} of {} places lack it",
+        "{} {name}: missing in {missing} of {} places",
         family.singular(),
         all.len()
     );

@@ -47,11 +47,18 @@ const BOUNDS: [(&str, &str, usize); 9] = [
     ("bsp", "type = \"bsp\"", 6),
 ];
 
-/// Write all generated files: the pictures and numbers of README.md from the stored references, the
-/// pictures of docs/accelerators.md, a page for every plugin, and the data of `list --json`
+/// Write all generated documentation
+///
+/// That is: the pictures and numbers of README.md and docs/validation.md, from the stored
+/// references; the pictures of docs/accelerators.md; a page for every plugin in docs/plugins; and
+/// the data of `list --json`.
 #[derive(Args, Debug)]
+#[command(
+    help_template = whitstone::commands::HELP_TEMPLATE,
+    after_help = "Examples:\n  cargo xtask readme\n  cargo xtask readme --check"
+)]
 pub(crate) struct Arguments {
-    /// Write nothing; exit with 1 if a file would change
+    /// Write nothing; print the files that would change, and exit with 1 if there are any
     #[arg(long)]
     check: bool,
 }
@@ -85,7 +92,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         }
         if arguments.check {
             problems.push(format!(
-                "{}: differs from what is generated; run `cargo xtask readme`",
+                "{}: out of date; run `cargo xtask readme`",
                 path.display()
             ));
             continue;
@@ -96,18 +103,15 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         atomic::write_bytes(&path, &bytes).map_err(Failure::environment)?;
         println!("{}: written", path.display());
     }
-    verdict(
-        &problems,
-        "readme: pictures and numbers are those of the stored references",
-    )
+    verdict(&problems, "readme: all generated files are up to date")
 }
 
-/// A page with a text inserted between its marks.
+/// A page with a text inserted between its markers.
 fn page(path: &str, text: &str) -> Result<Vec<u8>, Failure> {
     let page = std::fs::read_to_string(path).map_err(Failure::environment)?;
     let (Some(begin), Some(end)) = (page.find(BEGIN), page.find(END)) else {
         return Err(Failure::usage(format!(
-            "{path}: the marks {BEGIN} and {END} are missing"
+            "{path}: the marker comments {BEGIN} and {END} are missing"
         )));
     };
     Ok(format!("{}{BEGIN}\n\n{text}\n{}", &page[..begin], &page[end..]).into_bytes())
@@ -126,7 +130,7 @@ fn strangers(files: &[(PathBuf, Vec<u8>)]) -> Vec<String> {
         .map(|entry| entry.path())
         .filter(|path| !files.iter().any(|(known, _)| known == path));
     found
-        .map(|path| format!("{}: of no plugin; delete it", path.display()))
+        .map(|path| format!("{}: belongs to no plugin; delete it", path.display()))
         .collect()
 }
 

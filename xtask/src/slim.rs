@@ -17,24 +17,29 @@ use whitstone::core::Registry;
 use whitstone::scene::{Description, Pipeline, Plan, Sources};
 use whitstone::{Exit, Failure};
 
-/// Build a binary with only what a scene needs, and compare it with the full binary
+/// Build a binary with only the plugins that a scene needs, and compare it with the full binary
 ///
 /// Both are built like `cargo build --release`, without debug information. They must write the same
 /// bytes. Start-up time is the time of a whole run with a film of one pixel. Instructions are
 /// counted by valgrind if it is installed.
+///
+/// Exit code 0 if the slim binary writes the same bytes as this program, 1 if not.
 #[derive(Args, Debug)]
-#[command(after_help = "Example:\n  cargo xtask slim scenes/shapes/sphere.toml -o sphere")]
+#[command(
+    help_template = whitstone::commands::HELP_TEMPLATE,
+    after_help = "Examples:\n  cargo xtask slim scenes/shapes/sphere.toml\n  cargo xtask slim scenes/shapes/sphere.toml --only -o sphere"
+)]
 pub(crate) struct Arguments {
-    /// Scene file
+    /// Scene file (TOML)
     scene: PathBuf,
     /// Path of the binary [default: target/whitstone/slim/SCENE]
     #[arg(short, long, value_name = "BINARY")]
     output: Option<PathBuf>,
-    /// Only build it, and compare its picture with that of this program
+    /// Only build the slim binary and compare its image with that of this program; do not measure
     #[arg(long)]
     only: bool,
-    /// Number of runs of each, interleaved; medians are reported
-    #[arg(long, default_value_t = 11)]
+    /// Number of runs of each binary, interleaved; medians are reported
+    #[arg(long, value_name = "COUNT", default_value_t = 11)]
     runs: usize,
     /// Write the results to this file as JSON
     #[arg(long, value_name = "FILE")]
@@ -105,11 +110,11 @@ struct Scene {
 }
 
 fn needed(scene: &Path, registry: &Registry) -> Result<Scene, Failure> {
-    let told = |sources: &Sources, errors: &_| Failure::usage(sources.report(errors, false));
-    let sources = Sources::load(scene, &[]).map_err(|error| told(&error.sources, &error.errors))?;
-    let description = Description::parse(&sources).map_err(|errors| told(&sources, &errors))?;
-    let plan = Plan::new(&description, registry).map_err(|errors| told(&sources, &errors))?;
-    let pipeline = Pipeline::build(&plan, registry).map_err(|errors| told(&sources, &errors))?;
+    let failure = |sources: &Sources, errors: &_| Failure::usage(sources.report(errors, false));
+    let sources = Sources::load(scene, &[]).map_err(|error| failure(&error.sources, &error.errors))?;
+    let description = Description::parse(&sources).map_err(|errors| failure(&sources, &errors))?;
+    let plan = Plan::new(&description, registry).map_err(|errors| failure(&sources, &errors))?;
+    let pipeline = Pipeline::build(&plan, registry).map_err(|errors| failure(&sources, &errors))?;
     let mut needed = Needed::new();
     let all: BTreeSet<_> = pipeline.used.union(&plan.named).collect();
     for (family, name) in all {
@@ -358,24 +363,24 @@ fn compare(
     );
     println!("start-up, ms  {:>12.2} {:>10.2}", startup[0], startup[1]);
     println!("whole run, ms {:>12.2} {:>10.2}", whole[0], whole[1]);
-    let told =
+    let shown =
         |count: Option<u64>| count.map_or("-".to_owned(), |count| format!("{:.3}", count as f64 / 1e6));
     println!("instructions, million");
     println!(
         "  whole run   {:>12} {:>10}",
-        told(instructions[0]),
-        told(instructions[1])
+        shown(instructions[0]),
+        shown(instructions[1])
     );
     println!(
         "  start-up    {:>12} {:>10}",
-        told(starting[0]),
-        told(starting[1])
+        shown(starting[0]),
+        shown(starting[1])
     );
     let rendering = [0, 1].map(|i| Some(instructions[i]?.saturating_sub(starting[i]?)));
     println!(
         "  rendering   {:>12} {:>10}",
-        told(rendering[0]),
-        told(rendering[1])
+        shown(rendering[0]),
+        shown(rendering[1])
     );
     // Measures the benefit of scene-specific specialisation: the same binary with specialisation
     // disabled.
@@ -385,7 +390,7 @@ fn compare(
     let a_ray = [rendering[0], general].map(|count| count.map(|count| count as f64 / rays as f64));
     if let [Some(planned), Some(general)] = a_ray {
         println!(
-            "instructions a ray by the full binary: {planned:.1}; {general:.1} if it computes also what this scene does not need, so leaving that out saves {:.0} %",
+            "instructions per ray of the full binary: {planned:.1}; {general:.1} with --no-specialization, so specialisation saves {:.0} %",
             100.0 * (1.0 - planned / general)
         );
     }

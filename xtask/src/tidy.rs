@@ -1,7 +1,7 @@
 //! Checks that the compiler cannot make: the same name in all places of a plugin, and lists that
 //! are complete.
 
-use crate::{assets, backends, dependencies, links, places, verdict, width};
+use crate::{assets, backends, dependencies, links, pages, places, verdict, width};
 use std::fs;
 use std::path::{Path, PathBuf};
 use whitstone::core::{Entry, FamilyName, Registry};
@@ -62,7 +62,7 @@ fn unfinished(entry: &Entry) -> String {
     });
     let list: String = list.collect();
     format!(
-        "the {} {} is not in all its places:{list}",
+        "{} {}: incomplete; its places are:{list}",
         entry.family.singular(),
         entry.name
     )
@@ -83,7 +83,10 @@ fn check_plugin(entry: &Entry) -> Vec<String> {
     };
     require(
         !source.is_empty(),
-        format!("{}: the {name} plugin has no file of its name", file.display()),
+        format!(
+            "{}: missing or empty; the plugin {name} needs this file",
+            file.display()
+        ),
     );
     require(
         source.starts_with("//! "),
@@ -103,6 +106,16 @@ fn check_plugin(entry: &Entry) -> Vec<String> {
             example.display()
         ),
     );
+    for key in pages::undeclared_defaults(entry) {
+        require(
+            false,
+            format!(
+                "{}: the optional key `{key}` declares no default; add a constant default, or describe it with \
+                 #[schemars(extend(\"x-default\" = \"...\"))]",
+                file.display()
+            ),
+        );
+    }
     let laws = format!("{}_laws", entry.family.singular());
     require(
         source.contains(&laws),
@@ -118,7 +131,10 @@ fn check_plugin(entry: &Entry) -> Vec<String> {
     let text = read(&example);
     require(
         !text.is_empty(),
-        format!("{}: the {name} plugin has no example scene", example.display()),
+        format!(
+            "{}: missing or empty; the plugin {name} needs this example scene",
+            example.display()
+        ),
     );
     require(
         text.contains(&format!("\"{name}\"")),
@@ -135,7 +151,7 @@ fn check_plugin(entry: &Entry) -> Vec<String> {
     if entry.family != FamilyName::Accelerator {
         if !is_modelled(&read(Path::new(MODEL)), name) {
             problems.push(format!(
-                "{MODEL}: does not say what the {} **{name}** is",
+                "{MODEL}: does not define the {} **{name}**",
                 entry.family.singular()
             ));
         }
@@ -163,7 +179,7 @@ fn check_orphans(registry: &Registry) -> Vec<String> {
             let stem = file.file_stem().unwrap_or_default().to_string_lossy();
             if is_plugin(&read(&file)) && registry.get(family, &stem).is_err() {
                 problems.push(format!(
-                    "{}: it has a line \"Twin:\" as plugins have, and no {} type \"{stem}\" is registered",
+                    "{}: has a line \"Twin:\" like a plugin, but no {} type \"{stem}\" is registered",
                     file.display(),
                     family.singular()
                 ));
@@ -242,7 +258,7 @@ fn check_strays(registry: &Registry) -> Vec<String> {
             let stem = twin.file_stem().unwrap_or_default().to_string_lossy();
             if !stem.starts_with('_') && !known(&stem) {
                 problems.push(format!(
-                    "{}: it is the twin of no {} type",
+                    "{}: there is no {} type of this name",
                     twin.display(),
                     family.singular()
                 ));
@@ -287,14 +303,14 @@ fn check_stored() -> Vec<String> {
         let scene = Path::new("scenes").join(key).with_extension("toml");
         if !scene.is_file() {
             problems.push(format!(
-                "{}: a reference without the scene {}",
+                "{}: the scene {} of this reference does not exist",
                 file.display(),
                 scene.display()
             ));
         }
     }
     if bytes > 32 << 20 {
-        problems.push(format!("{}: {bytes} bytes, more than 32 MiB", root.display()));
+        problems.push(format!("{}: {bytes} bytes; the limit is 32 MiB", root.display()));
     }
     let scenes = whitstone::validate::find_scenes(&[PathBuf::from("scenes")]).unwrap_or_default();
     for scene in scenes {
@@ -305,8 +321,8 @@ fn check_stored() -> Vec<String> {
             .any(|renderer| Stored::is_in(&folder, renderer))
         {
             problems.push(format!(
-                "{}: no stored reference; run `cargo xtask reference --accept`, for what Mitsuba has no twin of with \
-                 `--reference povray`",
+                "{}: no stored reference; run `cargo xtask reference --accept` for this scene, with \
+                 `--reference povray` if Mitsuba cannot render it",
                 scene.display()
             ));
         }
@@ -333,7 +349,7 @@ fn check_studies() -> Vec<String> {
         let shown = text.contains(&format!("(../studies/{name}.toml)"));
         if !shown || !pictures.join(name).with_extension("svg").is_file() {
             problems.push(format!(
-                "studies/{name}.toml: not in {} with its picture; CONTRIBUTING.md has the command under Measuring",
+                "studies/{name}.toml: {} lacks it, or its picture is missing; run the command in CONTRIBUTING.md, section Measuring",
                 page.display()
             ));
         }
@@ -345,7 +361,10 @@ fn check_studies() -> Vec<String> {
             .to_string_lossy()
             .into_owned();
         if !names.contains(&stem) {
-            problems.push(format!("{}: there is no such study", picture.display()));
+            problems.push(format!(
+                "{}: there is no study of this name; delete the picture",
+                picture.display()
+            ));
         }
     }
     problems
@@ -369,7 +388,7 @@ fn check_sources() -> Vec<String> {
             let lines = text.lines().count();
             if lines > MANY_LINES {
                 println!(
-                    "hint: {}: {lines} lines; does it hold two things?",
+                    "hint: {}: {lines} lines; consider splitting the file",
                     file.display()
                 );
             }
@@ -400,7 +419,7 @@ mod tests {
 
     /// All plugin sources of the repository, with no plugin registered.
     #[test]
-    fn files_that_no_one_registers_are_found() {
+    fn unregistered_files_are_found() {
         std::env::set_current_dir(crate::root()).unwrap();
         let found = check_orphans(&Registry::default());
         let named = |name: &str| found.iter().any(|problem| problem.starts_with(name));

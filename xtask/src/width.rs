@@ -37,7 +37,7 @@ pub(crate) fn check() -> Vec<String> {
         let extension = file.extension().and_then(|extension| extension.to_str());
         for number in too_long(&text, marks(extension)) {
             problems.push(format!(
-                "{}:{number}: a line of prose of more than {MOST} columns",
+                "{}:{number}: this line has more than {MOST} columns; wrap it",
                 file.display()
             ));
         }
@@ -84,7 +84,7 @@ fn too_long(text: &str, marks: &[&str]) -> Vec<usize> {
                 fenced = false;
                 continue;
             };
-            // `#!` and the directives of other languages are no prose.
+            // `#!` and the directives of other languages are not prose.
             if marks == ["#"] && !body.starts_with(' ') {
                 continue;
             }

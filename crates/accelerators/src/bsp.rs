@@ -20,10 +20,10 @@
 mod build;
 mod tree;
 
-use crate::elements::Searched;
-use crate::partition::{Cut, MAX_DEPTH};
-use crate::polyhedron::{Plane, Polyhedron};
-use crate::split::Split;
+use crate::support::elements::Searched;
+use crate::support::partition::{Cut, MAX_DEPTH};
+use crate::support::polyhedron::{Plane, Polyhedron};
+use crate::support::split::Split;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::num::NonZeroU32;
@@ -38,8 +38,9 @@ pub struct Config {
     /// Cells of at most this many elements are not cut.
     #[serde(default = "two")]
     max_leaf: NonZeroU32,
-    /// Maximum depth of the tree; 8 + 1.3 log2 of the number of elements if left out.
+    /// Maximum depth of the tree.
     #[serde(default)]
+    #[schemars(extend("x-default" = "8 + 1.3 log2(number of elements)"))]
     max_depth: Option<IntegerIn<1, { MAX_DEPTH as u32 }>>,
     /// How to choose the position of a cut.
     #[serde(default)]

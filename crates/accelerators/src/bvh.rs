@@ -21,16 +21,16 @@ mod stream;
 mod tree;
 mod wide;
 
-use crate::elements::{MOST_ELEMENTS, check_count};
-use crate::leaves::Leaves;
-use crate::leaves::child::{Child, Kind};
-use crate::leaves::items::{Item, Items};
-use crate::leaves::state::{Query, Search};
+use crate::support::elements::{MOST_ELEMENTS, check_count};
+use crate::support::leaves::Leaves;
+use crate::support::leaves::child::{Child, Kind};
+use crate::support::leaves::items::{Item, Items};
+use crate::support::leaves::state::{Query, Search};
 use binned::Binned;
 use node::Node;
 use packet::USUAL_DEPTH;
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use spatial::Spatial;
 use std::sync::Arc;
 use std::time::Instant;
@@ -53,7 +53,7 @@ pub struct Config {
 }
 
 /// Trade-off between build time and ray tracing speed.
-#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize, JsonSchema, PartialEq, Eq)]
 #[serde(rename_all = "snake_case")]
 pub enum Quality {
     /// Fastest build, for images with few rays.

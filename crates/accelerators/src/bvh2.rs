@@ -14,9 +14,9 @@
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/bvh2.toml`.
 
-use crate::binary::{Builder, MAX_DEPTH, STEP_COST, Tree};
-use crate::elements::{Elements, Item, Searched, Structure, Visitor, WideRay, bounds};
-use crate::split::{Axes, Split};
+use crate::support::binary::{Builder, MAX_DEPTH, STEP_COST, Tree};
+use crate::support::elements::{Elements, Item, Searched, Structure, Visitor, WideRay, bounds};
+use crate::support::split::{Axes, Split};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::num::NonZeroU32;

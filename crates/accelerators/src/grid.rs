@@ -26,7 +26,7 @@
 
 mod cells;
 
-use crate::elements::{Elements, Mailbox, Searched, Structure, Visitor, WideRay, bounds};
+use crate::support::elements::{Elements, Mailbox, Searched, Structure, Visitor, WideRay, bounds};
 use cells::Cells;
 use schemars::JsonSchema;
 use serde::Deserialize;

@@ -23,14 +23,14 @@
 mod build;
 mod search;
 
-use crate::elements::{MOST_ELEMENTS, check_count};
-use crate::leaves::child::WIDTH;
-use crate::leaves::filter::NUMBERS;
-use crate::leaves::items::{Box4, Contents, Items};
-use crate::leaves::state::{Query, Search};
-use crate::leaves::{Leaves, by_coordinate};
-use crate::partition::{Content, Cut, MAX_DEPTH, Tree};
-use crate::split::{Axes, Split};
+use crate::support::elements::{MOST_ELEMENTS, check_count};
+use crate::support::leaves::child::WIDTH;
+use crate::support::leaves::filter::NUMBERS;
+use crate::support::leaves::items::{Box4, Contents, Items};
+use crate::support::leaves::state::{Query, Search};
+use crate::support::leaves::{Leaves, by_coordinate};
+use crate::support::partition::{Content, Cut, MAX_DEPTH, Tree};
+use crate::support::split::{Axes, Split};
 use build::AxisCut;
 use schemars::JsonSchema;
 use search::{Node, Traversal};
@@ -53,8 +53,9 @@ pub struct Config {
     /// by cost.
     #[serde(default = "eight")]
     max_leaf: NonZeroU32,
-    /// Maximum depth of the tree; 8 + 1.3 log2 of the number of elements if left out.
+    /// Maximum depth of the tree.
     #[serde(default)]
+    #[schemars(extend("x-default" = "8 + 1.3 log2(number of elements)"))]
     max_depth: Option<IntegerIn<1, { MAX_DEPTH as u32 }>>,
     /// How to choose the position of a cut.
     #[serde(default)]

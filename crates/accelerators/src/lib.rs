@@ -11,8 +11,8 @@
 
 use whitstone_core::{Accelerators, DuplicateType, Registry};
 
-#[cfg(any(feature = "bvh2", feature = "obb_bvh", feature = "slab_bvh"))]
-mod binary;
+mod support;
+
 #[cfg(feature = "brute_force")]
 pub mod brute_force;
 #[cfg(feature = "bsp")]
@@ -21,28 +21,16 @@ pub mod bsp;
 pub mod bvh;
 #[cfg(feature = "bvh2")]
 pub mod bvh2;
-mod elements;
 #[cfg(feature = "grid")]
 pub mod grid;
-#[cfg(any(feature = "obb_bvh", feature = "slab_bvh"))]
-mod hierarchy;
 #[cfg(feature = "kdtree")]
 pub mod kdtree;
-#[cfg(any(feature = "bvh", feature = "kdtree"))]
-mod leaves;
 #[cfg(feature = "obb_bvh")]
 pub mod obb_bvh;
 #[cfg(feature = "octree")]
 pub mod octree;
-mod oversized;
-#[cfg(any(feature = "bsp", feature = "kdtree"))]
-mod partition;
-mod polyhedron;
-#[cfg(any(feature = "bsp", feature = "obb_bvh"))]
-mod principal;
 #[cfg(feature = "slab_bvh")]
 pub mod slab_bvh;
-mod split;
 
 /// Registers every accelerator whose feature is enabled.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {

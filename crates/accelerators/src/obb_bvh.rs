@@ -17,11 +17,11 @@
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/obb_bvh.toml`.
 
-use crate::binary::{Builder, MAX_DEPTH, STEP_COST};
-use crate::elements::{Item, Searched, Structure, Visitor, WideRay};
-use crate::hierarchy::{Below, Hierarchy, Volume};
-use crate::principal::{COORDINATE_AXES, principal_axes};
-use crate::split::{Axes, Split};
+use crate::support::binary::{Builder, MAX_DEPTH, STEP_COST};
+use crate::support::elements::{Item, Searched, Structure, Visitor, WideRay};
+use crate::support::hierarchy::{Below, Hierarchy, Volume};
+use crate::support::principal::{COORDINATE_AXES, principal_axes};
+use crate::support::split::{Axes, Split};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::num::NonZeroU32;

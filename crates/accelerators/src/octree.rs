@@ -17,7 +17,7 @@
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/octree.toml`.
 
-use crate::elements::{
+use crate::support::elements::{
     Elements, Item, MARGIN, Mailbox, Searched, Structure, Visitor, WideRay, bounds, overlaps,
 };
 use schemars::JsonSchema;
@@ -37,8 +37,9 @@ pub struct Config {
     /// Cells of more than this many elements are divided.
     #[serde(default = "eight")]
     max_leaf: NonZeroU32,
-    /// Maximum depth of the tree; 3 + 0.6 log2 of the number of elements if left out.
+    /// Maximum depth of the tree.
     #[serde(default)]
+    #[schemars(extend("x-default" = "3 + 0.6 log2(number of elements)"))]
     max_depth: Option<IntegerIn<1, 24>>,
 }
 

@@ -19,13 +19,13 @@
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/slab_bvh.toml`.
 
-use crate::binary::{Builder, STEP_COST};
-use crate::elements::{Along, Item, Searched, Structure, Visitor, WideRay};
-use crate::hierarchy::{Below, Hierarchy, Volume};
-use crate::polyhedron::{Plane, Polyhedron};
-use crate::split::{Axes, Split};
+use crate::support::binary::{Builder, STEP_COST};
+use crate::support::elements::{Along, Item, Searched, Structure, Visitor, WideRay};
+use crate::support::hierarchy::{Below, Hierarchy, Volume};
+use crate::support::polyhedron::{Plane, Polyhedron};
+use crate::support::split::{Axes, Split};
 use schemars::JsonSchema;
-use serde::{Deserialize, Deserializer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 use std::num::NonZeroU32;
@@ -66,6 +66,17 @@ enum Planes {
     #[default]
     Fourteen,
     TwentySix,
+}
+
+impl Serialize for Planes {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let number: u32 = match self {
+            Self::Six => 6,
+            Self::Fourteen => 14,
+            Self::TwentySix => 26,
+        };
+        number.serialize(serializer)
+    }
 }
 
 impl<'de> Deserialize<'de> for Planes {

@@ -68,7 +68,7 @@ impl Plugin<Accelerators> for Embree {
         let start = Instant::now();
         let missing = |why: &str| {
             SceneError::anywhere(format!("Embree cannot be loaded: {why}")).with_help(
-                "install it (Debian: libembree3-3 or libembree4-4), or say where the library is in WHITSTONE_EMBREE",
+                "install it (Debian: `libembree3-3` or `libembree4-4`), or set `WHITSTONE_EMBREE` to the name or path of the library",
             )
         };
         let version = ffi::version().map_err(missing)?;

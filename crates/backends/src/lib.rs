@@ -1,11 +1,11 @@
-//! Third-party ray tracing kernels (backends) as accelerators: each is one file, one Cargo feature and
-//! one TOML `type`.
+//! Third-party ray tracing kernels (backends) as accelerators: each is one file, one Cargo feature
+//! and one TOML `type`.
 //!
 //! They render the same scenes with the same surrounding code, so that their errors and times are
 //! directly comparable with ours. They find all hits on triangles, **in single precision**. So they
-//! do not obey the law of accelerators, and report that ([`whitstone_core::Accelerator::approximation_note`]).
-//! All other shapes are tested one by one in double precision. `docs/backends.md` says what differs
-//! and by how much.
+//! do not obey the law of accelerators, and report that
+//! ([`whitstone_core::Accelerator::approximation_note`]). All other shapes are tested one by one in
+//! double precision. `docs/backends.md` lists the differences and their size.
 
 use whitstone_core::{DuplicateType, Registry};
 

@@ -1,4 +1,4 @@
-//! The crate obvhs: the fastest ray tracing of all hierarchies in Rust that we compared with ours.
+//! The crate obvhs: it traces rays fastest of all Rust hierarchies that we compared with ours.
 //!
 //! - Ylitie, Karras, Laine, *Efficient incoherent ray traversal on GPUs through compressed wide
 //!   BVHs*, HPG 2017.
@@ -142,7 +142,7 @@ fn build(structure: Structure, quality: Quality, triangles: &[Triangle]) -> Resu
             match depth(&wide) {
                 0..=DEEPEST => Ok(Hierarchy::Wide(wide)),
                 deep => Err(SceneError::anywhere(format!(
-                    "over this geometry obvhs builds a hierarchy {deep} levels deep, for more than {DEEPEST} it has no stack"
+                    "expected at most {DEEPEST} levels, found {deep}: the hierarchy that obvhs builds exceeds its traversal stack"
                 ))
                 .with_help("choose structure = \"bvh2\", or another accelerator")),
             }

@@ -1,4 +1,5 @@
-//! Shared code of the backends: triangles in single precision, all other elements in double precision.
+//! Shared code of the backends: triangles in single precision, all other elements in double
+//! precision.
 
 use std::sync::Arc;
 use whitstone_core::triangle::ShearedRay;
@@ -67,7 +68,7 @@ pub(crate) fn meshes(geometry: &Geometry, limit: f64) -> Result<Vec<(u32, &Trian
     match meshes.iter().find(|(_, mesh)| !is_near(mesh)) {
         None => Ok(meshes),
         Some((number, _)) => Err(SceneError::anywhere(format!(
-            "shape {number} has coordinates beyond {limit:e}, too large for this accelerator's single precision"
+            "expected coordinates of at most {limit:e}, since this accelerator uses single precision; shape {number} exceeds this"
         ))
         .with_help("choose another accelerator, such as \"bvh\"")
         .into()),
@@ -80,8 +81,8 @@ fn single(ray: &Ray, interval: Interval, skip: SelfHitFilter) -> Option<SingleRa
     if !(origin.is_finite() && direction.is_finite()) {
         return None;
     }
-    // Rounding may put the origin of a ray that leaves a surface on either side of it, and of all
-    // triangles near the one that is left: hits within that rounding do not count.
+    // Rounding may put the origin of a spawned ray on either side of its surface, and of all
+    // triangles nearby: hits within that rounding do not count.
     let rounding = match skip.id() {
         Some(_) => 8.0 * f32::EPSILON * origin.abs().max_element(),
         None => 0.0,

@@ -7,7 +7,7 @@
 //! - Twin: Mitsuba through the driver, by the formula of the model.
 //! - Example: `scenes/cameras/environment.toml`.
 
-use crate::view::{self, Frame, LookAt};
+use crate::support::view::{self, Frame, LookAt};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::f64::consts::{FRAC_PI_2, PI};

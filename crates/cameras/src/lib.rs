@@ -9,9 +9,7 @@
 
 use whitstone_core::{Cameras, DuplicateType, Registry};
 
-mod near;
-mod pinhole;
-mod view;
+mod support;
 
 #[cfg(feature = "environment")]
 pub mod environment;

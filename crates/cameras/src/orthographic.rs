@@ -5,7 +5,7 @@
 //! - Twin: Mitsuba `orthographic` (native).
 //! - Example: `scenes/cameras/orthographic.toml`.
 
-use crate::view::{self, Frame, LookAt};
+use crate::support::view::{self, Frame, LookAt};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use toml::Spanned;
@@ -21,16 +21,16 @@ pub struct Config {
     /// Position of the camera, the point it looks at and the up direction.
     #[schemars(with = "LookAt")]
     look_at: Spanned<LookAt>,
-    /// Width of the view in metres; 2 if there is no `window`.
+    /// Width of the view in metres.
     #[serde(default)]
-    #[schemars(with = "Positive")]
+    #[schemars(extend("x-default" = "2 without `window`"), with = "Positive")]
     width: Option<Spanned<Positive>>,
     /// Window in the plane of the camera; replaces `width`.
     #[serde(default)]
-    #[schemars(with = "Window")]
+    #[schemars(extend("x-default" = "none"), with = "Window")]
     window: Option<Spanned<Window>>,
     /// Near limit in metres from the plane of the camera; nearer surfaces are invisible. Negative
-    /// values lie behind the camera; 0 if omitted.
+    /// values lie behind the camera.
     #[serde(default = "zero")]
     near: Finite,
 }

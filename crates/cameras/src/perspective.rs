@@ -6,9 +6,9 @@
 //! - Twin: Mitsuba `perspective` (native); a formula for near limits and non-square pixels.
 //! - Example: `scenes/cameras/perspective.toml`.
 
-use crate::near::{Near, NearKind};
-use crate::pinhole::{FovAxis, Keys, Pinhole, Window, normalize};
-use crate::view::{Frame, LookAt};
+use crate::support::near::{Near, NearKind};
+use crate::support::pinhole::{FovAxis, Keys, Pinhole, Window, normalize};
+use crate::support::view::{Frame, LookAt};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use toml::Spanned;
@@ -23,21 +23,21 @@ pub struct Config {
     /// Position of the camera, the point it looks at and the up direction.
     #[schemars(with = "LookAt")]
     look_at: Spanned<LookAt>,
-    /// Angle of view along `fov_axis`, in degrees between 0 and 180; 45 if there is no `window`.
+    /// Angle of view along `fov_axis`, in degrees between 0 and 180.
     #[serde(default)]
-    #[schemars(with = "Finite", extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 180))]
+    #[schemars(with = "Finite", extend("x-default" = "45 without `window`", "exclusiveMinimum" = 0, "exclusiveMaximum" = 180))]
     fov: Option<Spanned<Finite>>,
-    /// The side of the image that `fov` spans; "x" if omitted.
+    /// The side of the image that `fov` spans.
     #[serde(default)]
-    #[schemars(with = "FovAxis")]
+    #[schemars(extend("default" = "x"), with = "FovAxis")]
     fov_axis: Option<Spanned<FovAxis>>,
     /// Window in front of the camera; replaces `fov`.
     #[serde(default)]
-    #[schemars(with = "Window")]
+    #[schemars(extend("x-default" = "none"), with = "Window")]
     window: Option<Spanned<Window>>,
-    /// Near limit in metres; nearer surfaces are invisible; 0 if omitted.
+    /// Near limit in metres; nearer surfaces are invisible.
     #[serde(default)]
-    #[schemars(with = "NonNegative")]
+    #[schemars(extend("default" = 0), with = "NonNegative")]
     near: Option<Spanned<NonNegative>>,
     /// Shape of the near limit: "planar" (perpendicular to the view axis) or "spherical" (around
     /// the camera).

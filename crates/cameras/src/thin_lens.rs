@@ -9,8 +9,8 @@
 //!   are not square.
 //! - Example: `scenes/cameras/thin_lens.toml`.
 
-use crate::pinhole::{FovAxis, Keys, Pinhole, Window, normalize};
-use crate::view::{Frame, LookAt};
+use crate::support::pinhole::{FovAxis, Keys, Pinhole, Window, normalize};
+use crate::support::view::{Frame, LookAt};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
@@ -28,17 +28,17 @@ pub struct Config {
     /// Position of the camera, the point it looks at and the up direction.
     #[schemars(with = "LookAt")]
     look_at: Spanned<LookAt>,
-    /// Angle of view along `fov_axis`, in degrees between 0 and 180; 45 if there is no `window`.
+    /// Angle of view along `fov_axis`, in degrees between 0 and 180.
     #[serde(default)]
-    #[schemars(with = "Finite", extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 180))]
+    #[schemars(with = "Finite", extend("x-default" = "45 without `window`", "exclusiveMinimum" = 0, "exclusiveMaximum" = 180))]
     fov: Option<Spanned<Finite>>,
-    /// The side of the image that `fov` spans; "x" if omitted.
+    /// The side of the image that `fov` spans.
     #[serde(default)]
-    #[schemars(with = "FovAxis")]
+    #[schemars(extend("default" = "x"), with = "FovAxis")]
     fov_axis: Option<Spanned<FovAxis>>,
     /// Window in front of the camera; replaces `fov`.
     #[serde(default)]
-    #[schemars(with = "Window")]
+    #[schemars(extend("x-default" = "none"), with = "Window")]
     window: Option<Spanned<Window>>,
     /// Radius of the lens in metres.
     aperture: NonNegative,
@@ -89,7 +89,7 @@ impl Plugin<Cameras> for ThinLens {
         let shrink = pinhole.distance / config.focus_distance.get_ref().get();
         let finite = |point: &DVec3| (frame.origin + *point).is_finite() && (shrink * *point).is_finite();
         if !lens.iter().all(finite) {
-            let message = "the lens is too large for numbers, at this distance";
+            let message = "the lens is too large for double precision at this distance";
             errors
                 .0
                 .push(SceneError::at(config.focus_distance.span(), message));

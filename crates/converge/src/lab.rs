@@ -192,8 +192,8 @@ impl<'a> Lab<'a> {
                 }
                 Ok((Ready::Mitsuba(flattened), shot))
             }
-            Engine::Embree => Err("it renders scenes as an accelerator of them".to_owned()),
-            Engine::NaiveF64 | Engine::NaiveF32 => Err("textbook forms render no scenes".to_owned()),
+            Engine::Embree => Err("Embree renders scenes only as an accelerator of Whitstone".to_owned()),
+            Engine::NaiveF64 | Engine::NaiveF32 => Err("textbook formulas cannot render scenes".to_owned()),
         }
     }
 
@@ -247,7 +247,7 @@ impl<'a> Lab<'a> {
         ) {
             // The driver has crashed; no further Mitsuba renderings are possible.
             self.mitsuba = None;
-            self.absent = "its driver broke down".to_owned();
+            self.absent = "its driver crashed".to_owned();
         }
         answer.map_err(|error| error.to_string())
     }

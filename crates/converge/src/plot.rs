@@ -24,13 +24,13 @@ pub fn svg(report: &StudyReport) -> String {
     let mut figure = Figure::new(
         &format!(
             "{}: error against time and against {}",
-            report.study, &report.knob
+            report.study, &report.parameter
         ),
         &format!("{}: {}", report.title, report.measure),
         series.len().div_ceil(2),
     );
     figure.panel(LEFT, &times, &errors, "seconds");
-    figure.panel(SECOND, &works, &errors, &report.knob);
+    figure.panel(SECOND, &works, &errors, &report.parameter);
     for left in [LEFT, SECOND] {
         figure.level(
             left,

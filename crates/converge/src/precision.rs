@@ -18,14 +18,14 @@ impl Lab<'_> {
     pub(crate) fn measure_family(
         &mut self,
         study: &Study,
-        told: &dyn Fn(&str),
+        progress: &dyn Fn(&str),
     ) -> Result<StudyReport, String> {
         let Some(name) = &study.stress else {
-            return Err("no family".to_owned());
+            return Err("the study names no stress family".to_owned());
         };
         let family = FAMILIES.iter().find(|family| family.about().name == name.text);
         let family = family.ok_or_else(|| {
-            let message = format!("there is no family of stress cases \"{}\"", name.text);
+            let message = format!("there is no stress family \"{}\"", name.text);
             let mut error = SceneError::at(name.span.clone(), message);
             let near = nearest(&name.text, FAMILIES.iter().map(|family| family.about().name));
             error.help = near.map(|near| format!("did you mean \"{near}\"?"));
@@ -33,15 +33,15 @@ impl Lab<'_> {
         })?;
         let about = family.about();
         let lab = whitstone_stress::Lab::new(self.registry, self.mitsuba.take(), RAYS);
-        let report = FamilyReport::measure(*family, &lab, &|knob| told(&format!("{knob:e}")));
+        let report = FamilyReport::measure(*family, &lab, &|parameter| progress(&format!("{parameter:e}")));
         self.mitsuba = lab.into_driver();
         let report = report?;
         let series = report.engines.iter().map(|engine| {
             let command = format!("{} stress {} --steps", self.options.program, about.name);
             let points = engine.steps.iter().map(|step| {
                 let setting = Setting {
-                    label: format!("{}={:e}", about.knob, step.knob),
-                    value: Some(step.knob),
+                    label: format!("{}={:e}", about.parameter, step.parameter),
+                    value: Some(step.parameter),
                     changes: Vec::new(),
                 };
                 let mut point = Point::new(&setting, Err(&String::new()), command.clone());
@@ -68,14 +68,14 @@ impl Lab<'_> {
         });
         let truth = TruthReport {
             engine: Engine::Whitstone,
-            configuration: "the oracle, with as many digits as it takes".to_owned(),
+            configuration: "the oracle, in arbitrary precision".to_owned(),
             of_series: false,
             checks: Vec::new(),
             command: self.command(study),
         };
         let mut found = StudyReport::new(study, truth, FLOOR, series.collect(), Vec::new(), None);
         found.measure = about.measure.to_owned();
-        found.knob = about.knob.to_owned();
+        found.parameter = about.parameter.to_owned();
         Ok(found)
     }
 }

@@ -297,7 +297,7 @@ pub struct StudyReport {
     /// The name of the error measure.
     pub measure: String,
     /// The name of the swept value, if slopes are taken against it.
-    pub knob: String,
+    pub parameter: String,
     /// All measurements.
     pub series: Vec<SeriesReport>,
     /// By error level, such as `1e-2`.
@@ -339,7 +339,7 @@ impl StudyReport {
             .collect();
         if let Some(part) = others.filter(|part| *part > OTHERS) {
             notes.push(format!(
-                "no ratio of times: others used {:.0}% of the processor time",
+                "no ratio of times: other processes used {:.0}% of the processor time",
                 100.0 * part
             ));
             for both in time_to.values_mut() {
@@ -361,7 +361,7 @@ impl StudyReport {
             floor_rmse: floor,
             against: study.against,
             measure: "RMSE".to_owned(),
-            knob: study.against.name().to_owned(),
+            parameter: study.against.name().to_owned(),
             time_to,
             noisy,
             others,

@@ -39,26 +39,26 @@ impl Lab<'_> {
     /// # Errors
     ///
     /// As [`Self::measure`].
-    pub fn sit(&mut self, study: &Study, told: &dyn Fn(&str)) -> Result<(), String> {
+    pub fn measure_first_session(&mut self, study: &Study, progress: &dyn Fn(&str)) -> Result<(), String> {
         if study.stress.is_some() {
             return Ok(());
         }
         self.halfway = true;
-        let sat = self.measure(study, told);
+        let sat = self.measure(study, progress);
         self.halfway = false;
         sat.map(drop)
     }
 
-    /// Measures a study. `told` receives progress messages.
+    /// Measures a study. `progress` receives progress messages.
     ///
     /// # Errors
     ///
     /// If the study or its scene is invalid, or there is no truth. Later failures are in the
     /// report.
-    pub fn measure(&mut self, study: &Study, told: &dyn Fn(&str)) -> Result<StudyReport, String> {
+    pub fn measure(&mut self, study: &Study, progress: &dyn Fn(&str)) -> Result<StudyReport, String> {
         if study.stress.is_some() {
             #[cfg(feature = "stress")]
-            return self.measure_family(study, told);
+            return self.measure_family(study, progress);
             #[cfg(not(feature = "stress"))]
             return Err(format!("{}: built without the feature `stress`", study.name));
         }
@@ -72,7 +72,7 @@ impl Lab<'_> {
             .collect();
         for (number, series) in study.series.iter().enumerate() {
             if number == 0 || study.truth_of_series {
-                told("the truth");
+                progress("the truth");
                 truths.push(self.truth(study, series, &mut problems)?);
             }
         }
@@ -83,7 +83,7 @@ impl Lab<'_> {
                 continue;
             }
             for setting in 0..of.settings.len() {
-                told(&format!(
+                progress(&format!(
                     "{}, {}: {}",
                     of.name,
                     of.engine.name(),
@@ -92,7 +92,7 @@ impl Lab<'_> {
                 jobs.push(self.first_look(study, series, setting, truth_of(series)));
             }
         }
-        self.rounds(&mut jobs, told);
+        self.rounds(&mut jobs, progress);
         let series = study.series.iter().enumerate().map(|(number, of)| {
             let points = jobs
                 .iter()
@@ -146,7 +146,7 @@ impl Lab<'_> {
         for check in &study.checks {
             if let Some(why) = self.absent(check.engine) {
                 problems.push(format!(
-                    "the truth is not checked by {}: {why}",
+                    "the truth is not checked against {}: {why}",
                     check.engine.name()
                 ));
                 continue;
@@ -178,7 +178,7 @@ impl Lab<'_> {
         }
         if let Some(why) = self.absent(truth.engine) {
             return Err(format!(
-                "{}: the truth is that of {}: {why}",
+                "{}: the truth is a rendering by {}, which takes no part: {why}",
                 study.name,
                 truth.engine.name()
             ));
@@ -229,7 +229,7 @@ impl Lab<'_> {
 
     /// Measures every configuration once per round, alternately forwards and backwards. A temporary
     /// disturbance or a gradual slowdown of the machine then affects all of them alike.
-    fn rounds(&mut self, jobs: &mut [Job<'_>], told: &dyn Fn(&str)) {
+    fn rounds(&mut self, jobs: &mut [Job<'_>], progress: &dyn Fn(&str)) {
         let rounds = jobs
             .iter()
             .filter_map(|job| job.record.as_ref().ok())
@@ -250,7 +250,7 @@ impl Lab<'_> {
                 if record.times.len() > round || record.is_complete() || sat {
                     continue;
                 }
-                told(&format!("round {} of {}", round + 1, rounds.unwrap_or(0)));
+                progress(&format!("round {} of {}", round + 1, rounds.unwrap_or(0)));
                 let timed = self.time(ready, record);
                 let kept = timed.and_then(|()| self.cache.keep(&job.key, record));
                 if let Err(problem) = kept {

@@ -82,7 +82,7 @@ impl Against {
     /// The name for people.
     pub fn name(self) -> &'static str {
         match self {
-            Self::Samples => "samples a pixel",
+            Self::Samples => "samples per pixel",
             Self::Rays => "rays",
             Self::Primitives => "primitives",
             Self::Value => "value",
@@ -304,7 +304,7 @@ impl Study {
         let shown = path.display().to_string();
         let metadata = std::fs::metadata(path).map_err(|error| format!("{shown}: {error}"))?;
         if !metadata.is_file() || metadata.len() > MAX_BYTES {
-            return Err(format!("{shown}: not a file of at most {MAX_BYTES} bytes"));
+            return Err(format!("{shown}: expected a file of at most {MAX_BYTES} bytes"));
         }
         let text = std::fs::read_to_string(path).map_err(|error| format!("{shown}: {error}"))?;
         Self::parse(&shown, &text, path.parent().unwrap_or(Path::new("")), quick)
@@ -454,14 +454,14 @@ fn check(table: &StudyTable, errors: &mut SceneErrors) {
         fail(levels.span(), "expected errors greater than 0");
     }
     if table.series.get_ref().is_empty() {
-        fail(table.series.span(), "a study needs a [[series]]");
+        fail(table.series.span(), "a study needs at least one `[[series]]`");
     }
     for series in table.series.get_ref() {
         let sweep = series.sweep.get_ref();
         if sweep.is_empty() {
             fail(
                 series.sweep.span(),
-                "an empty sweep: name a path of the scene and its values",
+                "an empty sweep: expected at least one path of the scene with its values",
             );
         }
         let longest = sweep.values().map(|values| values.get_ref().len()).max();
@@ -474,7 +474,7 @@ fn check(table: &StudyTable, errors: &mut SceneErrors) {
             } else if Some(values.get_ref().len()) != longest {
                 fail(
                     values.span(),
-                    "the paths of a sweep go on together: expected as many values as the others have",
+                    "the paths of a sweep advance together: expected as many values as the others have",
                 );
             }
         }
@@ -484,7 +484,9 @@ fn check(table: &StudyTable, errors: &mut SceneErrors) {
     for name in pairs.flatten().filter(|name| !names(name)) {
         fail(
             table.series.span(),
-            &format!("[expect] names a series \"{name}\" that is not there"),
+            &format!(
+                "`[expect]` names a series \"{name}\" that does not exist; expected the name of a `[[series]]`"
+            ),
         );
     }
 }

@@ -73,7 +73,7 @@ pub fn table(reports: &[StudyReport], plots: &str) -> String {
         let _ = writeln!(
             text,
             "| configuration | engine | settings | {}, first to last | slope against {} (95%) |\n|---|---|---|---|---|",
-            report.measure, report.knob
+            report.measure, report.parameter
         );
         for series in &report.series {
             if let Some(why) = &series.absent {
@@ -117,14 +117,14 @@ pub fn table(reports: &[StudyReport], plots: &str) -> String {
 pub fn headline(reports: &[StudyReport]) -> String {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let load = match usage::load() {
-        None => "an unknown load".to_owned(),
+        None => "unknown".to_owned(),
         Some(load) if load > 1.25 * cores as f64 => {
-            format!("a load of {load:.1}: others had a part of the time")
+            format!("{load:.1}, so other processes used a part of the time")
         }
-        Some(load) => format!("a load of {load:.1}"),
+        Some(load) => format!("{load:.1}"),
     };
     let mut text = format!(
-        "Measured on {}, {cores} cores, at the end with {load}.\n\n",
+        "Measured on {}, {cores} cores. Load average at the end: {load}.\n\n",
         usage::processor().unwrap_or_else(|| "an unknown processor".to_owned()),
     );
     text += "| study | error (RMSE) | Whitstone, s | Mitsuba, s | ratio |\n|---|---|---|---|---|\n";

@@ -65,7 +65,7 @@ mod tests {
     }
 
     #[test]
-    fn corners_connect_and_the_first_of_equals_counts() {
+    fn corners_connect_and_the_first_of_equal_areas_is_returned() {
         let found = largest(&mask(&["#..##", ".#.#.", "..#..", "....."])).unwrap();
         assert_eq!(found.pixels, 6, "the diagonal touches the two at the top");
         assert_eq!((found.from, found.to), ([0, 0], [4, 2]));
@@ -75,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ring_and_its_hole_are_apart_and_a_whole_image_is_no_trouble() {
+    fn a_ring_and_its_hole_are_separate_and_a_full_image_is_one_area() {
         let found = largest(&mask(&["#####", "#...#", "#.#.#", "#...#", "#####"])).unwrap();
         assert_eq!(found.pixels, 16);
         let all = Mask::from_fn(1000, 1000, |_, _| true);

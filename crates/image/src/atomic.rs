@@ -48,11 +48,11 @@ pub enum Step {
 impl std::fmt::Display for Step {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
-            Self::Inspect => "replace this",
-            Self::Create => "create a file in its folder",
+            Self::Inspect => "write to this path",
+            Self::Create => "create a temporary file in its folder",
             Self::Fill => "write",
             Self::Sync => "sync",
-            Self::Rename => "put the finished file there",
+            Self::Rename => "rename the finished temporary file to it",
             Self::SyncFolder => "sync its folder",
         })
     }
@@ -142,7 +142,7 @@ fn resolve(path: &Path) -> io::Result<PathBuf> {
 
 fn create_in(folder: &Path) -> io::Result<tempfile::NamedTempFile> {
     if !folder.is_dir() {
-        let problem = format!("there is no folder {}", folder.display());
+        let problem = format!("the folder {} does not exist", folder.display());
         return Err(io::Error::new(io::ErrorKind::NotFound, problem));
     }
     let mut builder = tempfile::Builder::new();
@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn replaces_as_a_whole_and_leaves_nothing_else() {
+    fn a_file_is_replaced_as_a_whole_and_no_other_remains() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.txt");
         write_bytes(&path, b"one").unwrap();
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn a_panic_leaves_nothing() {
+    fn a_panic_leaves_no_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.txt");
         let outcome = std::panic::catch_unwind(|| write(&path, |_| panic!("on purpose")));
@@ -257,7 +257,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn links_stay_and_devices_are_refused() {
+    fn links_are_kept_and_devices_are_rejected() {
         let folder = tempfile::tempdir().unwrap();
         let (file, link) = (folder.path().join("file"), folder.path().join("link"));
         write_bytes(&file, b"old").unwrap();

@@ -38,7 +38,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn tables_have_the_ends_that_are_told() {
+    fn tables_have_the_documented_ends() {
         let [turbo, diverging, magma] =
             [ColorMap::Turbo, ColorMap::Diverging, ColorMap::Magma].map(ColorMap::table);
         let [r, _, b] = turbo[255];

@@ -349,7 +349,7 @@ mod tests {
     }
 
     #[test]
-    fn magenta_is_in_no_colour_map_and_shows_what_is_not_finite() {
+    fn magenta_is_in_no_colour_map_and_marks_values_that_are_not_finite() {
         for scale in [Scale::Absolute { max: 1.0 }, Scale::Signed { max: 1.0 }] {
             for step in 0..=1000 {
                 let [r, g, b] = scale.color_at(f64::from(step) / 1000.0);
@@ -394,13 +394,13 @@ mod tests {
     }
 
     #[test]
-    fn differences_as_an_image() {
+    fn differences_are_exported_as_an_image() {
         let image = difference_image(&flat([1.25, 0.0, 2.0]), &flat([1.0, 0.5, 2.0])).unwrap();
         assert_eq!(image.rgb().unwrap().map(|plane| plane[5]), [0.25, -0.5, 0.0]);
     }
 
     #[test]
-    fn scales_out_of_range_are_refused() {
+    fn scales_out_of_range_are_rejected() {
         let image = flat([1.0; 3]);
         for scale in [
             Scale::Absolute { max: 0.0 },

@@ -397,7 +397,7 @@ mod tests {
     }
 
     #[test]
-    fn low_range_as_the_authors_program() {
+    fn ldr_flip_equals_the_reference_implementation() {
         let reference = image(pattern(0));
         let flip = |of: &dyn Fn(usize, usize, usize) -> f32| flip_ldr(&image(of), &reference).unwrap();
         agrees(
@@ -412,7 +412,7 @@ mod tests {
     }
 
     #[test]
-    fn high_range_as_the_authors_program() {
+    fn hdr_flip_equals_the_reference_implementation() {
         let reference = image(high(pattern(0)));
         let found = flip(&image(high(pattern(1))), &reference).unwrap();
         let (start, stop, count) = found.exposures.unwrap();
@@ -430,7 +430,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_image_has_nothing_to_see_and_black_is_no_trouble() {
+    fn equal_images_have_zero_flip_even_if_black() {
         let same = image(pattern(0));
         assert_eq!(flip(&same, &same).unwrap().mean, 0.0);
         let black = image(|_, _, _| 0.0);
@@ -441,7 +441,7 @@ mod tests {
     }
 
     #[test]
-    fn back_from_the_opponent_space() {
+    fn the_opponent_space_round_trips() {
         for color in [[0.2, 0.5, 0.9], [1.0, 1.0, 1.0], [0.0, 1.0, 0.0]] {
             for (found, expected) in from_ycxcz(ycxcz(color)).into_iter().zip(color) {
                 assert_abs_diff_eq!(found, expected, epsilon = 1e-12);

@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn neighbouring_ids_are_told_apart() {
+    fn neighbouring_ids_have_distinct_colours() {
         let colors: Vec<[u8; 3]> = (0..64).map(|id| id_color(f64::from(id))).collect();
         for pair in colors.windows(2) {
             let far = (0..3).map(|c| pair[0][c].abs_diff(pair[1][c])).max();

@@ -84,7 +84,7 @@ pub enum ReadFault {
     },
     /// The size in the header exceeds the limits. Nothing was decoded.
     #[error(
-        "{width} x {height} pixels, {bytes} bytes decoded: the limits are {} x {} pixels, {} pixels in all and {} bytes",
+        "{width} x {height} pixels, {bytes} bytes decoded: the limits are {} x {} pixels, {} pixels in total and {} bytes",
         limits.max_width, limits.max_height, crate::planes::MAX_PIXELS, limits.max_bytes
     )]
     TooLarge {
@@ -104,17 +104,17 @@ pub enum ReadFault {
     #[error("damaged: {0}")]
     Damaged(String),
     /// A texture has no colour channels.
-    #[error("no channels R, G, B and no Y; there are: {}", available.join(", "))]
+    #[error("expected the channels R, G, B or the channel Y, found: {}", available.join(", "))]
     NoColor {
         /// The existing channels.
         available: Vec<String>,
     },
     /// A texture has no alpha channel.
-    #[error("there is no alpha channel")]
+    #[error("the file has no alpha channel")]
     NoAlpha,
     /// A texture has a value that is NaN or infinite.
     #[error(
-        "{count} values are not finite, the first is {value} in channel {channel} at column {x}, row {y}"
+        "expected finite values, found {count} that are not; the first is {value} in channel {channel} at column {x}, row {y}"
     )]
     NotFinite {
         /// Number of such values.
@@ -152,6 +152,6 @@ pub(crate) fn no_panic<T>(decoder: impl FnOnce() -> Result<T, ReadFault>) -> Res
             .map(|text| (*text).to_owned())
             .or_else(|| payload.downcast_ref::<String>().cloned())
             .unwrap_or_else(|| "unknown reason".to_owned());
-        Err(ReadFault::Damaged(format!("the decoder gave up: {text}")))
+        Err(ReadFault::Damaged(format!("the decoder failed: {text}")))
     })
 }

@@ -65,7 +65,7 @@ impl std::fmt::Display for Side {
 #[non_exhaustive]
 pub enum CompareError {
     /// The images differ in size. They are never resampled.
-    #[error("sizes differ: ours is {} x {} pixels, the reference {} x {}; render both at one size, nothing is resampled", ours.0, ours.1, reference.0, reference.1)]
+    #[error("sizes differ: ours is {} x {} pixels, the reference {} x {}; render both at the same size, since images are not resampled", ours.0, ours.1, reference.0, reference.1)]
     Size {
         /// Columns and rows of our image.
         ours: (usize, usize),
@@ -74,7 +74,7 @@ pub enum CompareError {
     },
     /// The images are different parts of a frame, or parts of different frames.
     #[error(
-        "placements differ: ours is at ({}, {}) of {} x {} pixels, the reference at ({}, {}) of {} x {}",
+        "placements differ: ours is at ({}, {}) in a frame of {} x {} pixels, the reference at ({}, {}) in {} x {}",
         ours.x, ours.y, ours.frame_width, ours.frame_height,
         reference.x, reference.y, reference.frame_width, reference.frame_height
     )]
@@ -94,7 +94,7 @@ pub enum CompareError {
     },
     /// Some values are NaN or infinite, so that means are undefined.
     #[error(
-        "values that are not finite: {} in our image, {} in the reference; the first is in {} at column {}, row {}",
+        "expected finite values, found {} in our image and {} in the reference that are not; the first is in {} at column {}, row {}",
         count.ours, count.reference, first.side, first.x, first.y
     )]
     NotFinite {
@@ -104,7 +104,7 @@ pub enum CompareError {
         first: FirstNotFinite,
     },
     /// The mask of excluded pixels has another size than the images.
-    #[error("the mask is of {} x {} pixels, the images of {} x {}", mask.0, mask.1, images.0, images.1)]
+    #[error("the mask has {} x {} pixels, but the images have {} x {}", mask.0, mask.1, images.0, images.1)]
     MaskSize {
         /// Columns and rows of the mask.
         mask: (usize, usize),
@@ -112,7 +112,7 @@ pub enum CompareError {
         images: (usize, usize),
     },
     /// An option is out of its range.
-    #[error("{name} must be {range}, not {value}")]
+    #[error("`{name}` must be {range}, found {value}")]
     Option {
         /// Name of the option.
         name: &'static str,

@@ -42,13 +42,13 @@ pub enum ImageError {
         name: String,
     },
     /// The image already has a channel of that name.
-    #[error("there are two channels named `{channel}`")]
+    #[error("the channel `{channel}` already exists")]
     DuplicateChannel {
         /// Name of the channel.
         channel: String,
     },
     /// The image has no such channel.
-    #[error("no channel `{channel}`; there are: {}", available.join(", "))]
+    #[error("no channel `{channel}`; available channels: {}", available.join(", "))]
     MissingChannel {
         /// Name of the requested channel.
         channel: String,
@@ -331,7 +331,7 @@ mod tests {
         ));
         assert_eq!(
             image.rgb().unwrap_err().to_string(),
-            "no channel `G`; there are: R"
+            "no channel `G`; available channels: R"
         );
     }
 }

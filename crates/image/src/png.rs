@@ -138,7 +138,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn previews_are_tone_mapped_and_flag_what_is_not_finite() {
+    fn previews_are_tone_mapped_and_flag_values_that_are_not_finite() {
         let bad = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY];
         let image = Image::from_fn(4, 1, |x, _| {
             if x < 3 {
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn drawing_is_cut_off_at_the_border() {
+    fn drawing_is_clipped_at_the_border() {
         let mut raster = Raster::filled(3, 3, [0; 3]);
         raster.draw(&Raster::filled(2, 2, [9; 3]), 2, 1);
         assert_eq!(

@@ -89,14 +89,14 @@ pub enum SignificanceError {
     },
     /// The number of samples is unknown.
     #[error(
-        "{side} has layers of variance, but neither a layer `samples.N` nor an attribute `whitstone:samples`"
+        "{side} has layers of variance, but lacks the number of samples: expected a layer `samples.N` or an attribute `whitstone:samples`"
     )]
     Samples {
         /// The image.
         side: Side,
     },
     /// A variance below 0 or not finite, or less than two samples.
-    #[error("{side} says {what} at column {x}, row {y}: no variance can be had from that")]
+    #[error("{side} has {what} at column {x}, row {y}: this gives no variance")]
     Value {
         /// The image.
         side: Side,
@@ -234,8 +234,8 @@ impl<'a> Noise<'a> {
         let samples = match image.channel("samples.N") {
             Some(each) => Samples::Each(each),
             None => {
-                let told = image.attributes().get("samples");
-                let count = told.and_then(|text| text.trim().parse().ok());
+                let stated = image.attributes().get("samples");
+                let count = stated.and_then(|text| text.trim().parse().ok());
                 Samples::All(count.ok_or(SignificanceError::Samples { side })?)
             }
         };

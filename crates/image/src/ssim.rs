@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn as_scikit_image_has_it() {
+    fn values_equal_those_of_scikit_image() {
         // structural_similarity(srgb(a), srgb(b), data_range=1, gaussian_weights=True, sigma=1.5,
         // use_sample_covariance=False, channel_axis=-1), version 0.26.0, of the same values in
         // double precision.
@@ -139,7 +139,7 @@ mod tests {
     ];
 
     #[test]
-    fn equal_pictures_have_one_and_small_ones_none() {
+    fn equal_pictures_have_ssim_1_and_small_ones_have_none() {
         let same = image(pattern(0));
         assert_eq!(ssim(&same, &same, ToneMap::default()).unwrap(), Some(1.0));
         let least = |w, h| Image::from_fn(w, h, |x, _| [x as f32 / 16.0; 3]).unwrap();

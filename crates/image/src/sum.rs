@@ -46,7 +46,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn keeps_what_a_plain_sum_loses() {
+    fn small_terms_are_not_lost() {
         let terms = [1.0, 1e100, 1.0, -1e100];
         assert_eq!(terms.iter().sum::<f64>(), 0.0);
         assert_eq!(terms.into_iter().collect::<Sum>().total(), 2.0);

@@ -241,9 +241,7 @@ fn to_fault(error: ImageError) -> ReadFault {
         }
         ImageError::IoError(error) => ReadFault::Io(error),
         ImageError::Unsupported(error) => ReadFault::Unsupported(error.to_string()),
-        ImageError::Limits(error) => {
-            ReadFault::Unsupported(format!("decoding needs more than the limits: {error}"))
-        }
+        ImageError::Limits(error) => ReadFault::Unsupported(format!("decoding exceeds the limits: {error}")),
         other => ReadFault::Damaged(other.to_string()),
     }
 }

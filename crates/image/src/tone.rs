@@ -63,7 +63,7 @@ mod tests {
     }
 
     #[test]
-    fn every_code_survives() {
+    fn every_code_round_trips() {
         for code in 0..=255_u8 {
             assert_eq!(
                 ToneMap::default().encode(srgb_to_linear(f64::from(code) / 255.0)),
@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn exposure_is_in_stops_and_ends_are_limits() {
+    fn exposure_is_in_stops_and_values_are_clamped() {
         assert_eq!(
             ToneMap { exposure: 1.0 }.encode(0.25),
             ToneMap::default().encode(0.5)

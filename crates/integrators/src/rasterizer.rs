@@ -19,7 +19,7 @@ use crate::rules::Rules;
 use bins::Bins;
 use fill::{Depths, Projected, project};
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use toml::Spanned;
 use whitstone_core::stream::{Colors, HitStream, Lanes, RayStream};
 use whitstone_core::{
@@ -38,12 +38,12 @@ pub struct Config {
     /// Interpolation over a triangle: "phong" interpolates normals; "gouraud" interpolates colours
     /// and requires `shadows = "none"`.
     #[serde(default)]
-    #[schemars(with = "Interpolation")]
+    #[schemars(extend("default" = "phong"), with = "Interpolation")]
     interpolation: Option<Spanned<Interpolation>>,
 }
 
 /// The quantity that is interpolated over a triangle.
-#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize, JsonSchema, PartialEq)]
 #[serde(rename_all = "snake_case")]
 enum Interpolation {
     /// Normals; each pixel is shaded.
@@ -166,14 +166,15 @@ impl Integrator for Rasterizer {
             let limited = view.camera.near(DVec2::ZERO) != 0.0;
             if parallel || limited {
                 let help = "use the camera \"perspective\" without `near`, or interpolation = \"phong\"";
-                let message = "colours at vertices need a viewer at one place";
+                let message = "interpolated colours need camera rays that start at one point";
                 return Err(refuse(None, message, help));
             }
         }
         let (mut vertices, mut triangles) = (0, 0);
         for (shape, number) in view.geometry.shapes().iter().zip(0..) {
             let LoweredShape::Triangles(mesh) = shape else {
-                let help = "draw a mesh instead, or use the integrator \"appel\", which shows the same by casting rays";
+                let help =
+                    "use a mesh, or the integrator \"appel\", which renders the same image by ray casting";
                 return Err(refuse(Some(number), "only triangles can be rasterized", help));
             };
             vertices += mesh.positions.len();
@@ -305,6 +306,9 @@ mod tests {
             .unwrap()
             .object_order(&view, &mut TestContext::default());
         let message = found.err().unwrap().error.message;
-        assert_eq!(message, "colours at vertices need a viewer at one place");
+        assert_eq!(
+            message,
+            "interpolated colours need camera rays that start at one point"
+        );
     }
 }

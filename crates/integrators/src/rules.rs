@@ -2,7 +2,7 @@
 
 use crate::local_illumination::local_illumination;
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use whitstone_core::{
     BsdfFlags, DVec3, Interval, MediumState, PathState, Ray, Rgb, Scene, Scratch, SelfHitFilter, ShadowMode,
     SpecularRay, SpecularRayKind, SpecularRays, SurfaceInteraction,
@@ -24,7 +24,7 @@ pub(crate) struct Limits {
 }
 
 /// Radiance of branches beyond the depth limit.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Beyond {
     /// The background in the direction of the branch.

@@ -12,9 +12,9 @@
 //! - Twin: Mitsuba `point` at the same points, through the driver.
 //! - Example: `scenes/lights/area.toml`.
 
-use crate::emission::{self, Falloff};
+use crate::support::emission::{self, Falloff};
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 use toml::Spanned;
@@ -27,6 +27,10 @@ use whitstone_core::{
 
 /// Upper limit of points of a mesh; each one costs a shadow ray per surface point.
 const MAX_POINTS: usize = 4096;
+
+/// Default points along each side of the grid, and default parts of each side of a mesh triangle.
+const GRID_SAMPLES: u32 = 4;
+const MESH_SAMPLES: u32 = 1;
 
 /// An area light, sampled at a fixed grid of points.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -41,7 +45,7 @@ pub struct Config {
     /// For "mesh" only: a file as for the shape mesh, ending in .obj or .ply. Its vertex normals
     /// are ignored. It need not be closed.
     #[serde(default)]
-    #[schemars(with = "FilePath")]
+    #[schemars(extend("x-default" = "none: required for \"mesh\""), with = "FilePath")]
     file: Option<FilePath>,
     /// Placement of the light: one step, or steps in the order in which they are applied. For a
     /// sphere it must be a similarity.
@@ -50,11 +54,11 @@ pub struct Config {
     transform: Spanned<TransformSteps>,
     /// Emitted radiance in W/(m² sr), the same in all directions.
     radiance: Color,
-    /// Points along each side of the grid (default 4), or parts of each side of a mesh triangle
-    /// (default 1). The square of this is the number of shadow rays per surface point; for a mesh,
-    /// per triangle, up to 4096 in total.
+    /// Points along each side of the grid, or parts of each side of a mesh triangle. The square of
+    /// this is the number of shadow rays per surface point; for a mesh, per triangle, up to 4096 in
+    /// total.
     #[serde(default)]
-    #[schemars(with = "IntegerIn<1, 32>")]
+    #[schemars(extend("x-default" = format!("{GRID_SAMPLES}; {MESH_SAMPLES} for \"mesh\"")), with = "IntegerIn<1, 32>")]
     samples: Option<Spanned<IntegerIn<1, 32>>>,
 }
 
@@ -67,7 +71,7 @@ fn rectangle() -> Spanned<Surface> {
 }
 
 /// Shape of the light.
-#[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema, PartialEq)]
 #[serde(rename_all = "snake_case")]
 enum Surface {
     /// z = 0, -1 <= x, y <= 1.
@@ -122,7 +126,7 @@ impl Plugin<Lights> for Area {
             (true, Some(file)) => (mesh(&config, file, &transform, context)?, file.span.clone()),
             (false, None) => (grid(&config, &transform)?, config.transform.span()),
             (true, None) => {
-                let error = SceneError::at(config.shape.span(), "a mesh that shines is in a file");
+                let error = SceneError::at(config.shape.span(), "`shape = \"mesh\"` needs a `file`");
                 return Err(error.with_help("add `file = \"lamp.obj\"` or `.ply`").into());
             }
             (false, Some(file)) => {
@@ -136,7 +140,7 @@ impl Plugin<Lights> for Area {
             .iter()
             .all(|intensity| intensity.max_component().is_finite())
         {
-            return Err(SceneError::at(place, "the surface is too large for numbers").into());
+            return Err(SceneError::at(place, "the surface is too large for double precision").into());
         }
         Ok(Arc::new(Self { spots, intensities }))
     }
@@ -145,10 +149,13 @@ impl Plugin<Lights> for Area {
 /// The points of a rectangle, a disk or a sphere.
 fn grid(config: &Config, transform: &Transform) -> Result<Vec<Spot>, SceneErrors> {
     let surface = *config.shape.get_ref();
-    let n = config.samples.as_ref().map_or(4, |n| n.get_ref().get());
+    let n = config
+        .samples
+        .as_ref()
+        .map_or(GRID_SAMPLES, |n| n.get_ref().get());
     let area = area(surface, transform).ok_or_else(|| {
-        let message = "the transform of a sphere that shines must be a similarity";
-        SceneError::at(config.transform.span(), message).with_help("scale by one number, not by axis")
+        let message = "the transform of a spherical light must be a similarity";
+        SceneError::at(config.transform.span(), message).with_help("scale all axes by the same factor")
     })?;
     let middle = |k: u32| (f64::from(k) + 0.5) / f64::from(n);
     let cells = (0..n).flat_map(|j| (0..n).map(move |i| (middle(i), middle(j))));
@@ -174,16 +181,19 @@ fn mesh(
     context: &mut dyn Context,
 ) -> Result<Vec<Spot>, SceneErrors> {
     let mesh = context.triangles(file, transform)?;
-    let n = config.samples.as_ref().map_or(1, |n| n.get_ref().get());
+    let n = config
+        .samples
+        .as_ref()
+        .map_or(MESH_SAMPLES, |n| n.get_ref().get());
     let each = n as usize * n as usize;
     let most = mesh.triangles.len().saturating_mul(each);
     if most > MAX_POINTS {
         let span = config.samples.as_ref().map_or(file.span.clone(), Spanned::span);
         let triangles = mesh.triangles.len();
-        let message = format!("{triangles} triangles shine from {most} points, more than {MAX_POINTS}");
+        let message = format!("{triangles} triangles have {most} light points, more than {MAX_POINTS}");
         let error = SceneError::at(span, message);
         return Err(error
-            .with_help("each point is a shadow ray: take a coarser mesh or fewer `samples`")
+            .with_help("each point costs a shadow ray: use a coarser mesh or fewer `samples`")
             .into());
     }
     let size = mesh
@@ -197,7 +207,7 @@ fn mesh(
         .map(|spot| spot.moved(OFF_SURFACE * size))
         .collect();
     if spots.is_empty() {
-        let message = format!("{}: no triangle has an area", file.path);
+        let message = format!("{}: all triangles have zero area", file.path);
         return Err(SceneError::at(file.span.clone(), message).into());
     }
     Ok(spots)

@@ -3,7 +3,7 @@
 //! - Twin: Mitsuba `directional` (native).
 //! - Example: `scenes/lights/directional.toml`.
 
-use crate::emission;
+use crate::support::emission;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;

@@ -42,13 +42,13 @@ impl<'de> Deserialize<'de> for Config {
 #[serde(deny_unknown_fields)]
 struct Keys {
     /// Radiance in W/(m² sr) as a texture on the sphere of directions, such as a latitude-longitude
-    /// map, or a colour. Exactly one of this and `faces` is required.
+    /// map, or a colour.
     #[serde(default)]
-    #[schemars(with = "TextureRef")]
+    #[schemars(extend("x-default" = "none: this or `faces` is required"), with = "TextureRef")]
     radiance: Option<TextureRef>,
     /// Radiance in W/(m² sr) as a cube map: six square images of the same size.
     #[serde(default)]
-    #[schemars(with = "Faces")]
+    #[schemars(extend("x-default" = "none: this or `radiance` is required"), with = "Faces")]
     faces: Option<Spanned<Faces>>,
     /// The map illuminates surfaces from up to 2 samples² directions, placed by luminance; each
     /// costs a shadow ray per surface point. 0: the map is visible but illuminates nothing.
@@ -116,14 +116,16 @@ impl Plugin<Lights> for Environment {
             // Rejected by `try_from`.
             (None, None) => return Err(SceneErrors::default()),
             (Some(_), Some(faces)) => {
-                let message = "`faces` together with `radiance`: expected one of them";
+                let message = "`faces` and `radiance` exclude each other";
                 return Err(SceneError::at(faces.span(), message).into());
             }
         };
         let n = keys.samples.get() as usize;
         let samples = match n {
             0 => Vec::new(),
-            _ => crate::sky::directions(2 * n * n, sky.parts(), |uv, direction| sky.at(uv, direction)),
+            _ => {
+                crate::support::sky::directions(2 * n * n, sky.parts(), |uv, direction| sky.at(uv, direction))
+            }
         };
         Ok(Arc::new(Self { sky, samples }))
     }
@@ -147,9 +149,9 @@ fn cube(faces: &Faces, context: &mut dyn Context) -> Result<[Arc<dyn Texture>; 6
             let expected = *first.get_or_insert(width);
             if [width, height] != [expected; 2] {
                 let message = if width == height {
-                    format!("expected a picture of {expected} x {expected} as the faces before it, found {width} x {height}")
+                    format!("expected an image of {expected} x {expected} pixels like the other faces, found {width} x {height}")
                 } else {
-                    format!("expected a square picture, found {width} x {height}")
+                    format!("expected a square image, found {width} x {height}")
                 };
                 errors.0.push(SceneError::at(file.span.clone(), message));
             }
@@ -174,9 +176,11 @@ impl Sky {
         match self {
             Self::Sphere(ColorSource::Constant(_)) => 1,
             Self::Sphere(ColorSource::Texture(texture)) => {
-                texture.size().map_or(1, crate::sky::parts_of_picture)
+                texture.size().map_or(1, crate::support::sky::parts_of_picture)
             }
-            Self::Cube([face, ..]) => face.size().map_or(1, |[side, _]| crate::sky::parts_of_cube(side)),
+            Self::Cube([face, ..]) => face
+                .size()
+                .map_or(1, |[side, _]| crate::support::sky::parts_of_cube(side)),
         }
     }
 
@@ -360,7 +364,7 @@ mod tests {
         assert!(environment(&missing).err().unwrap().0[0].message.contains("pz"));
         for (odd, file, message) in [
             ("nx", "none", "no such picture"),
-            ("py", "wide", "expected a square picture, found 8 x 4"),
+            ("py", "wide", "expected a square image, found 8 x 4"),
             (
                 "nz",
                 "small",

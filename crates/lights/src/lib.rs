@@ -9,7 +9,7 @@
 
 use whitstone_core::{DuplicateType, Lights, Registry};
 
-mod emission;
+mod support;
 
 #[cfg(feature = "ambient")]
 pub mod ambient;
@@ -25,8 +25,6 @@ pub mod environment;
 pub mod point;
 #[cfg(feature = "projector")]
 pub mod projector;
-#[cfg(feature = "environment")]
-mod sky;
 #[cfg(feature = "spot")]
 pub mod spot;
 

@@ -3,7 +3,7 @@
 //! - Twin: Mitsuba `point` (native); `falloff = "none"` through the driver.
 //! - Example: `scenes/lights/point.toml`.
 
-use crate::emission::{self, Falloff};
+use crate::support::emission::{self, Falloff};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;

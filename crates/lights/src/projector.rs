@@ -9,7 +9,7 @@
 //! - Twin: Mitsuba `projector` (native frame and falloff); slide and colour through the driver.
 //! - Example: `scenes/lights/projector.toml`.
 
-use crate::emission::{self, Falloff};
+use crate::support::emission::{self, Falloff};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -21,6 +21,9 @@ use whitstone_core::{
     SceneError, SceneErrors, SurfaceInteraction,
 };
 
+/// Default angle of the image, in degrees.
+const DEFAULT_FOV: f64 = 45.0;
+
 /// A point light that projects an image (a slide) into a pyramid.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -31,19 +34,18 @@ pub struct Config {
     /// position.
     #[schemars(with = "Vector3")]
     target: Spanned<Vector3>,
-    /// Direction that is up in the image, of any length and not parallel to the axis; [0, 1, 0] if
-    /// omitted.
+    /// Direction that is up in the image, of any length and not parallel to the axis.
     #[serde(default)]
-    #[schemars(with = "Vector3")]
+    #[schemars(extend("default" = [0, 1, 0]), with = "Vector3")]
     up: Option<Spanned<Vector3>>,
-    /// Full horizontal angle of the image in degrees, between 0 and 180; 45 if omitted.
+    /// Full horizontal angle of the image in degrees, between 0 and 180.
     #[serde(default)]
-    #[schemars(with = "Finite", extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 180))]
+    #[schemars(with = "Finite", extend("default" = DEFAULT_FOV, "exclusiveMinimum" = 0, "exclusiveMaximum" = 180))]
     fov: Option<Spanned<Finite>>,
-    /// Width divided by height of the projected image, from 0.001 to 1000; 1 if omitted. The
-    /// texture is stretched to it.
+    /// Width divided by height of the projected image, from 0.001 to 1000. The texture is stretched
+    /// to it.
     #[serde(default)]
-    #[schemars(with = "Finite", extend("minimum" = 0.001, "maximum" = 1000))]
+    #[schemars(with = "Finite", extend("default" = 1, "minimum" = 0.001, "maximum" = 1000))]
     aspect: Option<Spanned<Finite>>,
     /// The projected image, as a factor on the intensity: a texture with (0, 0) at the bottom left
     /// corner, or a colour.
@@ -78,7 +80,7 @@ impl Plugin<Lights> for Projector {
         let position = config.position.get();
         let axis = emission::direction_and_length(config.target.get_ref().get() - position);
         if axis.is_none() {
-            let error = SceneError::at(config.target.span(), "the target is where the light is");
+            let error = SceneError::at(config.target.span(), "`target` equals `position`");
             let help = "the light shines from `position` to `target`: move one of them";
             errors.0.push(error.with_help(help));
         }
@@ -103,7 +105,7 @@ impl Plugin<Lights> for Projector {
 fn half_size(config: &Config) -> Result<DVec2, SceneErrors> {
     let mut errors = SceneErrors::default();
     let value = |number: &Spanned<Finite>| number.get_ref().get();
-    let fov = config.fov.as_ref().map_or(45.0, value);
+    let fov = config.fov.as_ref().map_or(DEFAULT_FOV, value);
     if let Some(angle) = &config.fov
         && !(fov > 0.0 && fov < 180.0)
     {
@@ -134,7 +136,7 @@ fn across(config: &Config, axis: DVec3) -> Result<[DVec3; 2], SceneErrors> {
     let right = axis.cross(up);
     if right.length() <= 1e-12 {
         let error = SceneError::at(place, "`up` is parallel to the axis");
-        let help = "give another `up`, such as [0, 0, 1] for a slide that is thrown straight down";
+        let help = "give another `up`, such as [0, 0, 1] for an image that is projected straight down";
         return Err(error.with_help(help).into());
     }
     // If `up` is nearly parallel to the axis, rounding leaves a component along the axis. Remove

@@ -6,7 +6,7 @@
 //! - Twin: Mitsuba `spot` (native); `falloff = "none"` through the driver.
 //! - Example: `scenes/lights/spot.toml`.
 
-use crate::emission::{self, Falloff};
+use crate::support::emission::{self, Falloff};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -16,6 +16,9 @@ use whitstone_core::stream::{SampleStreams, Vectors};
 use whitstone_core::{
     Aabb, Context, DVec3, Light, LightFlags, LightSample, Lights, Plugin, Rgb, SceneError, SceneErrors,
 };
+
+/// Default half angle of the cone, in degrees.
+const DEFAULT_CUTOFF: f64 = 20.0;
 
 /// A spot light: a point light restricted to a cone with a soft edge.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -28,14 +31,14 @@ pub struct Config {
     target: Spanned<Vector3>,
     /// Radiant intensity in W/sr inside the beam.
     intensity: Color,
-    /// Half angle of the cone in degrees, between 0 and 90; 20 if omitted.
+    /// Half angle of the cone in degrees, between 0 and 90.
     #[serde(default)]
-    #[schemars(with = "Finite", extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 90))]
+    #[schemars(with = "Finite", extend("default" = DEFAULT_CUTOFF, "exclusiveMinimum" = 0, "exclusiveMaximum" = 90))]
     cutoff_angle: Option<Spanned<Finite>>,
     /// Half angle in degrees of the beam with full intensity, at least 0 and less than
-    /// `cutoff_angle`; three quarters of that if omitted.
+    /// `cutoff_angle`.
     #[serde(default)]
-    #[schemars(with = "Finite", extend("minimum" = 0, "exclusiveMaximum" = 90))]
+    #[schemars(with = "Finite", extend("x-default" = "3/4 of `cutoff_angle`", "minimum" = 0, "exclusiveMaximum" = 90))]
     beam_width: Option<Spanned<Finite>>,
     /// Falloff of the irradiance with the distance d: "inverse_square" (I/d²), or "none": then
     /// `intensity` is the irradiance itself, in W/m², at any distance.
@@ -71,13 +74,13 @@ impl Plugin<Lights> for Spot {
         let position = config.position.get();
         let axis = emission::direction_and_length(config.target.get_ref().get() - position);
         if axis.is_none() {
-            let error = SceneError::at(config.target.span(), "the target is where the light is");
+            let error = SceneError::at(config.target.span(), "`target` equals `position`");
             errors
                 .0
                 .push(error.with_help("the light shines from `position` to `target`: move one of them"));
         }
         let value = |angle: &Spanned<Finite>| angle.get_ref().get();
-        let cutoff = config.cutoff_angle.as_ref().map_or(20.0, value);
+        let cutoff = config.cutoff_angle.as_ref().map_or(DEFAULT_CUTOFF, value);
         if let Some(angle) = &config.cutoff_angle
             && !(cutoff > 0.0 && cutoff < 90.0)
         {

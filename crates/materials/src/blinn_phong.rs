@@ -6,7 +6,7 @@
 //! - Twin: through the driver, by the formula; POV-Ray `specular` (native).
 //! - Example: `scenes/materials/blinn_phong.toml`.
 
-use crate::gloss::{Gloss, Highlight};
+use crate::support::gloss::{Gloss, Highlight};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -29,9 +29,9 @@ pub struct Config {
     /// Exponent of the highlight; larger values make it sharper.
     #[serde(default = "sharp")]
     exponent: Positive,
-    /// Ambient coefficient; a texture or a colour; defaults to `k_d`.
+    /// Ambient coefficient; a texture or a colour.
     #[serde(default)]
-    #[schemars(with = "TextureRef")]
+    #[schemars(extend("x-default" = "that of `k_d`"), with = "TextureRef")]
     k_a: Option<TextureRef>,
 }
 

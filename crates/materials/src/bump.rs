@@ -11,9 +11,9 @@
 //! - Twin: through the driver, which rotates the shading frame that Mitsuba's materials see.
 //! - Example: `scenes/materials/bump.toml`.
 
-use crate::detail::{Detail, Detailed, Frame, coded};
+use crate::support::detail::{Detail, Detailed, Frame, coded};
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::{Finite, MaterialRef, Positive, TextureRef, Vector3};
@@ -21,6 +21,9 @@ use whitstone_core::{
     ColorSource, Context, DVec3, Material, Materials, Plugin, SceneError, SceneErrors, SurfaceAttributes,
     SurfaceInteraction,
 };
+
+/// Default offset for the slope of the height, in metres.
+const DEFAULT_STEP: f64 = 1e-3;
 
 /// Bump mapping by a height or by vectors added to the normals.
 ///
@@ -33,35 +36,33 @@ use whitstone_core::{
 pub struct Config {
     /// The height: the first channel of a texture that is mapped by world-space position.
     #[serde(default)]
-    #[schemars(with = "TextureRef")]
+    #[schemars(extend("x-default" = "none: this or `vector_map` is required"), with = "TextureRef")]
     height: Option<TextureRef>,
     /// Vectors instead of a height, encoded as 2 * colour - 1, so that mid grey (0.5) is the zero
     /// vector. Read images with `color_space = "linear"`. No 8-bit code is exactly 0.5.
     #[serde(default)]
-    #[schemars(with = "TextureRef")]
+    #[schemars(extend("x-default" = "none: this or `height` is required"), with = "TextureRef")]
     vector_map: Option<TextureRef>,
     /// Space of the vectors: "world" (the world axes) or "tangent" (tangent, bitangent and normal
     /// of the surface).
     #[serde(default)]
-    #[schemars(with = "Space")]
+    #[schemars(extend("default" = "world"), with = "Space")]
     space: Option<Spanned<Space>>,
-    /// World-space direction of the tangent for the space "tangent", as for normal_map; [1, 0, 0]
-    /// if neither `tangent` nor `axis` is given.
+    /// World-space direction of the tangent for the space "tangent", as for normal_map.
     #[serde(default)]
-    #[schemars(with = "Vector3")]
+    #[schemars(extend("x-default" = "[1, 0, 0] without `axis`"), with = "Vector3")]
     tangent: Option<Spanned<Vector3>>,
     /// Axis around which the tangent runs; replaces `tangent`.
     #[serde(default)]
-    #[schemars(with = "Vector3")]
+    #[schemars(extend("x-default" = "none"), with = "Vector3")]
     axis: Option<Spanned<Vector3>>,
     /// Height in metres of the texture value 1, or the factor on vectors before they are added to
     /// the unit normal.
     #[serde(default = "one")]
     scale: Finite,
-    /// Offset in metres to either side at which the height is sampled for its slope; 0.001 if
-    /// omitted.
+    /// Offset in metres to either side at which the height is sampled for its slope.
     #[serde(default)]
-    #[schemars(with = "Positive")]
+    #[schemars(extend("default" = DEFAULT_STEP), with = "Positive")]
     step: Option<Spanned<Positive>>,
     /// Material that is shaded with the perturbed normal.
     material: MaterialRef,
@@ -72,7 +73,7 @@ fn one() -> Finite {
 }
 
 /// Axes of the components of a vector.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Space {
     /// World axes.
@@ -161,8 +162,8 @@ impl Height {
         if let Some(found) = &found
             && found.needs().contains(SurfaceAttributes::UV)
         {
-            let mut error = SceneError::anywhere("this texture lies by (u, v), and only shapes know where that is")
-                .with_help("let it lie by the place in the world: mapping = { projection = \"planar\" }, or \"solid\", \"spherical\", ...");
+            let mut error = SceneError::anywhere("a height must be mapped by position, but this texture is mapped by (u, v)")
+                .with_help("map it by world-space position: mapping = { projection = \"planar\" }, or \"solid\", \"spherical\", ...");
             error.span = height.span.clone();
             errors.0.push(error);
         }
@@ -178,7 +179,10 @@ impl Height {
             Some(height) => errors.into_result(Self {
                 height,
                 scale: config.scale.get(),
-                step: config.step.as_ref().map_or(1e-3, |step| step.get_ref().get()),
+                step: config
+                    .step
+                    .as_ref()
+                    .map_or(DEFAULT_STEP, |step| step.get_ref().get()),
             }),
             None => Err(errors),
         }
@@ -199,8 +203,8 @@ fn frame(config: &Config) -> Result<Option<Frame>, SceneErrors> {
         .map_or(Space::World, |space| *space.get_ref());
     if space == Space::World {
         for given in [tangent, axis].into_iter().flatten() {
-            let error = SceneError::at(given.span(), "the axes of the world need no tangent");
-            errors.0.push(error.with_help("space = \"tangent\" has one"));
+            let error = SceneError::at(given.span(), "`tangent` and `axis` have no effect in world space");
+            errors.0.push(error.with_help("add space = \"tangent\""));
         }
         return errors.into_result(None);
     }

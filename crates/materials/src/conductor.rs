@@ -16,10 +16,10 @@
 //! - Twin: Mitsuba `conductor` in `twosided` (native).
 //! - Example: `scenes/materials/conductor.toml`.
 
-use crate::optics::reflect;
-use crate::reflectance::share;
+use crate::support::optics::reflect;
+use crate::support::reflectance::share;
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::{Color, TextureRef};
@@ -39,16 +39,16 @@ const MOST: f64 = 1e3;
 pub struct Config {
     /// A metal with a measured index, by its chemical symbol; replaces `eta` and `k`.
     #[serde(default)]
-    #[schemars(with = "Metal")]
+    #[schemars(extend("x-default" = "none: this, or `eta` and `k`, is required"), with = "Metal")]
     metal: Option<Spanned<Metal>>,
     /// Real part of the index of refraction, relative to the outside: a colour greater than 0, at
     /// most 1000.
     #[serde(default)]
-    #[schemars(with = "Color")]
+    #[schemars(extend("x-default" = "that of `metal`"), with = "Color")]
     eta: Option<Spanned<Color>>,
     /// Imaginary part of the index of refraction (extinction coefficient): a colour from 0 to 1000.
     #[serde(default)]
-    #[schemars(with = "Color")]
+    #[schemars(extend("x-default" = "that of `metal`"), with = "Color")]
     k: Option<Spanned<Color>>,
     /// Factor on the reflected radiance, from 0 to 1; a texture or a colour.
     #[serde(default = "one")]
@@ -60,7 +60,7 @@ fn one() -> TextureRef {
 }
 
 /// Metals by chemical symbol.
-#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema)]
 enum Metal {
     Ag,
     Al,
@@ -178,11 +178,11 @@ fn index(config: &Config) -> Result<[[f64; 3]; 2], SceneErrors> {
         (None, Some(eta), Some(k)) if errors.0.is_empty() => return Ok([eta, k]),
         (None, Some(_), Some(_)) => {}
         (Some(metal), ..) => {
-            let error = SceneError::at(metal.span(), "a measured metal has its own eta and k");
+            let error = SceneError::at(metal.span(), "`metal` already defines `eta` and `k`");
             errors.0.push(error.with_help(help));
         }
         (None, ..) => {
-            let error = SceneError::anywhere("a conductor needs its index of refraction");
+            let error = SceneError::anywhere("the index of refraction is missing");
             errors.0.push(error.with_help(help));
         }
     }

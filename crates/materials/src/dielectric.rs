@@ -9,7 +9,7 @@
 //! - Twin: Mitsuba `dielectric` (native); absorption through the driver.
 //! - Example: `scenes/materials/dielectric.toml`.
 
-use crate::body::Body;
+use crate::support::body::Body;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -44,7 +44,8 @@ pub struct Config {
     /// the highest priority fills the space (ties: the first in the scene); interfaces that do not
     /// change the dominant body are ignored. The exterior medium then follows from the surrounding
     /// bodies.
-    #[schemars(with = "Option<IntegerIn<0, 65535>>")]
+    #[serde(default)]
+    #[schemars(extend("x-default" = "none: the body does not take part"), with = "IntegerIn<0, 65535>")]
     priority: Option<IntegerIn<0, 65535>>,
 }
 
@@ -87,9 +88,9 @@ impl Plugin<Materials> for Dielectric {
             ] {
                 if given {
                     let message = format!(
-                        "expected {expected}: with a priority, what is outside follows from the bodies around"
+                        "expected {expected}: with a priority, the exterior medium follows from the surrounding bodies"
                     );
-                    let help = "give the body around a priority of its own, or leave the priority out";
+                    let help = "give the surrounding body a priority too, or remove this one";
                     errors.0.push(SceneError::at(place, message).with_help(help));
                 }
             }

@@ -24,9 +24,9 @@ pub struct Config {
     /// Emitted radiance, on both sides, in W/(m² sr); a texture or a colour.
     #[serde(default = "one")]
     radiance: TextureRef,
-    /// Material that supplies all other terms; black if omitted.
+    /// Material that supplies all other terms.
     #[serde(default)]
-    #[schemars(with = "MaterialRef")]
+    #[schemars(extend("x-default" = "none: black"), with = "MaterialRef")]
     material: Option<MaterialRef>,
 }
 

@@ -11,8 +11,8 @@
 //! - Twin: through the driver, which samples the lobe around the direction of Mitsuba's mirror.
 //! - Example: `scenes/materials/glossy.toml`.
 
-use crate::optics::reflect;
-use crate::reflectance::reflectance;
+use crate::support::optics::reflect;
+use crate::support::reflectance::reflectance;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};

@@ -9,11 +9,7 @@
 
 use whitstone_core::{DuplicateType, Materials, Registry};
 
-mod body;
-mod detail;
-mod gloss;
-mod optics;
-mod reflectance;
+mod support;
 
 #[cfg(feature = "blinn_phong")]
 pub mod blinn_phong;

@@ -7,7 +7,7 @@
 //! - Twin: through the driver, which weights the result of Mitsuba for the material.
 //! - Example: `scenes/materials/mask.toml`.
 
-use crate::reflectance::share;
+use crate::support::reflectance::share;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -50,7 +50,7 @@ impl Plugin<Materials> for Mask {
         if let Some(inner) = &inner
             && inner.flags().intersects(BsdfFlags::TRANSMISSION)
         {
-            let message = "what refracts cannot have holes: a ray would go on in two directions";
+            let message = "a refracting material cannot have holes: a ray would continue in two directions";
             errors
                 .0
                 .push(SceneError::at(config.material.span.clone(), message));

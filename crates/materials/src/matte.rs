@@ -5,7 +5,7 @@
 //! - Twin: Mitsuba `diffuse` in `twosided` (native).
 //! - Example: `scenes/materials/matte.toml`.
 
-use crate::reflectance::reflectance;
+use crate::support::reflectance::reflectance;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::f64::consts::FRAC_1_PI;

@@ -5,8 +5,8 @@
 //! - Twin: Mitsuba `conductor` with `material = "none"` in `twosided` (native).
 //! - Example: `scenes/materials/mirror.toml`.
 
-use crate::optics::reflect;
-use crate::reflectance::reflectance;
+use crate::support::optics::reflect;
+use crate::support::reflectance::reflectance;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;

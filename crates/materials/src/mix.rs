@@ -7,7 +7,7 @@
 //! - Twin: through the driver, which weights the results of Mitsuba for both.
 //! - Example: `scenes/materials/mix.toml`.
 
-use crate::reflectance::share;
+use crate::support::reflectance::share;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -70,16 +70,16 @@ fn one_direction(a: &dyn Material, b: &dyn Material) -> Result<(), &'static str>
     let either = a | b;
     if a.intersects(through) && b.intersects(through) && either.contains(BsdfFlags::TRANSMISSION) {
         return Err(
-            "both materials let rays through, and one of them refracts: they would go on in two directions",
+            "both materials transmit rays, and one of them refracts: a ray would continue in two directions",
         );
     }
     let reflect = a.intersects(BsdfFlags::REFLECTION) && b.intersects(BsdfFlags::REFLECTION);
     if reflect && either.contains(BsdfFlags::NORMAL_MAPPED) {
-        return Err("both materials reflect, by different normals: rays would go on in two directions");
+        return Err("both materials reflect, by different normals: a ray would continue in two directions");
     }
     if reflect && spread {
         return Err(
-            "both materials reflect, and one of them is glossy: rays would go on about two directions",
+            "both materials reflect, and one of them is glossy: a ray would be reflected around two directions",
         );
     }
     Ok(())

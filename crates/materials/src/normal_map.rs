@@ -7,7 +7,7 @@
 //! - Twin: through the driver, which rotates the shading frame that Mitsuba's materials see.
 //! - Example: `scenes/materials/normal_map.toml`.
 
-use crate::detail::{Detail, Detailed, Frame};
+use crate::support::detail::{Detail, Detailed, Frame};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -25,14 +25,13 @@ pub struct Config {
     /// 2 * colour - 1 gives the components along tangent, bitangent and normal. Read images with
     /// `color_space = "linear"`.
     map: TextureRef,
-    /// World-space direction of the tangent, projected onto the surface; [1, 0, 0] if neither
-    /// `tangent` nor `axis` is given.
+    /// World-space direction of the tangent, projected onto the surface.
     #[serde(default)]
-    #[schemars(with = "Vector3")]
+    #[schemars(extend("x-default" = "[1, 0, 0] without `axis`"), with = "Vector3")]
     tangent: Option<Spanned<Vector3>>,
     /// Axis around which the tangent runs, as on a globe; replaces `tangent`.
     #[serde(default)]
-    #[schemars(with = "Vector3")]
+    #[schemars(extend("x-default" = "none"), with = "Vector3")]
     axis: Option<Spanned<Vector3>>,
     /// Material that is shaded with the mapped normal.
     material: MaterialRef,

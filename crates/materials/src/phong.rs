@@ -7,7 +7,7 @@
 //!   `phong` (native).
 //! - Example: `scenes/materials/phong.toml`.
 
-use crate::gloss::{Gloss, Highlight};
+use crate::support::gloss::{Gloss, Highlight};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -30,9 +30,9 @@ pub struct Config {
     /// Exponent of the highlight; larger values make it sharper.
     #[serde(default = "sharp")]
     exponent: Positive,
-    /// Ambient coefficient; a texture or a colour; defaults to `k_d`.
+    /// Ambient coefficient; a texture or a colour.
     #[serde(default)]
-    #[schemars(with = "TextureRef")]
+    #[schemars(extend("x-default" = "that of `k_d`"), with = "TextureRef")]
     k_a: Option<TextureRef>,
 }
 

@@ -8,8 +8,8 @@
 //! - Twin: Mitsuba `thindielectric` (native).
 //! - Example: `scenes/materials/thin_dielectric.toml`.
 
-use crate::optics::{Interface, reflect};
-use crate::reflectance::share;
+use crate::support::optics::{Interface, reflect};
+use crate::support::reflectance::share;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;

@@ -8,8 +8,8 @@
 //! - Twin: through the driver, by the formula; POV-Ray `phong`, `reflection` and a filter (native).
 //! - Example: `scenes/materials/whitted.toml`.
 
-use crate::body::Body;
-use crate::gloss::{Gloss, Highlight};
+use crate::support::body::Body;
+use crate::support::gloss::{Gloss, Highlight};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -34,9 +34,9 @@ pub struct Config {
     /// Exponent of the highlight; larger values make it sharper.
     #[serde(default = "sharp")]
     exponent: Positive,
-    /// Ambient coefficient; a texture or a colour; defaults to `k_d`.
+    /// Ambient coefficient; a texture or a colour.
     #[serde(default)]
-    #[schemars(with = "TextureRef")]
+    #[schemars(extend("x-default" = "that of `k_d`"), with = "TextureRef")]
     k_a: Option<TextureRef>,
     /// Factor on the radiance of the reflected ray; a texture or a colour.
     #[serde(default = "nothing")]

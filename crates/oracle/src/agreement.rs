@@ -1,4 +1,4 @@
-//! //! Compares ray-shape intersections with the oracle.
+//! Compares ray-shape intersections with the oracle.
 
 use crate::naive::{Textbook, textbook};
 use crate::{Nearest, Oracle};

@@ -1,4 +1,4 @@
-//! //! Examples of every shape that the oracle supports, for tests and measurements.
+//! Examples of every shape that the oracle supports, for tests and measurements.
 
 use whitstone_core::DAffine3;
 
@@ -98,11 +98,11 @@ pub const CASES: [Case; 41] = [
     ),
     case(
         "isosurface",
-        "size = [14, 12, 16]\ngenerator = \"metaballs\"\nseed = 4\nballs = 10\nlevel = 0.3",
+        "size = [14, 12, 16]\ngenerator = \"metaballs\"\nseed = 4\nballs = 10\niso_value = 0.3",
     ),
     case(
         "isosurface",
-        "size = [3, 3, 3]\nlevel = 1\nvalues = [0, 1.25, 0, 1, 2, 1, 0, 1.5, 0, 1, 2, 1, 2, 0, 2, 1, 2, 1.125, 0, 1, 0, 1, 2, 1, 0, 1.25, 0]",
+        "size = [3, 3, 3]\niso_value = 1\nvalues = [0, 1.25, 0, 1, 2, 1, 0, 1.5, 0, 1, 2, 1, 2, 0, 2, 1, 2, 1.125, 0, 1, 0, 1, 2, 1, 0, 1.25, 0]",
     ),
     case(
         "implicit",

@@ -8,7 +8,7 @@
 use crate::interval::{Decided, Interval, Undecided};
 use std::cmp::Ordering;
 
-/// Where to split a piece: at the middle, or next to it if the middle may be a root.
+/// Positions to split a piece at: the middle, or a place next to it if the middle may be a root.
 const CUTS: [f64; 4] = [0.5, 0.46875, 0.5625, 0.4140625];
 
 /// Coefficients of the powers, the constant first.

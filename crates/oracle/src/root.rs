@@ -16,9 +16,9 @@ pub struct Root {
     pub enters: bool,
     /// The outward normal, of any length, in double precision.
     pub(crate) normal: DVec3,
-    /// How far the surface moves along the normal, times the length of the normal, for a relative
-    /// change of one of all its inputs. The inputs are the numbers of the shape and of the maps
-    /// from its object space to the current space.
+    /// The distance that the surface moves along the normal, times the length of the normal, for a
+    /// relative change of one of all its inputs. The inputs are the numbers of the shape and of the
+    /// maps from its object space to the current space.
     pub(crate) moves: f64,
     /// The surface parameters here, if the surface is parametric.
     pub(crate) parameters: Option<[f64; 2]>,

@@ -10,7 +10,7 @@
 //! - Twin: Mitsuba through the driver, which traces the same positions in the same rounds.
 //! - Example: `scenes/samplers/adaptive.toml`.
 
-use crate::scrambled;
+use crate::support::scrambled;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use toml::Spanned;
@@ -24,10 +24,9 @@ pub struct Config {
     /// Maximum number of samples per pixel.
     #[serde(default = "most")]
     samples: IntegerIn<1, 65536>,
-    /// Initial samples of every pixel, at most `samples`; if omitted, 8 or `samples`, whichever is
-    /// less.
+    /// Initial samples of every pixel, at most `samples`.
     #[serde(default)]
-    #[schemars(with = "IntegerIn<1, 65536>")]
+    #[schemars(extend("x-default" = format!("{FIRST}, but at most `samples`")), with = "IntegerIn<1, 65536>")]
     initial_samples: Option<Spanned<IntegerIn<1, 65536>>>,
     /// Sampling of a pixel stops when its estimated error, a radiance in W/(m² sr), is at most
     /// this; greater than 0.
@@ -113,7 +112,7 @@ mod tests {
         for text in [
             "",
             "samples = 1",
-            "samples = 1000\nfirst = 16",
+            "samples = 1000\ninitial_samples = 16",
             "threshold = 1e-9\nseed = 3",
         ] {
             random_sampler_laws(&*build::<Samplers, Adaptive>(text, ()).unwrap());
@@ -142,7 +141,7 @@ mod tests {
     #[test]
     fn faults_are_refused_at_their_places() {
         for (text, place) in [
-            ("samples = 8\nfirst = 9", "9"),
+            ("samples = 8\ninitial_samples = 9", "9"),
             ("threshold = 0", "0"),
             ("samples = 0", "0"),
             ("initial_samples = 65537", "65537"),

@@ -10,13 +10,14 @@
 use whitstone_core::hash::mix;
 use whitstone_core::{DuplicateType, Registry, Samplers};
 
+mod support;
+
 #[cfg(feature = "adaptive")]
 pub mod adaptive;
 #[cfg(feature = "center")]
 pub mod center;
 #[cfg(feature = "grid")]
 pub mod grid;
-mod scrambled;
 #[cfg(feature = "sobol")]
 pub mod sobol;
 #[cfg(feature = "stratified")]

@@ -5,7 +5,7 @@
 //! - Twin: Mitsuba, through the driver, which traces the same positions.
 //! - Example: `scenes/samplers/sobol.toml`.
 
-use crate::scrambled;
+use crate::support::scrambled;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::config::IntegerIn;
@@ -62,7 +62,7 @@ impl Sampler for Sobol {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scrambled::second;
+    use crate::support::scrambled::second;
     use std::collections::BTreeSet;
     use whitstone_testkit::{build, random_sampler_laws};
 

@@ -97,7 +97,7 @@ impl Adaptive {
     ) {
         let tallies = std::mem::take(&mut *self.tallies.lock().unwrap_or_else(PoisonError::into_inner));
         let nears: Vec<f64> = (active.iter())
-            .map(|pixel| self.near(*pixel, |beside| tallies[self.place(beside)].first_range))
+            .map(|pixel| self.near(*pixel, |neighbour| tallies[self.place(neighbour)].first_range))
             .collect();
         let mut near = vec![0.0; tallies.len()];
         for (pixel, range) in active.iter().zip(nears) {
@@ -173,8 +173,8 @@ impl Adaptive {
         let first = 0..self.rule.first * lens;
         // Rays of the neighbours do not count as rays of this pixel.
         let mut aside = Scratch::default();
-        let near = self.near(pixel, |beside| {
-            tally_of(beside, first.clone(), Tally::NOTHING, &mut aside).range()
+        let near = self.near(pixel, |neighbour| {
+            tally_of(neighbour, first.clone(), Tally::NOTHING, &mut aside).range()
         });
         let mut tally = tally_of(pixel, first, Tally::NOTHING, scratch);
         let (mut taken, count) = (self.rule.first, pipeline.sampler.count());

@@ -59,7 +59,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_kept_is_recalled_by_all_parts_of_its_name() {
+    fn an_entry_is_found_only_by_all_parts_of_its_key() {
         let folder = tempfile::tempdir().unwrap();
         let inner = folder.path().join("a/b");
         let cache = cache(&inner);
@@ -82,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_broken_is_not_recalled_and_is_made_anew() {
+    fn a_damaged_entry_is_ignored_and_rewritten() {
         let folder = tempfile::tempdir().unwrap();
         let cache = cache(folder.path());
         cache.keep(&PARTS, MADE);
@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_that_cannot_be_made_is_no_error() {
+    fn a_folder_that_cannot_be_created_is_no_error() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("file");
         fs::write(&file, "").unwrap();

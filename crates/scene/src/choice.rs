@@ -15,7 +15,7 @@ pub(crate) const BRUTE_FORCE: &str = "brute_force";
 const TRIANGLE_COST: usize = 4;
 
 /// Cost of an instance of a group: mostly the test of its box.
-const COPY_COST: usize = 4;
+const INSTANCE_COST: usize = 4;
 
 /// The type to use, and the reason.
 pub(crate) fn choose_accelerator(
@@ -28,21 +28,27 @@ pub(crate) fn choose_accelerator(
     }
     let cost = |element: Element| match (element, &geometry.shapes()[element.shape() as usize]) {
         (Element::Triangle { .. }, _) => TRIANGLE_COST,
-        (_, LoweredShape::Instance(_)) => COPY_COST,
+        (_, LoweredShape::Instance(_)) => INSTANCE_COST,
         (Element::Opaque { .. }, _) => 1,
     };
     let elements = geometry.elements().take(BRUTE_FORCE_LIMIT + 1);
     let cost: usize = elements.map(cost).sum();
     let few = cost <= BRUTE_FORCE_LIMIT;
     let (wanted, why) = if few {
-        (BRUTE_FORCE, "few elements: trying each is fastest".to_owned())
+        (
+            BRUTE_FORCE,
+            "few elements: testing each one is fastest".to_owned(),
+        )
     } else {
-        ("bvh", "too many elements to try each".to_owned())
+        ("bvh", "too many elements to test each one".to_owned())
     };
     let other = if few { "bvh" } else { BRUTE_FORCE };
     let available = |name: &str| registry.get(FamilyName::Accelerator, name).is_ok();
     if !available(wanted) && available(other) {
-        (other.to_owned(), format!("\"{wanted}\" is not built in"))
+        (
+            other.to_owned(),
+            format!("this program was built without \"{wanted}\""),
+        )
     } else {
         (wanted.to_owned(), why)
     }

@@ -41,10 +41,10 @@ impl Pipeline {
             ));
         }
         let shapes = self.scene.materials.len();
-        let having = |lobes: BsdfFlags| {
+        let having = |flags: BsdfFlags| {
             let materials = self.scene.materials.iter();
             materials
-                .filter(|material| material.flags().intersects(lobes))
+                .filter(|material| material.flags().intersects(flags))
                 .count()
         };
         let lit = having(BsdfFlags::LOCAL);
@@ -68,18 +68,21 @@ impl Pipeline {
             let kinds: BTreeSet<&str> = self.textures.iter().map(|(kind, _)| kind.as_str()).collect();
             let kinds: Vec<&str> = kinds.into_iter().collect();
             let work = format!(
-                "{}: looked up at hits, and by the lights that show them",
+                "{}: looked up at hits, and by lights that use them",
                 kinds.join(", ")
             );
-            let told = self.textures.iter().map(|(_, texture)| texture.bytes());
-            let told: Option<Vec<TextureBytes>> = told.collect();
-            let sum = |of: fn(&TextureBytes) -> u64| told.as_ref().map(|told| told.iter().map(of).sum());
+            let reported = self.textures.iter().map(|(_, texture)| texture.bytes());
+            let reported: Option<Vec<TextureBytes>> = reported.collect();
+            let sum = |of: fn(&TextureBytes) -> u64| {
+                reported.as_ref().map(|reported| reported.iter().map(of).sum())
+            };
             costs.push(cost("textures", sum(|bytes| bytes.texels), work));
             let levels: Option<u64> = sum(|bytes| bytes.levels);
             if self.scene.reads_footprints() {
                 let work = "coarser levels of textures, read by filters".to_owned();
                 costs.push(cost("texture levels", levels, work));
-                let work = "how far apart neighbouring rays are: at each hit of what is filtered, and where rays go on";
+                let work =
+                    "ray differentials, computed at each hit of a filtered texture and for each specular ray";
                 costs.push(cost("footprints of rays", Some(0), work.to_owned()));
             }
         }
@@ -90,7 +93,7 @@ impl Pipeline {
         let size = self.film.size;
         let pixels = u64::from(size.width) * u64::from(size.height);
         let samples = u64::from(self.samples());
-        let work = format!("{} rays from the camera, {samples} a pixel", pixels * samples);
+        let work = format!("{} camera rays, {samples} per pixel", pixels * samples);
         cost("film", Some(self.film.bytes()), work)
     }
 
@@ -141,9 +144,11 @@ fn structure(part: &str, kind: &str, (geometry, accelerator): (&Geometry, &dyn A
     let elements = geometry.elements().count();
     let work = match statistics.get("sah_cost") {
         Some(tests) => {
-            format!("{kind}: about {tests:.1} tests for a ray that crosses it all, of {elements} elements")
+            format!(
+                "{kind}: about {tests:.1} tests for a ray through the whole structure, of {elements} elements"
+            )
         }
-        None if kind == "brute_force" => format!("{kind}: {elements} tests a ray"),
+        None if kind == "brute_force" => format!("{kind}: {elements} tests per ray"),
         None => format!("{kind}: over {elements} elements"),
     };
     let bytes = statistics.get("bytes").map_or(0, |bytes| *bytes as u64);

@@ -254,12 +254,17 @@ impl<'s> Description<'s> {
         let shapes = reader.shapes(merged.remove("shape"));
         let groups = reader.groups(merged.remove("group"));
         // Drop flattening errors at positions already reported by the typed reader.
-        let told: BTreeSet<_> = errors
+        let reported: BTreeSet<_> = errors
             .0
             .iter()
             .filter_map(|error| Some(error.span.as_ref()?.start))
             .collect();
-        let news = |error: &SceneError| error.span.as_ref().is_none_or(|span| !told.contains(&span.start));
+        let news = |error: &SceneError| {
+            error
+                .span
+                .as_ref()
+                .is_none_or(|span| !reported.contains(&span.start))
+        };
         errors.0.extend(not_flat.0.into_iter().filter(news));
         let description = Self {
             sources,
@@ -304,10 +309,7 @@ impl<'s> Reader<'_, 's> {
             other => {
                 self.error(
                     span,
-                    format!(
-                        "expected a table, that of the {what}, found {}",
-                        type_name(&other)
-                    ),
+                    format!("expected the table of the {what}, found {}", type_name(&other)),
                 );
                 None
             }
@@ -328,14 +330,14 @@ impl<'s> Reader<'_, 's> {
         {
             self.error(
                 at.span(),
-                format!("{width} x {height} is more than {MAX_PIXELS} pixels"),
+                format!("expected at most {MAX_PIXELS} pixels, found {width} x {height}"),
             );
             return None;
         }
         let mut aovs = Vec::new();
         for aov in raw.aovs {
             if aovs.contains(aov.get_ref()) {
-                self.error(aov.span(), "this layer is already in the list");
+                self.error(aov.span(), "this layer occurs twice in the list");
             } else {
                 aovs.push(aov.into_inner());
             }
@@ -355,7 +357,7 @@ impl<'s> Reader<'_, 's> {
         let expect: Expect = self.errors.take(decode(&table))?;
         let changes = expect.rel_rmse_interior.is_some() || expect.explained.is_some();
         if changes && expect.reason.is_none() {
-            self.error(table.span(), "a changed limit needs its `reason`");
+            self.error(table.span(), "a changed limit needs a `reason`");
         }
         Some(expect)
     }
@@ -431,7 +433,7 @@ impl<'s> Reader<'_, 's> {
             DeValue::String(text) if matches!(PluginRef::from(text.as_ref()), PluginRef::Inline(_)) => {
                 self.error(
                     span.clone(),
-                    "a text must not begin with the control character U+0001",
+                    "a string must not begin with the control character U+0001",
                 );
                 DeValue::String(FAULTY_INLINE.clone().into())
             }
@@ -509,7 +511,7 @@ impl<'s> Reader<'_, 's> {
             {
                 self.error(
                     span.clone(),
-                    format!("the id \"{id}\" is already that of shape {first}"),
+                    format!("the id \"{id}\" is already used by shape {first}"),
                 );
             }
             let material = plugin.table.get_mut().remove("material");
@@ -552,7 +554,7 @@ impl<'s> Reader<'_, 's> {
             let shapes = self.shapes(table.get_mut().remove("shape"));
             for key in table.get_ref().keys() {
                 let error = SceneError::at(key.span(), format!("unknown key `{}`", key.get_ref()));
-                let help = "a group has the keys accelerator and shape";
+                let help = "known keys are `accelerator`, `shape`";
                 self.errors.0.push(error.with_help(help));
             }
             if shapes.is_empty() && self.errors.0.len() == errors {

@@ -145,7 +145,7 @@ fn unknown_top_level(key: &Spanned<Cow<'_, str>>) -> SceneError {
     let error = SceneError::at(key.span(), format!("unknown table `{}`", key.get_ref()));
     error.with_help(match nearest_top_level(key.get_ref()) {
         Some(name) => format!("did you mean `{name}`?"),
-        None => format!("a scene has the tables {}", TOP_LEVEL.join(", ")),
+        None => format!("known tables are {}", TOP_LEVEL.join(", ")),
     })
 }
 
@@ -238,7 +238,7 @@ fn apply<'s>(
     }
     let (first_span, first) = keys[0].clone();
     if first == "include" {
-        let error = SceneError::at(first_span, "files are included by scene files, not by overrides");
+        let error = SceneError::at(first_span, "`include` cannot be set by an override");
         return Err(error);
     }
     if !TOP_LEVEL.contains(&first) {

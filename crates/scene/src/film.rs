@@ -88,7 +88,7 @@ pub(crate) struct SampleMemory {
     pub scratch: Scratch,
     rays: Box<RayStream>,
     /// The offset camera rays, for ray differentials.
-    beside: Optional<[RayStream; 2]>,
+    neighbours: Optional<[RayStream; 2]>,
     raster: Box<Raster>,
     radiance: Box<Colors>,
     hits: Box<HitStream>,
@@ -305,7 +305,7 @@ impl Pipeline {
         let SampleMemory {
             scratch,
             rays,
-            beside,
+            neighbours,
             raster,
             radiance,
             ..
@@ -318,7 +318,7 @@ impl Pipeline {
             }
             self.camera.lens_stream(&raster.0, sample % lens, rays);
             if let Some(scale) = self.sample_distance() {
-                rays.differential_from_camera(&*self.camera, &raster.0, sample % lens, scale, beside);
+                rays.differential_from_camera(&*self.camera, &raster.0, sample % lens, scale, neighbours);
             }
             match &self.object_order {
                 None => self

@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn groups_in_use_are_built_inside_out_and_numbered_by_id() {
+    fn groups_in_use_are_built_innermost_first_and_numbered_by_id() {
         let text = r#"
             [[shape]]
             type = "instance"
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn nesting_may_be_sixteen_deep_whichever_way_it_is_reached() {
+    fn nesting_may_be_sixteen_deep_on_every_path() {
         let chain = |deepest: usize| {
             let link = |k: usize| {
                 format!(

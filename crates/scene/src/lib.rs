@@ -1,5 +1,5 @@
-//! Turns a scene file into a picture, in steps with a type each: [`Sources`] (text) ->
-//! [`Description`] (tables) -> [`Plan`] (what is needed) -> [`Pipeline`] (built) -> [`Film`]
+//! Turns a scene file into an image, in steps with one type each: [`Sources`] (text) ->
+//! [`Description`] (tables) -> [`Plan`] (required parts) -> [`Pipeline`] (built) -> [`Film`]
 //! (rendered).
 //!
 //! This crate depends on the plugin registry, not on the plugins.

@@ -17,7 +17,7 @@ pub(crate) fn prioritized(plan: &Plan<'_, '_>, materials: &[Arc<dyn Material>], 
     for (count, (number, (shape, _))) in bodies.enumerate() {
         let place = shape.material.as_ref().map(|(span, _)| span.clone());
         let message = if number >= alone {
-            "a shape in a group must not have a priority: all of its copies would be one body".to_owned()
+            "a shape in a group must not have a priority: all its instances would be one body".to_owned()
         } else if count == NestedDielectrics::MOST {
             format!(
                 "expected at most {} shapes with a priority, found more",
@@ -35,7 +35,7 @@ pub(crate) fn prioritized(plan: &Plan<'_, '_>, materials: &[Arc<dyn Material>], 
 
 /// Checks that the number of glossy reflection rays stays limited. `materials` are those of all
 /// shapes, if there are no errors.
-pub(crate) fn ending(
+pub(crate) fn glossy_rays(
     plan: &Plan<'_, '_>,
     materials: &[Arc<dyn Material>],
     integrator: &dyn Integrator,
@@ -44,7 +44,7 @@ pub(crate) fn ending(
     if !errors.0.is_empty() {
         return;
     }
-    let mut told: Vec<SourceSpan> = Vec::new();
+    let mut reported: Vec<SourceSpan> = Vec::new();
     for (shape, material) in plan.shapes().into_iter().zip(materials) {
         let Some((place, _)) = shape.material.as_ref().filter(|_| material.reflections() > 1) else {
             continue;
@@ -52,19 +52,20 @@ pub(crate) fn ending(
         let directions = material.reflections();
         let bounces = integrator.max_split_depth(directions);
         let rays = |bounces: u32| f64::from(directions).powf(f64::from(bounces));
-        if rays(bounces) <= MOST_REFLECTIONS || told.contains(place) {
+        if rays(bounces) <= MOST_REFLECTIONS || reported.contains(place) {
             continue;
         }
-        told.push(place.clone());
-        let message =
-            format!("a camera ray may become {directions}^{bounces} rays by this material, more than 2^24");
+        reported.push(place.clone());
+        let message = format!(
+            "with this material one camera ray may become {directions}^{bounces} rays, more than 2^24"
+        );
         let most = (1..bounces)
             .take_while(|bounces| rays(*bounces) <= MOST_REFLECTIONS)
             .count() as u32;
         // The smallest power of ten for which one more bounce is skipped.
         let power = rays(most + 1).log10().floor();
         let help = format!(
-            "let `max_depth` of the integrator be at most {most}, its `min_contribution` at least 1e-{power}, or `samples` be less"
+            "set `max_depth` of the integrator to at most {most} or its `min_contribution` to at least 1e-{power}, or reduce `samples`"
         );
         errors
             .0

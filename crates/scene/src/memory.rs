@@ -60,16 +60,16 @@ impl Memory {
         };
         let gib = |bytes: u64| bytes as f64 / (1u64 << 30) as f64;
         let what = if self.measured {
-            "this machine has left"
+            "the memory that this machine has available"
         } else {
             "the limit"
         };
         let message = format!(
-            "with this the scene needs about {:.3} GiB of memory, more than {what}: {:.3} GiB",
+            "with this part, the scene needs about {:.3} GiB of memory, more than {what}: {:.3} GiB",
             gib(needed),
             gib(limit)
         );
-        let help = "--max-memory sets another limit, in GiB";
+        let help = "set another limit with `--max-memory`, in GiB";
         Err(SceneError::anywhere(message).with_help(help))
     }
 }
@@ -87,7 +87,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_does_not_fit_is_refused_and_what_was_built_is_counted() {
+    fn allocations_beyond_the_limit_are_rejected_and_kept_memory_is_counted() {
         let mut memory = Memory::new(Some(1000 << 10));
         memory.take(400 << 10).unwrap();
         // The construction needs more than what remains.
@@ -96,7 +96,7 @@ mod tests {
         let error = memory.take_structure(3000).unwrap_err();
         assert_eq!(
             error.message,
-            "with this the scene needs about 0.001 GiB of memory, more than the limit: 0.001 GiB"
+            "with this part, the scene needs about 0.001 GiB of memory, more than the limit: 0.001 GiB"
         );
         memory.take(1 << 10).unwrap();
         memory.take(u64::MAX).unwrap_err();
@@ -104,7 +104,7 @@ mod tests {
 
     #[cfg(target_os = "linux")]
     #[test]
-    fn the_machine_says_what_is_left() {
+    fn the_available_memory_is_known() {
         let bytes = available().unwrap();
         assert!(bytes > 1 << 20);
     }

@@ -8,10 +8,10 @@ use whitstone_core::{LoweredShape, SceneError, SceneErrors, Shape, Transform};
 const MAX_NESTING: usize = 16;
 
 /// Keys of shapes that operands do not have, and the reasons.
-const NOT_HERE: [(&str, &str); 3] = [
+const FORBIDDEN_KEYS: [(&str, &str); 3] = [
     ("material", "the whole shape has one material"),
-    ("id", "only the whole shape can have a name"),
-    ("group", "a copy of a group bounds no volume"),
+    ("id", "only the whole shape can have an id"),
+    ("group", "an instance of a group bounds no volume"),
 ];
 
 /// The nesting depth of the operand that is being built.
@@ -35,9 +35,9 @@ impl Operands {
         }
         let mut plugin = table.clone();
         let mut errors = SceneErrors::default();
-        for (key, why) in NOT_HERE {
+        for (key, why) in FORBIDDEN_KEYS {
             if let Some((found, _)) = plugin.table.get_mut().remove_entry(key) {
-                let error = SceneError::at(found.span(), format!("an operand has no `{key}`"));
+                let error = SceneError::at(found.span(), format!("an operand must not have the key `{key}`"));
                 errors.0.push(error.with_help(why));
             }
         }
@@ -50,7 +50,7 @@ impl Operands {
             let placed = around.after(&own);
             if placed.is_none() {
                 let span = value.as_ref().map_or(operand.span.clone(), |value| value.span());
-                let message = "the transform is singular together with that of the whole shape";
+                let message = "the transform is singular when combined with that of the whole shape";
                 errors.0.push(SceneError::at(span, message));
             }
             placed
@@ -67,8 +67,8 @@ impl Operands {
 
 /// The error that an operand must be written inline.
 pub(crate) fn no_id(operand: &SolidRef) -> SceneError {
-    let error = SceneError::at(operand.span.clone(), "expected a shape, found a text");
-    error.with_help("an operand is written where it stands: { type = \"sphere\" }")
+    let error = SceneError::at(operand.span.clone(), "expected a shape, found a string");
+    error.with_help("write the operand as an inline table: { type = \"sphere\" }")
 }
 
 /// The built shape, if it bounds a volume.

@@ -40,7 +40,7 @@ pub struct Pipeline {
     /// The visibility of all objects, computed before rendering, if the integrator is an
     /// object-order method.
     pub object_order: Option<Box<dyn ObjectOrder>>,
-    /// The world that it renders.
+    /// The scene that it renders.
     pub scene: Scene,
     /// Hash of the flattened scene.
     pub scene_hash: String,
@@ -136,7 +136,7 @@ impl Pipeline {
             limits::prioritized(plan, &materials, &mut errors);
         }
         if let Some(integrator) = &integrator {
-            limits::ending(plan, &materials, &**integrator, &mut errors);
+            limits::glossy_rays(plan, &materials, &**integrator, &mut errors);
         }
         let complete = builder.groups(plan, &mut errors);
         let seen = Seen {
@@ -335,8 +335,8 @@ impl<'d, 's> Builder<'d, 's, '_> {
         for shape in plan.shapes() {
             if shape.group.is_some() {
                 if let Some((span, _)) = &shape.material {
-                    let error = SceneError::at(span.clone(), "an instance has no material of its own");
-                    let help = "the shapes of its group bring theirs";
+                    let error = SceneError::at(span.clone(), "an instance must not have a `material`");
+                    let help = "set the materials of the shapes in its group";
                     errors.0.push(error.with_help(help));
                 }
                 materials.push(None);
@@ -407,16 +407,20 @@ impl<'d, 's> Builder<'d, 's, '_> {
         if shapes.len() < tables.len() {
             return None;
         }
-        let (geometry, light_margin) = self.draw_apart(Geometry::new(shapes), tables, first_shape, seen);
+        let (geometry, light_margin) =
+            self.separate_coincident(Geometry::new(shapes), tables, first_shape, seen);
         let geometry = Arc::new(geometry);
         if geometry.paths() > u64::from(u32::MAX)
             && let Some(place) = tables.iter().find_map(|shape| shape.group.as_ref())
         {
-            let message = format!("copies of copies multiply to {:e}", geometry.paths() as f64);
+            let message = format!(
+                "nested instances multiply to {:e} instances",
+                geometry.paths() as f64
+            );
             let error = SceneError::at(place.span.clone(), message);
-            errors
-                .0
-                .push(error.with_help("at most 4294967295 can be told apart"));
+            errors.0.push(
+                error.with_help("at most 4294967295 are possible: nest fewer groups, or use fewer instances"),
+            );
             return None;
         }
         let (name, why) = choose_accelerator(accelerator, &geometry, self.registry);
@@ -445,14 +449,14 @@ impl<'d, 's> Builder<'d, 's, '_> {
 
     /// Separates coincident surfaces by small gaps. Returns by how much shadow rays are shortened
     /// before lights.
-    fn draw_apart(
+    fn separate_coincident(
         &mut self,
         geometry: Geometry,
         tables: &[ShapeTable<'s>],
         first_shape: u32,
         seen: &Seen<'_>,
     ) -> (Geometry, f64) {
-        let anew = |number: usize, moved: &dyn Fn(&Transform) -> Option<Transform>| {
+        let rebuild = |number: usize, moved: &dyn Fn(&Transform) -> Option<Transform>| {
             let table = tables.get(number)?;
             // Warnings of the shape have already been reported.
             let warnings = self.warnings.len();
@@ -460,7 +464,7 @@ impl<'d, 's> Builder<'d, 's, '_> {
             self.warnings.truncate(warnings);
             built.ok()
         };
-        let (geometry, found) = coincident::draw_apart(geometry, seen, anew);
+        let (geometry, found) = coincident::separate(geometry, seen, rebuild);
         self.coincident_unknown.extend(found.not_examined);
         let in_scene = |pair: Coincidence| Coincidence {
             shapes: pair.shapes.map(|shape| shape + first_shape),
@@ -505,7 +509,7 @@ impl<'d, 's> Builder<'d, 's, '_> {
             .filter(|id| !self.materials.contains_key(&Key::Shared((*id).clone())))
             .map(|id| LeftOut {
                 what: format!("material \"{id}\""),
-                why: "no shape has it".to_owned(),
+                why: "no shape uses it".to_owned(),
             })
             .collect()
     }
@@ -517,7 +521,7 @@ impl<'d, 's> Builder<'d, 's, '_> {
             .filter(|id| !self.textures.contains_key(&Key::Shared((*id).clone())))
             .map(|id| LeftOut {
                 what: format!("texture \"{id}\""),
-                why: "nothing in use names it".to_owned(),
+                why: "nothing in use refers to it".to_owned(),
             })
             .collect()
     }
@@ -616,8 +620,7 @@ impl Context for Builder<'_, '_, '_> {
     fn material(&mut self, reference: &MaterialRef) -> Result<Arc<dyn Material>, SceneErrors> {
         let material = self.shared_material(&reference.material, &reference.span)?;
         if material.prioritized().is_some() {
-            let message =
-                "a material with a priority must be that of a shape, not a part of another material";
+            let message = "a material with a priority must belong to a shape, not to another material";
             return Err(SceneError::at(reference.span.clone(), message).into());
         }
         Ok(material)
@@ -649,7 +652,7 @@ impl Context for Builder<'_, '_, '_> {
     fn triangles(&mut self, file: &FilePath, transform: &Transform) -> Result<TriangleMesh, SceneErrors> {
         match self.plugin::<Shapes>(&PluginTable::of_file("mesh", file, &[]), *transform)? {
             LoweredShape::Triangles(mesh) => Ok(mesh),
-            _ => Err(SceneError::at(file.span.clone(), "expected a mesh of triangles").into()),
+            _ => Err(SceneError::at(file.span.clone(), "expected a triangle mesh").into()),
         }
     }
 

@@ -76,7 +76,7 @@ impl<'d, 's> Plan<'d, 's> {
             .filter(unplaced)
             .map(|id| LeftOut {
                 what: format!("group \"{id}\""),
-                why: "no instance places it".to_owned(),
+                why: "no instance uses it".to_owned(),
             })
             .collect();
         let plan = Self {

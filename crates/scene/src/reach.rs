@@ -1,4 +1,4 @@
-//! Finds lights that reach no surface that could reflect them.
+//! Finds lights that reach no surface with local illumination.
 
 use crate::{LeftOut, PluginTable};
 use std::sync::Arc;
@@ -32,7 +32,7 @@ pub(crate) fn leave_out_lights(
             || receivers.iter().any(|bounds| light.affects_bounds(bounds));
         if !kept {
             let why = if receivers.is_empty() {
-                "no material in use reflects light by itself"
+                "no material in use has local illumination"
             } else {
                 "it reaches no surface that reflects light"
             };

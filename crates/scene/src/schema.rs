@@ -26,7 +26,7 @@ pub fn scene_schema(registry: &Registry) -> Value {
         }
         if family == FamilyName::Accelerator {
             choices.push(object(
-                "Leaves the choice to the program; `whitstone explain` says why it chose what it did.",
+                "Chosen by the program; `whitstone explain` reports the choice and its reason.",
                 json!({ "type": { "const": "auto" } }),
                 &["type"],
             ));
@@ -91,23 +91,23 @@ fn top_level() -> Value {
     let list = |family: FamilyName, text: &str| json!({ "description": text, "type": "array", "items": reference(family.singular()) });
     json!({
         "include": {
-            "description": "Scene files whose tables are taken over, relative to this file.",
+            "description": "Scene files to include; paths are relative to this file.",
             "anyOf": [{ "type": "string" }, { "type": "array", "items": { "type": "string" } }],
         },
         "film": film(),
-        "camera": one(FamilyName::Camera, "How to look; required in the scene as a whole."),
-        "sampler": one(FamilyName::Sampler, "Where in a pixel; \"center\" if left out."),
-        "integrator": one(FamilyName::Integrator, "What to compute; \"whitted\" if left out."),
+        "camera": one(FamilyName::Camera, "The camera; required in the scene, in this file or an included one."),
+        "sampler": one(FamilyName::Sampler, "Sample positions in a pixel; \"center\" if omitted."),
+        "integrator": one(FamilyName::Integrator, "The rendering method; \"whitted\" if omitted."),
         "accelerator": one(
             FamilyName::Accelerator,
-            "How to find hits; without effect on the image; \"auto\" if left out.",
+            "The acceleration structure, which does not affect the image; \"auto\" if omitted.",
         ),
         "light": list(FamilyName::Light, "Lights."),
         "texture": by_id(FamilyName::Texture, "Shared textures by id."),
         "material": by_id(FamilyName::Material, "Shared materials by id."),
-        "shape": list(FamilyName::Shape, "Shapes; their place in the file is their shape_id."),
+        "shape": list(FamilyName::Shape, "Shapes; the index of a shape is its `shape_id`."),
         "group": {
-            "description": "Groups of shapes by id, for shapes of type \"instance\" to place.",
+            "description": "Groups of shapes by id, instantiated by shapes of type \"instance\".",
             "type": "object",
             "additionalProperties": group(),
         },
@@ -117,10 +117,10 @@ fn top_level() -> Value {
 
 fn group() -> Value {
     object(
-        "Shapes in a space of their own.",
+        "A group of shapes, with its own coordinate space.",
         json!({
             "accelerator": {
-                "description": "How to find hits in it; without effect on the image; \"auto\" if left out.",
+                "description": "The acceleration structure of the group, which does not affect the image; \"auto\" if omitted.",
                 "allOf": [reference(FamilyName::Accelerator.singular())],
             },
             "shape": {
@@ -139,10 +139,10 @@ fn film() -> Value {
     object(
         "The image.",
         json!({
-            "width": pixels("Columns."),
-            "height": pixels("Rows."),
+            "width": pixels("Number of columns."),
+            "height": pixels("Number of rows."),
             "aovs": {
-                "description": "Layers to write beside the radiance.",
+                "description": "Layers to write in addition to the radiance.",
                 "type": "array",
                 "uniqueItems": true,
                 "items": { "enum": ["depth", "normal", "uv", "shape_id", "primitive_id"] },
@@ -154,10 +154,10 @@ fn film() -> Value {
 
 fn expect() -> Value {
     object(
-        "Where validation must allow other numbers than the default limits, and why.",
+        "Validation limits that differ from the defaults, with the reason.",
         json!({
             "rel_rmse_interior": {
-                "description": "Largest rel_rmse_interior that passes.",
+                "description": "Largest `rel_rmse_interior` that passes.",
                 "type": "number",
                 "exclusiveMinimum": 0,
             },
@@ -167,7 +167,7 @@ fn expect() -> Value {
                 "minimum": 0,
                 "maximum": u32::MAX,
             },
-            "reason": { "description": "Required with any of the others.", "type": "string" },
+            "reason": { "description": "Why the limits differ; required with any other key.", "type": "string" },
         }),
         &[],
     )
@@ -176,16 +176,16 @@ fn expect() -> Value {
 fn transform_step() -> Value {
     let numbers = |count: usize| json!({ "type": "array", "items": { "type": "number" }, "minItems": count, "maxItems": count });
     let rotate = object(
-        "Counter-clockwise looking against the axis.",
+        "Rotation, counter-clockwise when the axis points towards the viewer.",
         json!({ "axis": numbers(3), "degrees": { "type": "number" } }),
         &["axis", "degrees"],
     );
     let matrix = json!({ "type": "array", "items": numbers(4), "minItems": 3, "maxItems": 3 });
     let scale = json!({ "anyOf": [{ "type": "number" }, numbers(3)] });
     json!({ "oneOf": [
-        object("Moves, in metres.", json!({ "translate": numbers(3) }), &["translate"]),
-        object("Scales, alike or by axis.", json!({ "scale": scale }), &["scale"]),
-        object("Turns.", json!({ "rotate": rotate }), &["rotate"]),
+        object("Translates, in metres.", json!({ "translate": numbers(3) }), &["translate"]),
+        object("Scales, uniformly or per axis.", json!({ "scale": scale }), &["scale"]),
+        object("Rotates.", json!({ "rotate": rotate }), &["rotate"]),
         object("Three rows of an affine matrix.", json!({ "matrix": matrix }), &["matrix"]),
     ] })
 }
@@ -196,7 +196,7 @@ fn common_keys(family: FamilyName) -> Value {
         FamilyName::Shape => json!({
             "id": { "description": "A name, unique among the shapes.", "type": "string" },
             "material": {
-                "description": "Id of a shared material, or a material; matte grey if left out.",
+                "description": "Id of a shared material, or an inline material; grey `matte` if omitted.",
                 "anyOf": [{ "type": "string" }, reference(FamilyName::Material.singular())],
             },
             "transform": {

@@ -294,7 +294,7 @@ impl Loader {
         if self.open.len() >= MAX_DEPTH || self.sources.files.len() >= MAX_FILES {
             return self.fail(
                 at,
-                format!("too many includes: at most {MAX_DEPTH} deep and {MAX_FILES} in all"),
+                format!("too many includes: expected at most {MAX_DEPTH} levels and {MAX_FILES} files"),
             );
         }
         match read_text(&path) {
@@ -328,7 +328,7 @@ impl Loader {
         let start = self.sources.end;
         let so_far: usize = self.sources.files.iter().map(|source| source.padded.len()).sum();
         let text = if so_far + start + text.len() > MAX_PADDED_BYTES {
-            let problem = format!("\"{name}\": the files of this scene are too large together");
+            let problem = format!("\"{name}\": the files of this scene are too large in total");
             self.fail(None, problem);
             ""
         } else {

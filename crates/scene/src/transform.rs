@@ -39,7 +39,7 @@ pub fn parse(value: &Value<'_>) -> Result<Transform, SceneErrors> {
     if transform.is_none() && errors.0.is_empty() {
         errors
             .0
-            .push(SceneError::at(value.span(), SINGULAR).with_help("every scale must be other than 0"));
+            .push(SceneError::at(value.span(), SINGULAR).with_help("every scale factor must be nonzero"));
     }
     errors.into_result(transform.unwrap_or(Transform::IDENTITY))
 }
@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn faults_are_at_their_places() {
+    fn errors_are_reported_at_their_positions() {
         let text = "[{ scale = 0 }]";
         assert_eq!(parse_text(text).unwrap_err().0[0].span, Some(0..text.len()));
         let text = "[{ shift = [1, 2, 3] }, { translate = [1, 2] }, 7]";

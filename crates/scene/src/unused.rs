@@ -35,7 +35,7 @@ impl LookedUp {
             } else if texture.constant().is_none() {
                 left_out.push(LeftOut {
                     what: id.map_or_else(|| format!("a texture, {kind}"), |id| format!("texture \"{id}\"")),
-                    why: "nothing looks it up once the scene is built".to_owned(),
+                    why: "not used after the scene is built".to_owned(),
                 });
             }
         }
@@ -50,10 +50,10 @@ pub(crate) fn unused_parts(
     materials: &[Arc<dyn Material>],
     integrator: &dyn Integrator,
 ) -> Vec<LeftOut> {
-    let any = |lobes| {
+    let any = |flags| {
         materials
             .iter()
-            .any(|material| material.flags().intersects(lobes))
+            .any(|material| material.flags().intersects(flags))
     };
     let mut parts = Vec::new();
     let mut leave_out = |what: &str, why: &str| {
@@ -66,9 +66,9 @@ pub(crate) fn unused_parts(
         .iter()
         .any(|light| light.flags().contains(LightFlags::SAMPLES));
     if !any(BsdfFlags::LOCAL) {
-        leave_out("shadow rays", "no material in use reflects light by itself");
+        leave_out("shadow rays", "no material in use has local illumination");
     } else if !sampled {
-        leave_out("shadow rays", "no light shines from a place or a direction");
+        leave_out("shadow rays", "no light has a position or a direction");
     }
     if !integrator.follows_branches() {
         leave_out(
@@ -77,10 +77,10 @@ pub(crate) fn unused_parts(
         );
     } else {
         if !any(BsdfFlags::REFLECTION) {
-            leave_out("reflected rays", "no material in use mirrors");
+            leave_out("reflected rays", "no material in use reflects specularly");
         }
         if !any(BsdfFlags::TRANSMISSION | BsdfFlags::NULL) {
-            leave_out("refracted rays", "no material in use transmits");
+            leave_out("refracted rays", "no material in use transmits light");
         }
     }
     let needs = materials
@@ -92,10 +92,10 @@ pub(crate) fn unused_parts(
         leave_out("texture coordinates", "no texture in use reads them");
     }
     if !needs.contains(SurfaceAttributes::FOOTPRINT) {
-        leave_out("footprints of rays", "no texture in use filters by them");
+        leave_out("footprints of rays", "no texture in use is filtered");
     }
     if description.film.aovs.is_empty() {
-        leave_out("output layers", "the film asks for none");
+        leave_out("output layers", "`aovs` of the film is empty");
     }
     parts
 }

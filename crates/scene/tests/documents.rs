@@ -130,7 +130,7 @@ type = "point"
         errors(text, &[]),
         [
             "scene.toml:10:8: expected a type in quotes, found an integer",
-            "scene.toml:13:6: the id \"a\" is already that of shape 0",
+            "scene.toml:13:6: the id \"a\" is already used by shape 0",
             "scene.toml:14:2: expected a list of lights",
             "scene.toml:16:2: unknown table `cheese`",
             "scene.toml:2:18: expected an integer from 1 to 65536, found 99999999",

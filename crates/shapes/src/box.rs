@@ -8,8 +8,8 @@
 //! - Twin: Mitsuba `cube` (native).
 //! - Example: `scenes/shapes/box.toml`.
 
-use crate::frame::Frame;
-use crate::near::comes_near_ball;
+use crate::support::frame::Frame;
+use crate::support::near::comes_near_ball;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::simd::select;

@@ -7,9 +7,9 @@
 //! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `cone` (native).
 //! - Example: `scenes/shapes/cone.toml`.
 
-use crate::revolution::{Heights, Revolution};
+use crate::support::revolution::{Heights, Revolution};
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize, Serializer};
 use whitstone_core::config::Vector2;
 use whitstone_core::{Context, DVec3, LoweredShape, Plugin, SceneErrors, Shapes, Transform};
 
@@ -45,6 +45,12 @@ fn yes() -> bool {
 
 #[derive(Debug)]
 struct Radii([f64; 2]);
+
+impl Serialize for Radii {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.0.serialize(serializer)
+    }
+}
 
 impl<'de> Deserialize<'de> for Radii {
     fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {

@@ -10,7 +10,7 @@
 //! - Example: `scenes/shapes/csg.toml`.
 
 use schemars::JsonSchema;
-use serde::{Deserialize, Deserializer};
+use serde::{Deserialize, Deserializer, Serialize};
 use whitstone_core::config::SolidRef;
 use whitstone_core::{
     Aabb, Context, DVec3, Interval, LoweredShape, Plugin, PreliminaryIntersection, Ray, SceneError,
@@ -35,7 +35,7 @@ pub struct Config {
     operands: Operands,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Operation {
     Union,
@@ -123,7 +123,7 @@ impl Plugin<Shapes> for Csg {
                 config.operands.0[0].span.clone(),
                 "the operands have no point in common",
             );
-            context.warn(warning.with_help("their intersection is empty, and nothing of it is seen"));
+            context.warn(warning.with_help("the intersection is empty, so the shape is invisible"));
         }
         Ok(LoweredShape::Opaque(Box::new(csg)))
     }
@@ -137,7 +137,7 @@ impl Csg {
         let primitives = count
             .checked_mul(most)
             .filter(|primitives| *primitives < u32::MAX)
-            .ok_or_else(|| SceneError::anywhere("the operands have more primitives than can be counted"))?;
+            .ok_or_else(|| SceneError::anywhere("the operands have too many primitives"))?;
         let mut boxes = solids.iter().map(|solid| solid.bounds());
         let first = boxes.next().unwrap_or(Aabb::EMPTY);
         let bounds = match operation {
@@ -375,7 +375,7 @@ mod tests {
 
     const FIELD: &str =
         "field.smooth_union = { k = 0.2, of = [{ box = { half = [0.9, 0.3, 0.4] } }, { torus = {} }] }";
-    const GRID: &str = "size = [7, 6, 8]\ngenerator = \"metaballs\"\nballs = 12\nlevel = 0.7";
+    const GRID: &str = "size = [7, 6, 8]\ngenerator = \"metaballs\"\nballs = 12\niso_value = 0.7";
     const JULIA: &str = "kind = \"julia\"\nc = [-0.2, 0.6, 0.2, 0.2]\ndepth = 3";
 
     /// A test context with all operands, including the meshes of the example scene.

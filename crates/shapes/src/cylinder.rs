@@ -8,7 +8,7 @@
 //!   `cylinder` (native).
 //! - Example: `scenes/shapes/cylinder.toml`.
 
-use crate::revolution::{Heights, Revolution};
+use crate::support::revolution::{Heights, Revolution};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::config::{Positive, Vector2};

@@ -3,8 +3,8 @@
 //! - Twin: Mitsuba `disk` (native).
 //! - Example: `scenes/shapes/disk.toml`.
 
-use crate::frame::{Frame, flat_hit};
-use crate::near::goes_on;
+use crate::support::frame::{Frame, flat_hit};
+use crate::support::near::goes_on;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::f64::consts::TAU;
@@ -34,7 +34,7 @@ impl Plugin<Shapes> for Disk {
         let round = (x - y).abs() <= 1e-9 * x && m.x_axis.dot(m.y_axis).abs() <= 1e-9 * x * y;
         if !round {
             return Err(
-                SceneError::anywhere("the transform of a disk must leave it round")
+                SceneError::anywhere("the transform of a disk must keep it circular")
                     .with_help("scale equally in x and y, and do not shear x against y")
                     .into(),
             );

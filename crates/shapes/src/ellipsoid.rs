@@ -7,9 +7,9 @@
 //! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `sphere`, scaled (native).
 //! - Example: `scenes/shapes/ellipsoid.toml`.
 
-use crate::conic::{Clipped, Conic, Mapping, angle};
+use crate::support::conic::{Clipped, Conic, Mapping, angle};
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize, Serializer};
 use whitstone_core::config::Vector3;
 use whitstone_core::{
     Context, DAffine3, DMat3, DVec2, DVec3, LoweredShape, Plugin, SceneError, SceneErrors, Shapes, Transform,
@@ -32,6 +32,12 @@ fn ones() -> Radii {
 /// Three numbers greater than 0.
 #[derive(Debug)]
 struct Radii(DVec3);
+
+impl Serialize for Radii {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.0.to_array().serialize(serializer)
+    }
+}
 
 impl<'de> Deserialize<'de> for Radii {
     fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
@@ -64,8 +70,9 @@ impl Plugin<Shapes> for Ellipsoid {
 
     fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<LoweredShape, SceneErrors> {
         let scaled = *transform.world_from_object() * DAffine3::from_scale(config.radii.0);
-        let transform = Transform::new(scaled)
-            .ok_or_else(|| SceneError::anywhere("the radii are too large or too small to compute with"))?;
+        let transform = Transform::new(scaled).ok_or_else(|| {
+            SceneError::anywhere("the radii are too large or too small for double precision")
+        })?;
         let sphere = Conic {
             turn: DMat3::IDENTITY,
             center: DVec3::ZERO,

@@ -11,10 +11,10 @@
 //! - Twin: POV-Ray `isosurface` with the iterates as nested functions.
 //! - Example: `scenes/shapes/fractal.toml`.
 
-use crate::crossings::{Along, Known, crossings};
-use crate::level::{Level, ROOM, Sample, Segment};
+use crate::support::crossings::{Along, Known, crossings};
+use crate::support::level::{Level, ROOM, Sample, Segment};
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 use toml::Spanned;
 use whitstone_core::config::{Finite, IntegerIn};
@@ -31,6 +31,9 @@ const FAR: f64 = 1e30;
 /// Upper bound on the rounding error of one iteration, relative to its terms.
 const ROUNDING: f64 = 32.0 * f64::EPSILON;
 
+/// Default power of a Mandelbulb.
+const DEFAULT_POWER: u32 = 8;
+
 /// A fractal set of a chosen iteration depth; the outside is where the iteration escapes.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -42,15 +45,15 @@ pub struct Config {
     depth: IntegerIn<1, 30>,
     /// Julia: the quaternion constant, real part first; its length is at most 2.
     #[serde(default)]
-    #[schemars(with = "[Finite; 4]")]
+    #[schemars(extend("x-default" = "none: required for \"julia\""), with = "[Finite; 4]")]
     c: Option<Spanned<[Finite; 4]>>,
-    /// Julia: the fourth coordinate of all points; 0 by default.
+    /// Julia: the fourth coordinate of all points.
     #[serde(default)]
-    #[schemars(with = "Finite")]
+    #[schemars(extend("default" = 0), with = "Finite")]
     w: Option<Spanned<Finite>>,
-    /// Mandelbulb: the power; 8 by default.
+    /// Mandelbulb: the power.
     #[serde(default)]
-    #[schemars(with = "IntegerIn<2, 16>")]
+    #[schemars(extend("default" = DEFAULT_POWER), with = "IntegerIn<2, 16>")]
     power: Option<Spanned<IntegerIn<2, 16>>>,
 }
 
@@ -59,7 +62,7 @@ fn eight() -> IntegerIn<1, 30> {
 }
 
 /// See [`Config::kind`].
-#[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema, PartialEq)]
 #[serde(rename_all = "snake_case")]
 enum Kind {
     /// z² + c in quaternions.
@@ -94,17 +97,20 @@ impl Plugin<Shapes> for Fractal {
                 if let Some(power) = &config.power {
                     refuse(
                         power.span(),
-                        "`power` is that of a \"mandelbulb\"; the power of a \"julia\" is 2",
+                        "only a \"mandelbulb\" has a `power`; that of a \"julia\" is 2",
                     );
                 }
                 let Some(c) = config.c else {
-                    return Err(SceneError::anywhere("missing key `c`: the quaternion that is added").into());
+                    return Err(SceneError::anywhere("missing key `c`, the quaternion constant").into());
                 };
                 let sum = DVec4::from_array(c.get_ref().map(Finite::get));
                 if sum.length() > ESCAPE {
                     refuse(
                         c.span(),
-                        &format!("expected `c` at most 2 long, found a length of {}", sum.length()),
+                        &format!(
+                            "expected a `c` of length at most 2, found length {}",
+                            sum.length()
+                        ),
                     );
                 }
                 let w = config.w.map_or(0.0, |w| w.get_ref().get());
@@ -115,10 +121,10 @@ impl Plugin<Shapes> for Fractal {
                     .into_iter()
                     .flatten()
                 {
-                    refuse(span, "`c` and `w` are those of a \"julia\"");
+                    refuse(span, "only a \"julia\" has `c` and `w`");
                 }
                 Map::Mandelbulb {
-                    power: config.power.map_or(8, |power| power.get_ref().get()),
+                    power: config.power.map_or(DEFAULT_POWER, |power| power.get_ref().get()),
                 }
             }
         };

@@ -7,7 +7,7 @@
 //! - Twin: Mitsuba mesh (native) with the same vertices.
 //! - Example: `scenes/shapes/heightfield.toml`.
 
-use crate::lower::{Triangles, lower};
+use crate::support::lower::{Triangles, lower};
 use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -83,7 +83,8 @@ impl Plugin<Shapes> for Heightfield {
         }
         context.reserve(quads * (size_of::<DVec3>() + 2 * size_of::<[u32; 3]>()) as u64)?;
         let object = landscape(&config);
-        let beyond = || SceneError::anywhere("the transform moves a vertex beyond all numbers");
+        let beyond =
+            || SceneError::anywhere("the transform moves a vertex out of the range of double precision");
         Ok(LoweredShape::Triangles(
             lower(object, &transform).ok_or_else(beyond)?.mesh,
         ))

@@ -11,9 +11,9 @@
 
 mod tree;
 
-use crate::crossings::{Along, Known, crossings};
-use crate::enclosure::{Dual, Enclosure};
-use crate::level::{Level, ROOM, Sample, Segment};
+use crate::support::crossings::{Along, Known, crossings};
+use crate::support::enclosure::{Dual, Enclosure};
+use crate::support::level::{Level, ROOM, Sample, Segment};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::ops::ControlFlow;
@@ -42,15 +42,13 @@ pub struct Config {
     /// in metres.
     #[schemars(with = "Node")]
     field: Spanned<Node>,
-    /// The box in object space that is searched; by default the bounds of the whole set, if they
-    /// are finite.
+    /// The box in object space that is searched.
     #[serde(default)]
-    #[schemars(with = "Bounds")]
+    #[schemars(extend("x-default" = "the bounds of the whole set, if they are finite"), with = "Bounds")]
     bounds: Option<Spanned<Bounds>>,
-    /// An asserted bound on the change of the function per metre (Lipschitz constant). By default a
-    /// bound is derived.
+    /// An asserted bound on the change of the function per metre (Lipschitz constant).
     #[serde(default)]
-    #[schemars(with = "Positive")]
+    #[schemars(extend("x-default" = "a derived bound"), with = "Positive")]
     lipschitz: Option<Spanned<Positive>>,
 }
 
@@ -105,7 +103,7 @@ impl Plugin<Shapes> for Implicit {
         );
         if let Some(promised) = &config.lipschitz {
             shape.try_promise(promised.get_ref().get()).map_err(|message| {
-                SceneError::at(promised.span(), message).with_help("leave it out: a bound is derived then")
+                SceneError::at(promised.span(), message).with_help("remove it: a bound is then derived")
             })?;
         }
         Ok(LoweredShape::Opaque(Box::new(shape)))
@@ -118,14 +116,16 @@ fn derived_bounds(field: &Field) -> Result<(DVec3, DVec3), SceneError> {
     let around = field.bounds_below(0.0);
     if around.iter().any(|range| range.lo >= range.hi) {
         return Err(SceneError::anywhere(
-            "the field is negative nowhere: there is nothing to see",
+            "the field is nowhere negative: the shape is empty",
         ));
     }
     let [x, y, z] = around;
     let (min, max) = (DVec3::new(x.lo, y.lo, z.lo), DVec3::new(x.hi, y.hi, z.hi));
     if !(min.is_finite() && max.is_finite()) {
-        return Err(SceneError::anywhere("the field may be negative without end")
-            .with_help("say where to look: bounds = { min = [..], max = [..] }"));
+        return Err(
+            SceneError::anywhere("the field may be negative in an unbounded region")
+                .with_help("limit the region: bounds = { min = [..], max = [..] }"),
+        );
     }
     let room = ROOM * (max - min).max_element();
     Ok((min - room, max + room))

@@ -14,12 +14,12 @@
 mod cubic;
 mod density;
 
-use crate::crossings::Crossing;
-use crate::level::{Level, Sample, Segment, whole};
+use crate::support::crossings::Crossing;
+use crate::support::level::{Level, Sample, Segment, whole};
 use cubic::{Cubic, lerp, trilinear};
 use density::Values;
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 use toml::Spanned;
 use whitstone_core::config::{FilePath, Finite, IntegerIn};
@@ -33,6 +33,12 @@ const MAX_VALUES: u64 = 1 << 27;
 /// Number of cells along the edge of a block.
 const BLOCK: usize = 8;
 
+/// Default number of metaballs.
+const DEFAULT_BALLS: u32 = 8;
+
+/// Default density at the surface.
+const DEFAULT_ISO_VALUE: f64 = 0.5;
+
 /// The surface where a density on a grid over [-1, 1]³ equals a level; its normals point towards
 /// lower density.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -42,34 +48,36 @@ pub struct Config {
     size: [IntegerIn<2, 2048>; 3],
     /// The density at the grid vertices; x varies fastest, z slowest.
     #[serde(default)]
-    #[schemars(with = "Values")]
+    #[schemars(extend("x-default" = "none: one of `values`, `file` and `generator` is required"), with = "Values")]
     values: Option<Spanned<Values>>,
     /// A raw file of these values, without a header.
+    #[serde(default)]
+    #[schemars(extend("x-default" = "none: one of `values`, `file` and `generator` is required"))]
     file: Option<FilePath>,
     /// The number format of the file.
     #[serde(default)]
-    #[schemars(with = "Format")]
+    #[schemars(extend("default" = "f32"), with = "Format")]
     format: Option<Spanned<Format>>,
     /// Generates the density instead of reading values.
     #[serde(default)]
-    #[schemars(with = "Generator")]
+    #[schemars(extend("x-default" = "none: one of `values`, `file` and `generator` is required"), with = "Generator")]
     generator: Option<Spanned<Generator>>,
     /// Seed of the generator.
     #[serde(default)]
-    #[schemars(with = "IntegerIn<0, { u32::MAX }>")]
+    #[schemars(extend("default" = 0), with = "IntegerIn<0, { u32::MAX }>")]
     seed: Option<Spanned<IntegerIn<0, { u32::MAX }>>>,
-    /// Number of metaballs of the generator; 8 by default.
+    /// Number of metaballs of the generator.
     #[serde(default)]
-    #[schemars(with = "IntegerIn<1, 64>")]
+    #[schemars(extend("default" = DEFAULT_BALLS), with = "IntegerIn<1, 64>")]
     balls: Option<Spanned<IntegerIn<1, 64>>>,
-    /// Iso value: the density at the surface; 0.5 by default.
+    /// Density at the surface.
     #[serde(default)]
-    #[schemars(with = "Finite")]
+    #[schemars(extend("default" = DEFAULT_ISO_VALUE), with = "Finite")]
     iso_value: Option<Spanned<Finite>>,
 }
 
 /// Number format of a file.
-#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize, JsonSchema, PartialEq)]
 #[serde(rename_all = "snake_case")]
 enum Format {
     /// 32-bit floats, little-endian.
@@ -80,7 +88,7 @@ enum Format {
 }
 
 /// Procedural densities.
-#[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema, PartialEq)]
 #[serde(rename_all = "snake_case")]
 enum Generator {
     /// Metaballs: soft spheres that blend into one another.
@@ -127,7 +135,7 @@ impl Plugin<Shapes> for Isosurface {
         let level = config
             .iso_value
             .as_ref()
-            .map_or(0.5, |level| level.get_ref().get());
+            .map_or(DEFAULT_ISO_VALUE, |level| level.get_ref().get());
         let place = config.iso_value.as_ref().map(Spanned::span);
         let mut values = density::read(config, size, context)?;
         let range = values
@@ -138,7 +146,7 @@ impl Plugin<Shapes> for Isosurface {
         let seen = range.0 <= level && level < range.1;
         if !seen {
             let message = format!(
-                "nothing to see: the density ranges from {} to {}, `iso_value` is {level}",
+                "the surface is empty: the density ranges from {} to {}, `iso_value` is {level}",
                 range.0, range.1
             );
             context.warn(SceneError {
@@ -442,7 +450,7 @@ mod tests {
     use whitstone_testkit::{Random, TestContext, build, build_in, shape_laws_everywhere};
 
     const CUBE: &str = "size = [2, 2, 2]\nvalues = [0, 1, 0, 1, 0, 1, 0, 1]\n";
-    const CORNER: &str = "size = [2, 2, 2]\nvalues = [1, 1, 1, 1, 1, 1, 1, 0]\nlevel = 0.9";
+    const CORNER: &str = "size = [2, 2, 2]\nvalues = [1, 1, 1, 1, 1, 1, 1, 0]\niso_value = 0.9";
 
     fn iso(text: &str) -> Box<dyn Shape> {
         match build::<Shapes, Isosurface>(text, Transform::IDENTITY).unwrap() {
@@ -475,10 +483,13 @@ mod tests {
     fn obeys_the_laws_of_shapes() {
         shape_laws_everywhere::<Isosurface>(CORNER, 2_000);
         shape_laws_everywhere::<Isosurface>(
-            "size = [17, 12, 20]\ngenerator = \"metaballs\"\nballs = 40\nlevel = 0.1",
+            "size = [17, 12, 20]\ngenerator = \"metaballs\"\nballs = 40\niso_value = 0.1",
             2_000,
         );
-        shape_laws_everywhere::<Isosurface>("size = [5, 4, 6]\ngenerator = \"noise\"\nlevel = 0.6", 2_000);
+        shape_laws_everywhere::<Isosurface>(
+            "size = [5, 4, 6]\ngenerator = \"noise\"\niso_value = 0.6",
+            2_000,
+        );
     }
 
     #[test]

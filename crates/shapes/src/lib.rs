@@ -9,14 +9,7 @@
 
 use whitstone_core::{DuplicateType, Registry, Shapes};
 
-mod conic;
-mod crossings;
-mod enclosure;
-mod frame;
-mod level;
-mod lower;
-mod near;
-mod revolution;
+mod support;
 
 #[cfg(feature = "cone")]
 pub mod cone;

@@ -13,10 +13,10 @@ mod obj;
 mod ply;
 mod subdivision;
 
-use crate::lower::{Lowered, Triangles, lower};
+use crate::support::lower::{Lowered, Triangles, lower};
 use displacement::Displacement;
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::path::Path;
 use subdivision::{Subdivision, Surface};
@@ -35,17 +35,17 @@ pub struct Config {
     shading: Shading,
     /// Subdivides the mesh into a smooth surface; the normals in the file are discarded.
     #[serde(default)]
-    #[schemars(with = "Subdivision")]
+    #[schemars(extend("x-default" = "none"), with = "Subdivision")]
     subdivision: Option<Subdivision>,
     /// Displaces the vertices along their normals, after subdivision; the normals in the file are
     /// discarded.
     #[serde(default)]
-    #[schemars(with = "Displacement")]
+    #[schemars(extend("x-default" = "none"), with = "Displacement")]
     displacement: Option<Displacement>,
 }
 
 /// How normals vary over a triangle.
-#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize, JsonSchema, PartialEq)]
 #[serde(rename_all = "snake_case")]
 enum Shading {
     /// Interpolated between the vertex normals in the file, if it has any.
@@ -125,7 +125,7 @@ impl Plugin<Shapes> for Mesh {
         }
         let Lowered { mesh, flat } = lower(object, &transform).ok_or_else(|| {
             error(format!(
-                "{}: the transform moves a vertex beyond all numbers",
+                "{}: the transform moves a vertex out of the range of double precision",
                 file.path
             ))
         })?;

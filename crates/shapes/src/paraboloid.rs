@@ -6,7 +6,7 @@
 //! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `quadric`, cut (native).
 //! - Example: `scenes/shapes/paraboloid.toml`.
 
-use crate::revolution::{Heights, Revolution};
+use crate::support::revolution::{Heights, Revolution};
 use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer};
 use whitstone_core::config::{Positive, Vector2};

@@ -33,15 +33,15 @@ pub struct Config {
     /// The 16 control points of one patch in object space, in metres: four rows along u, in order
     /// of v. The normal is dP/du x dP/dv.
     #[serde(default)]
-    #[schemars(with = "Vec<Vector3>", extend("minItems" = 16, "maxItems" = 16))]
+    #[schemars(with = "Vec<Vector3>", extend("x-default" = "none: this, or `vertices` and `patches`, is required", "minItems" = 16, "maxItems" = 16))]
     points: Option<Spanned<Vec<Vector3>>>,
     /// Control points shared by several patches, in object space, in metres.
     #[serde(default)]
-    #[schemars(with = "Vec<Vector3>", extend("minItems" = 1, "maxItems" = 65536))]
+    #[schemars(with = "Vec<Vector3>", extend("x-default" = "none", "minItems" = 1, "maxItems" = 65536))]
     vertices: Option<Spanned<Vec<Vector3>>>,
     /// For each patch the indices of its 16 control points, starting at 0.
     #[serde(default)]
-    #[schemars(with = "Vec<[IntegerIn<0, 65535>; 16]>", extend("minItems" = 1, "maxItems" = 4096))]
+    #[schemars(with = "Vec<[IntegerIn<0, 65535>; 16]>", extend("x-default" = "none", "minItems" = 1, "maxItems" = 4096))]
     patches: Option<Spanned<Vec<Spanned<Vec<IntegerIn<0, 65535>>>>>>,
 }
 
@@ -162,7 +162,7 @@ impl Plugin<Shapes> for Patch {
             let net = Net(points).map(|p| linear * p);
             let extent = Aabb::around(net.0).extent();
             if !extent.length_squared().powi(2).is_finite() {
-                let message = "the points of this patch are too far apart to compute with";
+                let message = "the points of this patch are too far apart for double precision";
                 errors.0.push(SceneError::at(place, message));
             } else if has_no_area(&net) {
                 errors.0.push(SceneError::at(place, "this patch has no area"));

@@ -7,7 +7,7 @@
 //!   a mesh there and loses rows at the horizon.
 //! - Example: `scenes/shapes/plane.toml`.
 
-use crate::frame::{Frame, flat_hit};
+use crate::support::frame::{Frame, flat_hit};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::{

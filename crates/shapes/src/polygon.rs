@@ -70,8 +70,8 @@ impl Plugin<Shapes> for Polygon {
         })?;
         let flat: Vec<DVec2> = vertices.iter().map(|p| without(*p, plane.axis)).collect();
         if let Some([i, j]) = meeting_edges(&flat) {
-            let mut problem = SceneError::at(place, format!("edges {i} and {j} of this polygon meet"));
-            let help = "edge k goes from vertex k, counted from 0, to the next; only neighbours may meet, where they join";
+            let mut problem = SceneError::at(place, format!("edges {i} and {j} of this polygon intersect"));
+            let help = "edge k joins vertices k and k + 1, counted from 0; only adjacent edges may touch, at their common vertex";
             problem.help = Some(help.into());
             return Err(problem.into());
         }
@@ -82,7 +82,7 @@ impl Plugin<Shapes> for Polygon {
         let bounds = Aabb::around(vertices.iter().copied());
         if !bounds.is_finite() || !bounds.extent().is_finite() {
             return Err(error(
-                "the transform moves a vertex beyond all numbers".to_owned(),
+                "the transform moves a vertex out of the range of double precision".to_owned(),
             ));
         }
         Ok(LoweredShape::Opaque(Box::new(Self {
@@ -119,16 +119,16 @@ impl Plane {
             .windows(2)
             .find(|pair| vertices[pair[0]] == vertices[pair[1]])
         {
-            let message = format!(
-                "vertices {} and {} of this polygon are one point",
-                pair[0], pair[1]
-            );
+            let message = format!("vertices {} and {} of this polygon coincide", pair[0], pair[1]);
             return Err((Some(pair[1]), message));
         }
         let extent = Aabb::around(vertices.iter().copied()).extent();
         let size = extent.length();
         if !(size * size).is_finite() {
-            return Err((None, "the vertices are too far apart to compute with".to_owned()));
+            return Err((
+                None,
+                "the vertices are too far apart for double precision".to_owned(),
+            ));
         }
         let first = vertices[0];
         let center = first + vertices.iter().map(|p| *p - first).sum::<DVec3>() / vertices.len() as f64;

@@ -8,9 +8,9 @@
 //! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `quadric`, cut (native).
 //! - Example: `scenes/shapes/quadric.toml`.
 
-use crate::conic::{Clipped, Conic, Mapping};
+use crate::support::conic::{Clipped, Conic, Mapping};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
-use serde::{Deserialize, Deserializer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::borrow::Cow;
 use whitstone_core::config::{Finite, Vector3};
 use whitstone_core::{
@@ -236,6 +236,12 @@ impl<'de> Deserialize<'de> for Coefficients {
     }
 }
 
+impl Serialize for Corners {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        [self.0.to_array(), self.1.to_array()].serialize(serializer)
+    }
+}
+
 impl<'de> Deserialize<'de> for Corners {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let [min, max] = <[Vector3; 2]>::deserialize(deserializer)?.map(Vector3::get);
@@ -310,7 +316,7 @@ impl Plugin<Shapes> for Quadric {
         if parts.is_empty() {
             let error = SceneError::anywhere("no point of the quadric lies in its box");
             return Err(error
-                .with_help("`box` is from [-1, -1, -1] to [1, 1, 1] if left out")
+                .with_help("the default `box` is from [-1, -1, -1] to [1, 1, 1]")
                 .into());
         }
         let conic = canonical(&function, min, max, config.caps);

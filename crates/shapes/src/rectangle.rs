@@ -3,7 +3,7 @@
 //! - Twin: Mitsuba `rectangle` (native).
 //! - Example: `scenes/shapes/rectangle.toml`.
 
-use crate::frame::{Frame, flat_hit};
+use crate::support::frame::{Frame, flat_hit};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::{

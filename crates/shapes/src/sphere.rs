@@ -8,7 +8,7 @@
 //! - Twin: Mitsuba `sphere` (native).
 //! - Example: `scenes/shapes/sphere.toml`.
 
-use crate::near::{check_radius, comes_near_ball, goes_on};
+use crate::support::near::{check_radius, comes_near_ball, goes_on};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::f64::consts::TAU;

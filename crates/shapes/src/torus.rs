@@ -11,7 +11,7 @@
 //! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `torus` (native).
 //! - Example: `scenes/shapes/torus.toml`.
 
-use crate::near::{comes_near_ball, goes_on};
+use crate::support::near::{comes_near_ball, goes_on};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::f64::consts::TAU;
@@ -29,9 +29,9 @@ pub struct Config {
     /// Radius of the circle at the center of the tube, in metres.
     #[serde(default = "one")]
     major_radius: Positive,
-    /// Radius of the tube in metres, less than `major_radius`; by default 0.25.
+    /// Radius of the tube in metres, less than `major_radius`.
     #[serde(default)]
-    #[schemars(with = "Positive")]
+    #[schemars(extend("default" = 0.25), with = "Positive")]
     minor_radius: Option<Spanned<Positive>>,
 }
 
@@ -68,7 +68,7 @@ impl Plugin<Shapes> for Torus {
             let error = SceneError::anywhere(format!(
                 "expected a minor_radius less than the major_radius, {major}, found {minor}"
             ));
-            let error = error.with_help("a tube that is thicker than its ring would meet itself");
+            let error = error.with_help("a thicker tube would intersect itself");
             return Err(SceneError { span: place, ..error }.into());
         }
         Ok(LoweredShape::Opaque(Box::new(Self {

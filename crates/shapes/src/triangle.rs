@@ -5,7 +5,7 @@
 //! - Twin: Mitsuba mesh of one triangle (native).
 //! - Example: `scenes/shapes/triangle.toml`.
 
-use crate::lower::{Lowered, Triangles, lower};
+use crate::support::lower::{Lowered, Triangles, lower};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::config::{Vector2, Vector3};
@@ -17,10 +17,11 @@ use whitstone_core::{Context, DVec2, LoweredShape, Plugin, SceneError, SceneErro
 pub struct Config {
     /// The corners a, b, c in object space, in metres.
     vertices: [Vector3; 3],
-    /// Shading normals at the corners in object space, nonzero, of any length; by default the
-    /// geometric normal.
+    /// Shading normals at the corners in object space, nonzero, of any length.
+    #[schemars(extend("x-default" = "the geometric normal"))]
     normals: Option<[Vector3; 3]>,
-    /// Texture coordinates at the corners; by default the barycentric weights of b and c.
+    /// Texture coordinates at the corners.
+    #[schemars(extend("x-default" = "the barycentric weights of b and c"))]
     uvs: Option<[Vector2; 3]>,
 }
 
@@ -52,7 +53,9 @@ impl Plugin<Shapes> for Triangle {
             return Err(SceneError::anywhere("a normal of a triangle must not have length zero").into());
         }
         let Lowered { mesh, flat } = lower(object, &transform).ok_or_else(|| {
-            SceneError::anywhere("the transform moves a corner of this triangle beyond all numbers")
+            SceneError::anywhere(
+                "the transform moves a corner of this triangle out of the range of double precision",
+            )
         })?;
         if flat > 0 {
             context.warn(SceneError::anywhere("this triangle has no area and is never hit"));

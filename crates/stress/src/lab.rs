@@ -10,7 +10,7 @@ use whitstone_oracle::naive::{Real, Textbook, textbook};
 use whitstone_scene::{Description, Pipeline, Plan, Sources};
 use whitstone_validate::driver::{Driver, DriverError};
 
-/// The parts that scenes of families leave out.
+/// The parts that scenes of families omit.
 const CAMERA: &str =
     "camera = { type = \"perspective\", look_at = { origin = [0, 0, 9], target = [0, 0, 0] } }\n";
 
@@ -88,14 +88,14 @@ impl<'a> Lab<'a> {
     /// Runs one of the operations for single rays; an error if Mitsuba takes no part.
     pub(crate) fn mitsuba(&self, mut request: Value) -> Result<Value, String> {
         let Some(driver) = &self.mitsuba else {
-            return Err("not asked for".to_owned());
+            return Err("not requested".to_owned());
         };
         if let Some(scene) = request["scene"].as_str() {
             let scene = with_camera(scene);
             request["scene"] = Value::from(scene);
             request["base"] = Value::from("scenes");
         }
-        let mut driver = driver.lock().map_err(|_| "its driver broke down".to_owned())?;
+        let mut driver = driver.lock().map_err(|_| "its driver crashed".to_owned())?;
         driver.request(&request).map_err(|error| match error {
             DriverError::Unsupported(why) => format!("no twin: {why}"),
             other => other.to_string(),
@@ -130,7 +130,11 @@ impl<'a> Lab<'a> {
         });
         let found: Vec<_> = found.collect();
         if found.len() != rays.len() {
-            return Err(format!("{} answers to {} rays", found.len(), rays.len()));
+            return Err(format!(
+                "the driver gave {} answers for {} rays",
+                found.len(),
+                rays.len()
+            ));
         }
         Ok((found, answer["ns_per_ray"].as_f64().unwrap_or(f64::NAN)))
     }

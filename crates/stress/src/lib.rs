@@ -1,8 +1,8 @@
 //! Robustness suite: sweeps a parameter logarithmically to find where a renderer's answers become
 //! unusable. The oracle judges every answer.
 //!
-//! A *family* is a file in `families`; [`FAMILIES`] lists them. At each step of its parameter
-//! (`knob`), a family gives the same queries to every engine that supports them. It compares the
+//! A *family* is a file in `families`; [`FAMILIES`] lists them. At each value of its
+//! parameter, a family gives the same queries to every engine that supports them. It compares the
 //! answers with a truth that none of them computed: the arbitrary-precision oracle, or a closed
 //! form.
 //!
@@ -14,7 +14,7 @@
 //! meaningless.
 //!
 //! Each family also runs naive variants ([`whitstone_oracle::naive`]), which are expected to fail.
-//! If none of them fails, the family proves nothing and is reported as toothless (vacuous).
+//! If none of them fails, the family proves nothing and is reported as vacuous.
 
 pub mod families;
 mod lab;
@@ -79,7 +79,7 @@ pub struct About {
     /// Numbers of the cases in the catalogue of `docs/stability.md`.
     pub catalogue: &'static [u32],
     /// The parameter that is swept, with its unit.
-    pub knob: &'static str,
+    pub parameter: &'static str,
     /// The definition of `error`.
     pub measure: &'static str,
     /// Whitstone's promise, the largest accepted strict error, as text.
@@ -146,14 +146,14 @@ pub trait Family: Sync {
     fn about(&self) -> About;
 
     /// Values of the parameter, from easy to hard.
-    fn knobs(&self) -> Vec<f64>;
+    fn parameters(&self) -> Vec<f64>;
 
     /// Queries every engine at one value of the parameter.
     ///
     /// # Errors
     ///
     /// If the case cannot be built, which is a bug of the family or of a plugin.
-    fn step(&self, knob: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String>;
+    fn step(&self, parameter: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String>;
 }
 
 /// Powers of ten from `10^first` to `10^last`, both included.

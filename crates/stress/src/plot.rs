@@ -26,35 +26,35 @@ pub fn svg(report: &FamilyReport) -> String {
         .collect();
     let steps = || engines.iter().flat_map(|engine| &engine.steps);
     let bottom = TOP + HEIGHT;
-    let mut knobs = Axis::around_all(report.knobs.iter().copied(), LEFT, LEFT + WIDTH);
+    let mut parameters = Axis::around_all(report.parameters.iter().copied(), LEFT, LEFT + WIDTH);
     // The hard end is on the right, even if the parameter decreases.
-    if report.knobs.first() > report.knobs.last() {
-        knobs = knobs.reversed();
+    if report.parameters.first() > report.parameters.last() {
+        parameters = parameters.reversed();
     }
     let levels = std::iter::once(report.usable_level).filter(|level| *level > 0.0);
     let errors = Axis::around(steps().map(|step| step.error).chain(levels), bottom, TOP);
     let times = Axis::around(steps().filter_map(|step| step.ns_per_op), SECOND, SECOND + WIDTH);
     let mut figure = Figure::new(
-        &format!("{}: error against the knob and against time", report.family),
+        &format!("{}: error against the parameter and against time", report.family),
         &format!("{}: {}", report.family, report.measure),
         engines.len().div_ceil(IN_A_LINE),
     );
-    figure.panel(LEFT, &knobs, &errors, &report.knob);
+    figure.panel(LEFT, &parameters, &errors, &report.parameter);
     if steps().any(|step| step.ns_per_op.is_some()) {
-        figure.panel(SECOND, &times, &errors, "nanoseconds for each operation");
+        figure.panel(SECOND, &times, &errors, "nanoseconds per operation");
     }
     if report.usable_level > 0.0 {
-        figure.level(LEFT, errors.at(report.usable_level), "of use below");
+        figure.level(LEFT, errors.at(report.usable_level), "usable below");
     }
     for (number, engine) in engines.iter().enumerate() {
         let ink = color(engine.engine);
-        let at = |step: &crate::Step| [knobs.at(step.knob), errors.at(step.error)];
+        let at = |step: &crate::Step| [parameters.at(step.parameter), errors.at(step.error)];
         figure.polyline(ink, false, engine.steps.iter().map(at));
         for step in &engine.steps {
             let label = format!(
                 "{} at {:.0e}: error {:.1e}, wrong {}",
                 engine.engine.name(),
-                step.knob,
+                step.parameter,
                 step.error,
                 step.failures
             );
@@ -67,7 +67,7 @@ pub fn svg(report: &FamilyReport) -> String {
             }
         }
         if let Some(frontier) = engine.frontier {
-            figure.upright(knobs.at(frontier), ink);
+            figure.upright(parameters.at(frontier), ink);
         }
         let name = format!(
             "{} (frontier {})",

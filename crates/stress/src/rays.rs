@@ -17,7 +17,7 @@ const TRIES: usize = 1000;
 /// by the condition number.
 pub(crate) struct RayFamily {
     pub(crate) about: About,
-    pub(crate) knobs: fn() -> Vec<f64>,
+    pub(crate) parameters: fn() -> Vec<f64>,
     /// A scene with one shape.
     pub(crate) scene: fn(f64) -> String,
     /// Generates a ray that clearly hits or clearly misses; `None` to reject it.
@@ -33,23 +33,27 @@ impl Family for RayFamily {
         self.about
     }
 
-    fn knobs(&self) -> Vec<f64> {
-        (self.knobs)()
+    fn parameters(&self) -> Vec<f64> {
+        (self.parameters)()
     }
 
-    fn step(&self, knob: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
-        let scene = (self.scene)(knob);
+    fn step(&self, parameter: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
+        let scene = (self.scene)(parameter);
         let subject = lab.subject(&scene)?;
-        let mut random = Random::new(knob.to_bits());
+        let mut random = Random::new(parameter.to_bits());
         let mut rays = Vec::new();
         for _ in 0..TRIES * lab.rays {
-            rays.extend((self.ray)(knob, &mut random));
+            rays.extend((self.ray)(parameter, &mut random));
             if rays.len() == lab.rays {
                 break;
             }
         }
         if rays.len() < lab.rays {
-            return Err(format!("only {} rays of {} could be aimed", rays.len(), lab.rays));
+            return Err(format!(
+                "only {} of {} rays could be generated: the others do not clearly hit or miss",
+                rays.len(),
+                lab.rays
+            ));
         }
         let truths: Vec<Nearest> = rays
             .iter()
@@ -57,7 +61,7 @@ impl Family for RayFamily {
             .collect();
 
         let (ours, ns) = traced(&subject.pipeline, &rays);
-        let mut whitstone = self.judge(knob, &truths, &ours);
+        let mut whitstone = self.judge(parameter, &truths, &ours);
         whitstone.ns_per_op = Some(ns);
         if !self.one_measure {
             let geometry = &subject.pipeline.scene.geometry;
@@ -76,7 +80,7 @@ impl Family for RayFamily {
                 .textbook_f64
                 .intersect(ray.origin.to_array(), ray.direction.to_array())
         });
-        let mut naive_f64 = self.judge(knob, &truths, &double);
+        let mut naive_f64 = self.judge(parameter, &truths, &double);
         naive_f64.ns_per_op = Some(ns);
         let singles: Vec<_> = rays
             .iter()
@@ -85,10 +89,10 @@ impl Family for RayFamily {
         let (found, ns) = timed(&singles, |[o, d]| {
             subject.textbook_f32.intersect(*o, *d).map(f64::from)
         });
-        let mut naive_f32 = self.judge(knob, &truths, &found);
+        let mut naive_f32 = self.judge(parameter, &truths, &found);
         naive_f32.ns_per_op = Some(ns);
         let mitsuba = lab.mitsuba_closest(&scene, &rays).map(|(found, ns)| {
-            let mut sample = self.judge(knob, &truths, &found);
+            let mut sample = self.judge(parameter, &truths, &found);
             sample.ns_per_op = Some(ns);
             sample
         });
@@ -105,7 +109,7 @@ impl Family for RayFamily {
         if of_triangles && let Some(built) = lab.embree(&scene) {
             let embree = built.map(|pipeline| {
                 let (found, ns) = traced(&pipeline, &rays);
-                let mut sample = self.judge(knob, &truths, &found);
+                let mut sample = self.judge(parameter, &truths, &found);
                 sample.ns_per_op = Some(ns);
                 sample
             });
@@ -116,13 +120,13 @@ impl Family for RayFamily {
 }
 
 impl RayFamily {
-    fn judge(&self, knob: f64, truths: &[Nearest], found: &[Option<f64>]) -> Sample {
+    fn judge(&self, parameter: f64, truths: &[Nearest], found: &[Option<f64>]) -> Sample {
         let mut sample = Sample::default();
         for (truth, found) in truths.iter().zip(found) {
             match (truth, found) {
                 (Nearest::Unknown, _) | (Nearest::Miss, None) => {}
                 (Nearest::Hit { t, .. }, Some(found)) if found.is_finite() => {
-                    let error = t.farthest(*found) / (self.unit)(knob, t.nearest());
+                    let error = t.farthest(*found) / (self.unit)(parameter, t.nearest());
                     sample.error = sample.error.max(error);
                     let ulps = Error::of(truth, Some(*found)).map_or(0.0, |error| error.by_condition);
                     sample.strict = sample.strict.max(if self.one_measure { error } else { ulps });
@@ -144,14 +148,14 @@ impl Family for Several {
         self.0[0].about
     }
 
-    fn knobs(&self) -> Vec<f64> {
-        (self.0[0].knobs)()
+    fn parameters(&self) -> Vec<f64> {
+        (self.0[0].parameters)()
     }
 
-    fn step(&self, knob: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
+    fn step(&self, parameter: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
         let mut all: Vec<(Engine, Answer)> = Vec::new();
         for family in self.0 {
-            for (engine, answer) in family.step(knob, lab)? {
+            for (engine, answer) in family.step(parameter, lab)? {
                 match all.iter_mut().find(|(known, _)| *known == engine) {
                     None => all.push((engine, answer)),
                     Some((_, known)) => match (known, answer) {

@@ -8,7 +8,7 @@ use std::fmt;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Step {
     /// Value of the parameter.
-    pub knob: f64,
+    pub parameter: f64,
     /// Error in the family's measure.
     pub error: f64,
     /// Error in the measure of the promise.
@@ -56,7 +56,7 @@ pub enum Verdict {
     /// Mitsuba or Embree gets further.
     Behind,
     /// No naive variant fails: the family is vacuous.
-    Toothless,
+    Vacuous,
 }
 
 /// A family over all steps.
@@ -67,7 +67,7 @@ pub struct FamilyReport {
     /// Its numbers in the catalogue.
     pub catalogue: Vec<u32>,
     /// The parameter that is swept.
-    pub knob: String,
+    pub parameter: String,
     /// The definition of `error`.
     pub measure: String,
     /// The promise.
@@ -75,7 +75,7 @@ pub struct FamilyReport {
     /// Largest usable error.
     pub usable_level: f64,
     /// Values of the parameter.
-    pub knobs: Vec<f64>,
+    pub parameters: Vec<f64>,
     /// All engines, Whitstone first.
     pub engines: Vec<EngineReport>,
     /// Whether a naive variant fails.
@@ -85,19 +85,19 @@ pub struct FamilyReport {
 }
 
 impl FamilyReport {
-    /// Runs the family. `told` is called before every step.
+    /// Runs the family. `progress` is called before every step.
     ///
     /// # Errors
     ///
     /// As [`Family::step`].
-    pub fn measure(family: &dyn Family, lab: &Lab<'_>, told: &dyn Fn(f64)) -> Result<Self, String> {
+    pub fn measure(family: &dyn Family, lab: &Lab<'_>, progress: &dyn Fn(f64)) -> Result<Self, String> {
         let about = family.about();
-        let knobs = family.knobs();
+        let parameters = family.parameters();
         let mut engines: Vec<EngineReport> = Vec::new();
-        for knob in &knobs {
-            told(*knob);
-            let answers = family.step(*knob, lab);
-            let answers = answers.map_err(|problem| format!("{} at {knob:e}: {problem}", about.name))?;
+        for parameter in &parameters {
+            progress(*parameter);
+            let answers = family.step(*parameter, lab);
+            let answers = answers.map_err(|problem| format!("{} at {parameter:e}: {problem}", about.name))?;
             for (engine, answer) in answers {
                 let place = engines.iter().position(|known| known.engine == engine);
                 let place = place.unwrap_or_else(|| {
@@ -105,7 +105,7 @@ impl FamilyReport {
                     engines.len() - 1
                 });
                 match answer {
-                    Ok(sample) => engines[place].steps.push(Step::new(*knob, sample, &about)),
+                    Ok(sample) => engines[place].steps.push(Step::new(*parameter, sample, &about)),
                     Err(why) => {
                         engines[place].absent.get_or_insert(why);
                     }
@@ -114,10 +114,10 @@ impl FamilyReport {
         }
         engines.sort_by_key(|engine| engine.engine);
         engines.iter_mut().for_each(EngineReport::conclude);
-        Ok(Self::judge(&about, knobs, engines))
+        Ok(Self::judge(&about, parameters, engines))
     }
 
-    fn judge(about: &About, knobs: Vec<f64>, engines: Vec<EngineReport>) -> Self {
+    fn judge(about: &About, parameters: Vec<f64>, engines: Vec<EngineReport>) -> Self {
         let of = |engine| {
             engines
                 .iter()
@@ -147,18 +147,18 @@ impl FamilyReport {
         {
             Verdict::Behind
         } else if !naive_fails {
-            Verdict::Toothless
+            Verdict::Vacuous
         } else {
             Verdict::Pass
         };
         Self {
             family: about.name.to_owned(),
             catalogue: about.catalogue.to_vec(),
-            knob: about.knob.to_owned(),
+            parameter: about.parameter.to_owned(),
             measure: about.measure.to_owned(),
             pass_level: about.promise.to_owned(),
             usable_level: about.usable,
-            knobs,
+            parameters,
             engines,
             naive_fails,
             verdict,
@@ -177,8 +177,9 @@ impl FamilyReport {
         match report {
             Some(report) if report.steps.is_empty() => "–".to_owned(),
             Some(EngineReport {
-                frontier: Some(knob), ..
-            }) => format!("{knob:.0e}"),
+                frontier: Some(parameter),
+                ..
+            }) => format!("{parameter:.0e}"),
             Some(_) => "none".to_owned(),
             None => "–".to_owned(),
         }
@@ -205,15 +206,15 @@ impl EngineReport {
         self.passes =
             !self.steps.is_empty() && self.absent.is_none() && self.steps.iter().all(|step| step.passes);
         self.usable_steps = self.steps.iter().take_while(|step| step.usable).count();
-        self.frontier = self.steps.get(self.usable_steps).map(|step| step.knob);
+        self.frontier = self.steps.get(self.usable_steps).map(|step| step.parameter);
     }
 }
 
 impl Step {
-    fn new(knob: f64, sample: Sample, about: &About) -> Self {
+    fn new(parameter: f64, sample: Sample, about: &About) -> Self {
         let sound = sample.failures == 0 && sample.nonfinite == 0;
         Self {
-            knob,
+            parameter,
             error: sample.error,
             strict: sample.strict,
             failures: sample.failures,
@@ -231,7 +232,7 @@ impl fmt::Display for Verdict {
             Self::Pass => "pass",
             Self::Fails => "FAILS",
             Self::Behind => "BEHIND",
-            Self::Toothless => "TOOTHLESS",
+            Self::Vacuous => "VACUOUS",
         })
     }
 }
@@ -274,11 +275,11 @@ pub fn table(reports: &[FamilyReport]) -> String {
         row(first.chain(cells).chain([last.to_owned()]))
     };
     let titles = engines.iter().map(|engine| engine.title().to_owned()).collect();
-    let mut text = around(["family", "what is turned"], titles, "verdict") + &rule(engines.len() + 3);
+    let mut text = around(["family", "parameter"], titles, "verdict") + &rule(engines.len() + 3);
     for report in reports {
         let frontiers = engines.iter().map(|engine| report.frontier(*engine)).collect();
         text += &around(
-            [&report.family, &report.knob],
+            [&report.family, &report.parameter],
             frontiers,
             &report.verdict.to_string(),
         );
@@ -293,15 +294,15 @@ pub fn headline(reports: &[FamilyReport]) -> String {
     let after = |first: [String; 2], cells: Vec<String>| row(first.into_iter().chain(cells));
     let titles = engines
         .iter()
-        .map(|engine| format!("{} breaks at", engine.title()));
-    let first = ["family", "what is turned, and how far"].map(str::to_owned);
+        .map(|engine| format!("frontier of {}", engine.title()));
+    let first = ["family", "parameter and its range"].map(str::to_owned);
     let mut text = after(first, titles.collect()) + &rule(engines.len() + 2);
     for report in reports {
-        let (Some(from), Some(to)) = (report.knobs.first(), report.knobs.last()) else {
+        let (Some(from), Some(to)) = (report.parameters.first(), report.parameters.last()) else {
             continue;
         };
         if engines[1..].iter().any(|engine| report.takes_part(*engine)) {
-            let what = format!("{}: {from:.0e} to {to:.0e}", report.knob);
+            let what = format!("{}: {from:.0e} to {to:.0e}", report.parameter);
             let frontiers = engines.iter().map(|engine| report.frontier(*engine)).collect();
             text += &after([report.family.clone(), what], frontiers);
         }
@@ -321,18 +322,18 @@ mod tests {
                 About {
                     name: "fixed",
                     catalogue: &[],
-                    knob: "nothing",
+                    parameter: "nothing",
                     measure: "none",
                     promise: "1",
                     pass: 1.0,
                     usable: 10.0,
                 }
             }
-            fn knobs(&self) -> Vec<f64> {
+            fn parameters(&self) -> Vec<f64> {
                 vec![1.0, 10.0, 100.0]
             }
-            fn step(&self, knob: f64, _: &Lab<'_>) -> Result<Vec<(Engine, crate::Answer)>, String> {
-                let at = knob.log10().round() as usize;
+            fn step(&self, parameter: f64, _: &Lab<'_>) -> Result<Vec<(Engine, crate::Answer)>, String> {
+                let at = parameter.log10().round() as usize;
                 Ok(self
                     .0
                     .iter()
@@ -366,7 +367,7 @@ mod tests {
         // If nothing fails, the family proves nothing.
         assert_eq!(
             judged([good, (Mitsuba, [2.0; 3]), (NaiveF32, [9.0; 3])]).verdict,
-            Verdict::Toothless
+            Verdict::Vacuous
         );
     }
 
@@ -403,9 +404,7 @@ mod tests {
         let one = std::slice::from_ref(&report);
         assert_eq!(
             table(one).lines().next(),
-            Some(
-                "| family | what is turned | Whitstone | Mitsuba | Embree | naive f64 | naive f32 | verdict |"
-            )
+            Some("| family | parameter | Whitstone | Mitsuba | Embree | naive f64 | naive f32 | verdict |")
         );
         assert!(table(one).contains("| none | – | 1e1 | – | 1e0 | pass |"));
         assert!(headline(one).contains("| none | – | 1e1 |"));

@@ -2,7 +2,7 @@
 
 use crate::ball::Ball;
 use crate::broken::Broken;
-use crate::instances::{Naive, corners_of_copies, worlds_of_copies};
+use crate::instances::{Naive, instance_geometries, instance_triangles};
 use crate::random::Random;
 use crate::shapes::same_bits;
 use crate::streams::accelerator_streams;
@@ -55,12 +55,12 @@ pub fn random_rays(geometry: &Geometry, count: u64, seed: u64) -> impl Iterator<
 }
 
 fn first_broken(build: impl Fn(Arc<Geometry>) -> Box<dyn Accelerator>) -> Result<(), Broken> {
-    for (name, shapes, rays) in worlds() {
+    for (name, shapes, rays) in geometries() {
         let geometry = Arc::new(Geometry::new(shapes));
         let accelerator = build(geometry.clone());
         compare(&geometry, &*accelerator, rays).map_err(|broken| broken.within(&format!("over {name}")))?;
     }
-    for (name, shapes, rays) in worlds_of_copies() {
+    for (name, shapes, rays) in instance_geometries() {
         let naive = |geometry| Box::new(Naive::new(geometry)) as Box<dyn Accelerator>;
         let truth = Geometry::new(shapes(&naive));
         // The accelerator under test on both levels: over the instances and inside the groups. Then
@@ -179,7 +179,7 @@ impl Aim {
         });
         let all = meshes.flat_map(|mesh| (0..mesh.triangles.len() as u32).map(|i| mesh.corners(i)));
         let mut triangles: Vec<[DVec3; 3]> = all.take(1 << 14).collect();
-        triangles.extend(corners_of_copies(geometry));
+        triangles.extend(instance_triangles(geometry));
         let mut corners: Vec<DVec3> = triangles.iter().map(|triangle| triangle[0]).collect();
         corners.push(center);
         Self {
@@ -254,7 +254,7 @@ impl Aim {
 }
 
 /// Geometries, each with its name and its number of rays.
-fn worlds() -> Vec<(&'static str, Vec<LoweredShape>, u32)> {
+fn geometries() -> Vec<(&'static str, Vec<LoweredShape>, u32)> {
     let mut random = Random::new(7);
     let mut mixed = vec![soup(&mut random, 700, 0.2)];
     mixed.extend((0..60).map(|_| ball(&mut random, 1.0)));
@@ -290,17 +290,17 @@ fn worlds() -> Vec<(&'static str, Vec<LoweredShape>, u32)> {
         ("one triangle", vec![soup(&mut random, 1, 1.0)], 600),
         ("triangles and balls", mixed, 6000),
         ("a grid of axis-parallel faces", vec![grid(6)], 4000),
-        ("a grid that is there twice", vec![grid(3), grid(3)], 3000),
-        ("meshes that coincide", vec![twins(), twins(), twins()], 3000),
+        ("the same grid twice", vec![grid(3), grid(3)], 3000),
+        ("coincident meshes", vec![twins(), twins(), twins()], 3000),
         (
             "5000 times the same triangle",
             vec![LoweredShape::Triangles(one_place)],
             120,
         ),
-        ("needles", vec![needles(&mut random, 300)], 6000),
-        ("an endless wall", with_wall, 3000),
-        ("sizes far apart", apart, 3000),
-        ("a big random mesh", vec![soup(&mut random, 20_000, 0.03)], 240),
+        ("slivers", vec![slivers(&mut random, 300)], 6000),
+        ("an unbounded wall", with_wall, 3000),
+        ("elements of very different sizes", apart, 3000),
+        ("a large random mesh", vec![soup(&mut random, 20_000, 0.03)], 240),
     ]
 }
 
@@ -336,7 +336,7 @@ pub(crate) fn ball(random: &mut Random, scale: f64) -> LoweredShape {
 
 /// Slivers in few planes, some along an axis and nearly inside one another, so that rays hit
 /// several at nearly the same distance. The thinnest are only as wide as the rounding error.
-pub(crate) fn needles(random: &mut Random, count: usize) -> LoweredShape {
+pub(crate) fn slivers(random: &mut Random, count: usize) -> LoweredShape {
     let corners = (0..count).flat_map(|i| {
         let width = 10f64.powi(-(random.below(15) as i32));
         let (start, angle) = if i % 2 == 0 {
@@ -480,7 +480,7 @@ mod tests {
     }
 
     #[test]
-    fn trying_everything_passes() {
+    fn testing_every_element_passes() {
         assert_eq!(verdict(Fault::None), Ok(()));
     }
 

@@ -1,5 +1,5 @@
-//! Laws of third-party accelerators in single precision (backends): they differ from ours by rounding
-//! and declare it.
+//! Laws of third-party accelerators in single precision (backends): they differ from ours by
+//! rounding and declare it.
 
 use crate::ball::Ball;
 use crate::random::Random;
@@ -23,15 +23,15 @@ const CLOSE: f64 = 2e-5;
 
 /// Checks that a backend finds, within single precision, the results of testing every element in
 /// double precision, over triangles of two meshes, balls and an unbounded wall; for elements other
-/// than triangles the results must be exact. The backend never reports the skipped primitive or a hit
-/// outside the interval, its streams agree bit for bit with its single rays, and it declares that
-/// images depend on it.
+/// than triangles the results must be exact. The backend never reports the skipped primitive or a
+/// hit outside the interval, its streams agree bit for bit with its single rays, and it declares
+/// that images depend on it.
 ///
 /// # Panics
 ///
 /// If it cannot be built or breaks a law; the message says how.
 pub fn backend_laws<P: Plugin<Accelerators>>(text: &str) {
-    for (name, shapes) in worlds() {
+    for (name, shapes) in geometries() {
         let geometry = Arc::new(Geometry::new(shapes));
         let accelerator = match build::<Accelerators, P>(text, geometry.clone()) {
             Ok(accelerator) => accelerator,
@@ -49,7 +49,7 @@ pub fn backend_laws<P: Plugin<Accelerators>>(text: &str) {
 /// The first law that is broken.
 pub fn backend_agrees(geometry: &Geometry, accelerator: &dyn Accelerator) -> Result<(), String> {
     if accelerator.approximation_note().is_none() {
-        return Err("it does not say that images depend on it".to_owned());
+        return Err("it does not declare that images depend on it".to_owned());
     }
     let mut random = Random::new(7);
     let (mut others, mut queries, mut skip) = (0, Vec::new(), SelfHitFilter::NOTHING);
@@ -64,7 +64,7 @@ pub fn backend_agrees(geometry: &Geometry, accelerator: &dyn Accelerator) -> Res
                 let triangle = matches!(geometry.shapes()[a.shape as usize], LoweredShape::Triangles(_));
                 let (far, apart) = ((a.t - b.t).abs(), (a.prim_uv - b.prim_uv).length());
                 if !triangle && !same_bits(&a, &b) {
-                    return Err(format!("{ray:?}: {b:?} is no triangle and differs from {a:?}"));
+                    return Err(format!("{ray:?}: {b:?} is not a triangle and differs from {a:?}"));
                 }
                 let close = CLOSE * (1.0 + start.abs().max_element());
                 if triangle && (far > close || apart * size(geometry, &a) > 10.0 * close) {
@@ -77,7 +77,7 @@ pub fn backend_agrees(geometry: &Geometry, accelerator: &dyn Accelerator) -> Res
             if Some(hit.id()) == skip.id()
                 && matches!(geometry.shapes()[hit.shape as usize], LoweredShape::Triangles(_))
             {
-                return Err(format!("{ray:?} finds {hit:?}, which it leaves"));
+                return Err(format!("{ray:?} hits its own start: {hit:?}"));
             }
             for interval in [
                 Interval::up_to(hit.t),
@@ -88,7 +88,9 @@ pub fn backend_agrees(geometry: &Geometry, accelerator: &dyn Accelerator) -> Res
             ] {
                 let inside = accelerator.intersect(&ray, interval, skip);
                 if let Some(hit) = inside.filter(|hit| !interval.contains(hit.t)) {
-                    return Err(format!("{ray:?} finds {hit:?} outside of {interval:?}"));
+                    return Err(format!(
+                        "{ray:?}: the hit {hit:?} is outside the interval {interval:?}"
+                    ));
                 }
             }
         }
@@ -106,7 +108,7 @@ pub fn backend_agrees(geometry: &Geometry, accelerator: &dyn Accelerator) -> Res
     }
     if others > MOST_OTHERS {
         return Err(format!(
-            "{others} of {RAYS} rays find something else, more than {MOST_OTHERS}"
+            "{others} of {RAYS} rays have another result, more than {MOST_OTHERS}"
         ));
     }
     accelerator_streams(accelerator, &queries)
@@ -136,7 +138,7 @@ fn nearest(
     hits.reduce(|best, hit| if hit.beats(&best) { hit } else { best })
 }
 
-fn worlds() -> Vec<(&'static str, Vec<LoweredShape>)> {
+fn geometries() -> Vec<(&'static str, Vec<LoweredShape>)> {
     let mut random = Random::new(1);
     let mut mesh = |count: u32| {
         let mut mesh = TriangleMesh {
@@ -166,7 +168,7 @@ fn worlds() -> Vec<(&'static str, Vec<LoweredShape>)> {
     };
     vec![
         ("nothing", Vec::new()),
-        ("a mesh of nothing", vec![LoweredShape::Triangles(mesh(0))]),
+        ("an empty mesh", vec![LoweredShape::Triangles(mesh(0))]),
         ("one triangle", vec![LoweredShape::Triangles(mesh(1))]),
         ("balls and a wall", vec![ball(-0.5), wall(), ball(0.5), ball(0.6)]),
         (
@@ -250,33 +252,33 @@ mod tests {
     }
 
     #[test]
-    fn each_fault_is_found() {
+    fn every_fault_is_found() {
         let check = |fault| {
-            let (_, shapes) = worlds().pop().expect("there are worlds");
+            let (_, shapes) = geometries().pop().expect("there are geometries");
             let geometry = Geometry::new(shapes);
             backend_agrees(
                 &geometry,
                 &Faulty {
-                    geometry: Geometry::new(worlds().pop().expect("as above").1),
+                    geometry: Geometry::new(geometries().pop().expect("as above").1),
                     fault,
                 },
             )
         };
         assert_eq!(check(""), Ok(()));
         for (fault, message) in [
-            ("silent", "does not say"),
-            ("leaves", "which it leaves"),
-            ("interval", "outside of"),
+            ("silent", "does not declare"),
+            ("leaves", "hits its own start"),
+            ("interval", "is outside the interval"),
             ("distance", "too far from"),
             ("opaque", "differs from"),
             ("weights", "too far from"),
-            ("identity", "rays find something else"),
-            ("shadows", "rays find something else"),
+            ("identity", "rays have another result"),
+            ("shadows", "rays have another result"),
             ("streams", ""),
         ] {
             let broken = check(fault);
-            let told = broken.as_ref().is_err_and(|error| error.contains(message));
-            assert!(told, "{fault}: {broken:?}");
+            let reported = broken.as_ref().is_err_and(|error| error.contains(message));
+            assert!(reported, "{fault}: {broken:?}");
         }
     }
 }

@@ -18,7 +18,7 @@ use whitstone_core::{Camera, DMat4, DVec2, FilmSize, Ray};
 pub fn camera_laws(camera: &dyn Camera, film: FilmSize) {
     let size = DVec2::new(f64::from(film.width), f64::from(film.height));
     let mut rasters = Vec::new();
-    assert!(camera.lens_points() > 0, "a lens has at least one point");
+    assert!(camera.lens_points() > 0, "a lens must have at least one point");
     let steps = [0.0, 1e-9, 0.1, 0.25, 0.5, 0.5 + 1e-12, 0.9, 1.0];
     for x in steps {
         for y in steps {
@@ -29,18 +29,18 @@ pub fn camera_laws(camera: &dyn Camera, film: FilmSize) {
             assert_eq!(
                 camera.ray(raster),
                 ray,
-                "the ray through {raster} is always the same"
+                "the ray through {raster} must be deterministic"
             );
             for point in 0..camera.lens_points() {
                 let ray = camera.lens_ray(raster, point);
                 sound(&ray, raster);
                 let again = camera.lens_ray(raster, point);
-                assert_eq!(again, ray, "a ray through {raster} is always the same");
+                assert_eq!(again, ray, "a lens ray through {raster} must be deterministic");
             }
             let near = camera.near(raster);
             assert!(
                 near.is_finite(),
-                "the ray through {raster} starts somewhere, found {near}"
+                "`near` must be finite, found {near} for the ray through {raster}"
             );
             if let Some(projection) = camera.projection() {
                 goes_back(&projection, &ray, near, raster, size);
@@ -48,7 +48,7 @@ pub fn camera_laws(camera: &dyn Camera, film: FilmSize) {
         }
     }
     let broken = camera_streams(camera, &rasters).err();
-    assert_eq!(broken, None, "rays of a stream");
+    assert_eq!(broken, None, "streams must give the same rays as single calls");
     // A point in front of the camera represents its ray, since parallel rays differ in their
     // origins. Borders are excluded: a panorama sees them twice.
     let point = |x: f64, y: f64| {
@@ -66,7 +66,7 @@ pub fn camera_laws(camera: &dyn Camera, film: FilmSize) {
         assert_ne!(
             corners[i],
             corners[(i + 1) % 4],
-            "neighbouring quarters of the image are different rays"
+            "neighbouring quarters of the image must have different rays"
         );
     }
     let right = point(high, 0.5) - point(low, 0.5);
@@ -74,7 +74,7 @@ pub fn camera_laws(camera: &dyn Camera, film: FilmSize) {
     let forward = camera.ray(0.5 * size).direction;
     assert!(
         right.cross(down).dot(forward) > 0.0,
-        "x goes right and y down: the image is not mirrored"
+        "the image must not be mirrored: x must increase to the right and y downwards"
     );
 }
 
@@ -82,12 +82,12 @@ pub fn camera_laws(camera: &dyn Camera, film: FilmSize) {
 fn sound(ray: &Ray, raster: DVec2) {
     assert!(
         ray.origin.is_finite(),
-        "the origin of {ray:?} through {raster} is finite"
+        "the origin of the ray through {raster} must be finite: {ray:?}"
     );
     let length = ray.direction.length();
     assert!(
         (length - 1.0).abs() < 1e-14,
-        "the ray through {raster} has unit direction, found {length}"
+        "the ray through {raster} must have a unit direction, found length {length}"
     );
 }
 
@@ -98,20 +98,20 @@ fn goes_back(projection: &DMat4, ray: &Ray, near: f64, raster: DVec2, size: DVec
         let projected = *projection * ray.at(t - near.min(0.0)).extend(1.0);
         assert!(
             projected.z > 0.0,
-            "{ray:?} goes forward, to depth {}",
+            "points on {ray:?} must have positive depth, found {}",
             projected.z
         );
         let back = projected.truncate().truncate() / projected.w;
         let error = ((back - raster) / size).abs().max_element();
         assert!(
             error < 1e-7,
-            "the point at {t} of {ray:?} projects to {back}, not to {raster}"
+            "the point at {t} of {ray:?} must project to {raster}, found {back}"
         );
     }
     let behind = *projection * ray.at(-0.25 - near).extend(1.0);
     assert!(
         behind.z < 0.0,
-        "what is behind has negative depth, found {}",
+        "a point behind the camera must have negative depth, found {}",
         behind.z
     );
 }
@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn a_right_camera_passes() {
+    fn a_correct_camera_passes() {
         camera_laws(&Pinhole(|a, c| DVec3::new(a, c, -1.0).normalize()), FILM);
     }
 
@@ -156,22 +156,22 @@ mod tests {
     }
 
     #[test]
-    fn a_right_projection_passes() {
+    fn a_correct_projection_passes() {
         let [x, y, z, w] = right_projection();
         camera_laws(&Projected(DMat4::from_cols(x, y, z, w).transpose()), FILM);
     }
 
     #[test]
-    #[should_panic(expected = "projects to")]
-    fn a_projection_that_is_a_little_off_is_found() {
+    #[should_panic(expected = "must project to")]
+    fn a_slightly_wrong_projection_is_found() {
         let [x, y, z, w] = right_projection();
         let off = x + 1e-6 * w;
         camera_laws(&Projected(DMat4::from_cols(off, y, z, w).transpose()), FILM);
     }
 
     #[test]
-    #[should_panic(expected = "what is behind")]
-    fn a_near_limit_that_is_not_there_is_found() {
+    #[should_panic(expected = "a point behind the camera")]
+    fn a_wrong_near_limit_is_found() {
         struct Far;
         impl Camera for Far {
             fn ray(&self, raster: DVec2) -> Ray {
@@ -190,7 +190,7 @@ mod tests {
 
     #[test]
     #[should_panic(expected = "unit direction")]
-    fn a_long_direction_of_one_point_of_a_lens_is_found() {
+    fn a_long_direction_from_one_lens_point_is_found() {
         struct Lens;
         impl Camera for Lens {
             fn ray(&self, raster: DVec2) -> Ray {
@@ -208,8 +208,8 @@ mod tests {
     }
 
     #[test]
-    #[should_panic(expected = "goes forward")]
-    fn a_projection_of_what_is_behind_is_found() {
+    #[should_panic(expected = "must have positive depth")]
+    fn a_wrong_sign_of_depth_is_found() {
         let [x, y, z, w] = right_projection();
         camera_laws(&Projected(DMat4::from_cols(-x, -y, -z, -w).transpose()), FILM);
     }
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    #[should_panic(expected = "not mirrored")]
+    #[should_panic(expected = "must not be mirrored")]
     fn a_mirrored_image_is_found() {
         camera_laws(&Pinhole(|a: f64, c| DVec3::new(-a, c, -1.0).normalize()), FILM);
     }

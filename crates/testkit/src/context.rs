@@ -56,8 +56,10 @@ impl TestContext {
     #[must_use]
     pub fn with_material<P: Plugin<Materials>>(mut self, id: &str, text: &str) -> Self {
         let material = build_in::<Materials, P>(text, (), &mut self);
-        self.materials
-            .insert(id.to_owned(), material.expect("tests describe materials well"));
+        self.materials.insert(
+            id.to_owned(),
+            material.expect("the material of the test is valid"),
+        );
         self
     }
 
@@ -101,7 +103,7 @@ impl TestContext {
         // Operands inside operands are those added to this context so far.
         let inside = self.clone();
         let build = move |around: &Transform| {
-            let placed = around.after(&own).expect("tests place operands well");
+            let placed = around.after(&own).expect("the combined transform is invertible");
             build_in::<Shapes, P>(&text, placed, &mut inside.clone())
         };
         self.operands.insert(id.to_owned(), Rc::new(build));
@@ -120,7 +122,9 @@ impl Context for TestContext {
             TextureValue::Plugin(PluginRef::Shared(id)) if self.textures.contains_key(id) => {
                 Ok(ColorSource::Texture(self.textures[id].clone()))
             }
-            TextureValue::Plugin(_) => Err(SceneError::anywhere("no textures here").into()),
+            TextureValue::Plugin(_) => {
+                Err(SceneError::anywhere("this test context has no inline textures").into())
+            }
         }
     }
 
@@ -129,7 +133,9 @@ impl Context for TestContext {
             PluginRef::Shared(id) => self.materials.get(id).cloned(),
             PluginRef::Inline(_) => None,
         };
-        found.ok_or_else(|| SceneError::at(reference.span.clone(), "no such material").into())
+        found.ok_or_else(|| {
+            SceneError::at(reference.span.clone(), "the test context has no such material").into()
+        })
     }
 
     fn file(&self, file: &FilePath) -> Result<PathBuf, SceneError> {
@@ -143,12 +149,13 @@ impl Context for TestContext {
 
     fn picture(&mut self, file: &FilePath) -> Result<Arc<dyn Texture>, SceneErrors> {
         let found = self.pictures.get(&file.path).cloned();
-        found.ok_or_else(|| SceneError::at(file.span.clone(), "no such picture").into())
+        found.ok_or_else(|| SceneError::at(file.span.clone(), "the test context has no such image").into())
     }
 
     fn triangles(&mut self, file: &FilePath, transform: &Transform) -> Result<TriangleMesh, SceneErrors> {
         let found = self.meshes.get(&file.path).cloned();
-        let mut mesh = found.ok_or_else(|| SceneError::at(file.span.clone(), "no such mesh"))?;
+        let mut mesh =
+            found.ok_or_else(|| SceneError::at(file.span.clone(), "the test context has no such mesh"))?;
         for position in &mut mesh.positions {
             *position = transform.point_to_world(*position);
         }
@@ -167,9 +174,9 @@ impl Context for TestContext {
             PluginRef::Inline(_) => None,
         };
         let Some(build) = build else {
-            return Err(SceneError::at(operand.span.clone(), "no such operand").into());
+            return Err(SceneError::at(operand.span.clone(), "the test context has no such operand").into());
         };
-        let error = |_| SceneError::at(operand.span.clone(), "the operand is no solid").into();
+        let error = |_| SceneError::at(operand.span.clone(), "the operand is not a solid").into();
         build(around)?.into_solid().map_err(error)
     }
 

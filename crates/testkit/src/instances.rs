@@ -1,6 +1,6 @@
 //! Instances of groups of shapes, for the laws of accelerators.
 
-use crate::accelerators::{ball, needles, soup};
+use crate::accelerators::{ball, slivers, soup};
 use crate::random::Random;
 use crate::{Wall, placements};
 use std::sync::Arc;
@@ -93,7 +93,7 @@ fn group(build: Build<'_>, shapes: Vec<LoweredShape>, first_shape: u32) -> Arc<G
     Arc::new(Group::new(geometry.clone(), build(geometry), first_shape))
 }
 
-fn copy(group: &Arc<Group>, transform: Transform) -> LoweredShape {
+fn instance(group: &Arc<Group>, transform: Transform) -> LoweredShape {
     LoweredShape::Instance(Box::new(Instance::new(group.clone(), transform)))
 }
 
@@ -105,58 +105,60 @@ fn anywhere(random: &mut Random, size: f64) -> Transform {
     let shear = DMat3::from_cols(DVec3::X, DVec3::new(random.signed(), 1.0, 0.0), DVec3::Z);
     let matrix =
         DMat3::from_axis_angle(random.direction(), 3.0) * shear * DMat3::from_diagonal(stretch) * turn();
-    Transform::new(DAffine3::from_mat3_translation(matrix, random.cube())).expect("nothing is flattened")
+    Transform::new(DAffine3::from_mat3_translation(matrix, random.cube()))
+        .expect("the transform is invertible")
 }
 
-type World = fn(Build<'_>) -> Vec<LoweredShape>;
+type Shapes = fn(Build<'_>) -> Vec<LoweredShape>;
 
 /// Geometries with instances of groups, each with its name and its number of rays. Each is built
 /// twice: for the reference result and for the accelerator under test.
-pub(crate) fn worlds_of_copies() -> [(&'static str, World, u32); 6] {
+pub(crate) fn instance_geometries() -> [(&'static str, Shapes, u32); 6] {
     [
         (
-            "copies anywhere, beside what is no copy",
+            "instances anywhere, next to other shapes",
             |build| {
                 let mut random = Random::new(11);
                 let mut inside = vec![soup(&mut random, 150, 0.3)];
                 inside.extend((0..6).map(|_| ball(&mut random, 1.0)));
                 let group = group(build, inside, 16);
                 let mut shapes = vec![soup(&mut random, 60, 0.3), ball(&mut random, 1.0)];
-                shapes.extend((0..14).map(|_| copy(&group, anywhere(&mut random, 0.4))));
+                shapes.extend((0..14).map(|_| instance(&group, anywhere(&mut random, 0.4))));
                 shapes
             },
             400,
         ),
         (
-            "copies that coincide with each other and with the original",
+            "instances that coincide with each other and with the same shapes outside groups",
             |build| {
                 let inside = || vec![soup(&mut Random::new(3), 80, 0.4)];
                 let group = group(build, inside(), 6);
                 let mut shapes: Vec<LoweredShape> =
-                    (0..3).map(|_| copy(&group, Transform::IDENTITY)).collect();
+                    (0..3).map(|_| instance(&group, Transform::IDENTITY)).collect();
                 shapes.extend(inside());
-                shapes.extend((0..2).map(|_| copy(&group, Transform::IDENTITY)));
+                shapes.extend((0..2).map(|_| instance(&group, Transform::IDENTITY)));
                 shapes
             },
             400,
         ),
         (
-            "copies of copies",
+            "nested instances",
             |build| {
                 let mut random = Random::new(12);
                 let leaf = group(build, vec![soup(&mut random, 60, 0.5), ball(&mut random, 1.0)], 5);
-                let mut shapes: Vec<LoweredShape> =
-                    (0..4).map(|_| copy(&leaf, anywhere(&mut random, 0.5))).collect();
+                let mut shapes: Vec<LoweredShape> = (0..4)
+                    .map(|_| instance(&leaf, anywhere(&mut random, 0.5)))
+                    .collect();
                 shapes.insert(2, soup(&mut random, 20, 0.3));
                 let branch = group(build, shapes, 7);
                 (0..5)
-                    .map(|i| copy([&branch, &leaf][i % 2], anywhere(&mut random, 0.6)))
+                    .map(|i| instance([&branch, &leaf][i % 2], anywhere(&mut random, 0.6)))
                     .collect()
             },
             400,
         ),
         (
-            "copies that are tiny, huge, far away, thin and sheared",
+            "instances that are tiny, huge, far away, thin and sheared",
             |build| {
                 let mut random = Random::new(13);
                 let group = group(
@@ -166,16 +168,17 @@ pub(crate) fn worlds_of_copies() -> [(&'static str, World, u32); 6] {
                 );
                 let mut shapes: Vec<LoweredShape> = placements()
                     .into_iter()
-                    .map(|(_, place)| copy(&group, place))
+                    .map(|(_, place)| instance(&group, place))
                     .collect();
                 let askew = DMat3::from_cols(DVec3::X, DVec3::new(3e4, 1.0, 0.0), DVec3::Z);
-                shapes.extend(Transform::new(DAffine3::from_mat3(askew)).map(|askew| copy(&group, askew)));
+                shapes
+                    .extend(Transform::new(DAffine3::from_mat3(askew)).map(|askew| instance(&group, askew)));
                 shapes
             },
             400,
         ),
         (
-            "copies of an endless wall",
+            "instances of an unbounded wall",
             |build| {
                 let mut random = Random::new(14);
                 let wall = Wall {
@@ -185,19 +188,19 @@ pub(crate) fn worlds_of_copies() -> [(&'static str, World, u32); 6] {
                 let inside = vec![LoweredShape::Opaque(Box::new(wall)), soup(&mut random, 40, 0.3)];
                 let group = group(build, inside, 4);
                 let mut shapes = vec![soup(&mut random, 40, 0.3)];
-                shapes.extend((0..3).map(|_| copy(&group, anywhere(&mut random, 0.5))));
+                shapes.extend((0..3).map(|_| instance(&group, anywhere(&mut random, 0.5))));
                 shapes
             },
             300,
         ),
         (
-            "copies of needles and of nothing",
+            "instances of slivers and of an empty group",
             |build| {
                 let mut random = Random::new(15);
-                let thin = group(build, vec![needles(&mut random, 120)], 8);
+                let thin = group(build, vec![slivers(&mut random, 120)], 8);
                 let nothing = group(build, vec![], 9);
-                let mut shapes = vec![copy(&nothing, Transform::IDENTITY)];
-                shapes.extend((0..6).map(|_| copy(&thin, anywhere(&mut random, 0.7))));
+                let mut shapes = vec![instance(&nothing, Transform::IDENTITY)];
+                shapes.extend((0..6).map(|_| instance(&thin, anywhere(&mut random, 0.7))));
                 shapes
             },
             500,
@@ -206,7 +209,7 @@ pub(crate) fn worlds_of_copies() -> [(&'static str, World, u32); 6] {
 }
 
 /// Some triangles of instances, in world space.
-pub(crate) fn corners_of_copies(geometry: &Geometry) -> Vec<[DVec3; 3]> {
+pub(crate) fn instance_triangles(geometry: &Geometry) -> Vec<[DVec3; 3]> {
     let mut corners = Vec::new();
     for shape in geometry.shapes() {
         let LoweredShape::Instance(instance) = shape else {
@@ -218,7 +221,7 @@ pub(crate) fn corners_of_copies(geometry: &Geometry) -> Vec<[DVec3; 3]> {
                 corners.extend((0..mesh.triangles.len().min(50) as u32).map(|i| mesh.corners(i)));
             }
         }
-        let inner = corners_of_copies(inside);
+        let inner = instance_triangles(inside);
         let to_world = |p| instance.transform().point_to_world(p);
         corners.extend(inner);
         let first = corners.len();

@@ -23,9 +23,9 @@ impl Shape for Wall {
         Aabb::EVERYTHING
     }
 
-    fn intersect(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<ShapeHit> {
+    fn intersect(&self, ray: &Ray, interval: Interval, origin_primitive: Option<u32>) -> Option<ShapeHit> {
         let t = (self.point - ray.origin).dot(self.normal) / ray.direction.dot(self.normal);
-        (leaves.is_none() && interval.contains(t)).then_some(ShapeHit {
+        (origin_primitive.is_none() && interval.contains(t)).then_some(ShapeHit {
             t,
             primitive: 0,
             prim_uv: DVec2::ZERO,
@@ -42,13 +42,13 @@ impl Shape for Wall {
 pub struct Simple {
     /// Local radiance: this times (ambient + sum of `E n·l`).
     pub diffuse: f64,
-    /// Weight of the mirror branch.
+    /// Weight of the mirror reflection.
     pub reflect: Rgb,
-    /// Weight of an undeviated transmission branch.
+    /// Weight of the undeviated transmission.
     pub transmit: Rgb,
-    /// Medium that this branch enters from outside; none when it leaves.
+    /// Medium that the transmitted ray enters from outside; none when it leaves.
     pub absorption: Rgb,
-    /// If set, this branch stays in its current medium.
+    /// If set, the transmitted ray stays in its current medium.
     pub straight: bool,
     /// Emitted radiance.
     pub emission: Rgb,
@@ -169,9 +169,9 @@ impl Light for Lamp {
 }
 
 /// Tests every element in order.
-struct TryAll(Arc<Geometry>);
+struct TestAll(Arc<Geometry>);
 
-impl Accelerator for TryAll {
+impl Accelerator for TestAll {
     fn intersect(
         &self,
         ray: &Ray,
@@ -201,7 +201,7 @@ pub fn world_of_walls(walls: &[(Wall, Simple)], light: Lamp) -> Scene {
         .map(|(wall, _)| LoweredShape::Opaque(Box::new(*wall)))
         .collect();
     let geometry = Arc::new(Geometry::new(shapes));
-    let accelerator = Box::new(TryAll(geometry.clone()));
+    let accelerator = Box::new(TestAll(geometry.clone()));
     let materials = walls
         .iter()
         .map(|(_, material)| Arc::new(*material) as Arc<dyn Material>)
@@ -220,16 +220,16 @@ pub fn floor(height: f64) -> Wall {
 fn radiance(integrator: &dyn Integrator, scene: &Scene, ray: Ray) -> Rgb {
     let mut clean = Scratch::default();
     let found = integrator.radiance(scene, &ray, &mut clean);
-    assert!(clean.counters.closest >= 1, "a camera ray is counted");
+    assert!(clean.counters.closest >= 1, "a camera ray must be counted");
     let mut recording = Scratch::recording();
-    let told = integrator.radiance(scene, &ray, &mut recording);
-    assert_eq!(found, told, "the record changes nothing");
+    let recorded = integrator.radiance(scene, &ray, &mut recording);
+    assert_eq!(found, recorded, "recording must not change the radiance");
     let nodes = recording.record.unwrap_or_default();
     let sum: Rgb = nodes.iter().map(|node| node.throughput * node.local).sum();
     let scale = found.max_component().max(1.0);
     assert!(
         (found + sum * -1.0).map(f64::abs).max_component() <= 1e-12 * scale,
-        "the record sums to {sum:?}, not to {found:?}"
+        "the record must sum to {found:?}, found {sum:?}"
     );
     let rays: Vec<Ray> = (0..400)
         .map(|k| {
@@ -239,7 +239,10 @@ fn radiance(integrator: &dyn Integrator, scene: &Scene, ray: Ray) -> Rgb {
         })
         .collect();
     let broken = integrator_streams(integrator, scene, &rays).err();
-    assert_eq!(broken, None, "radiance of a stream");
+    assert_eq!(
+        broken, None,
+        "streams must give the same radiance as single calls"
+    );
     // State left behind by another ray.
     let lost = PathState::camera(Ray::new(DVec3::ONE, DVec3::NEG_Y));
     let mut used = Scratch::default();
@@ -256,7 +259,7 @@ fn radiance(integrator: &dyn Integrator, scene: &Scene, ray: Ray) -> Rgb {
     let again = integrator.radiance(scene, &ray, &mut used);
     assert_eq!(
         again, found,
-        "radiance depends on the world and the ray, not on the working memory"
+        "radiance must depend on the scene and the ray only, not on the working memory"
     );
     found
 }
@@ -266,8 +269,8 @@ fn radiance(integrator: &dyn Integrator, scene: &Scene, ray: Ray) -> Rgb {
 /// - Rays that hit nothing return the background.
 /// - Surfaces return their local radiance, with shadows if and only if `shadows`; lights on the
 ///   other side of the geometry contribute nothing.
-/// - Branches are followed if and only if the integrator says so, and none on the wrong side of the
-///   geometry.
+/// - Specular rays are followed if and only if the integrator declares it, and none on the wrong
+///   side of the geometry.
 /// - The result depends on nothing else.
 /// - If rays are recorded, the record sums to the result.
 ///
@@ -295,18 +298,18 @@ pub fn integrator_laws(integrator: &dyn Integrator, shadows: bool) {
     assert_eq!(
         radiance(integrator, &empty, up),
         sky,
-        "an empty world is all background"
+        "an empty scene must show the background"
     );
     assert_eq!(
         radiance(integrator, &empty, down),
         sky * 0.5,
-        "the background is that of the ray's direction"
+        "the background must depend on the ray's direction"
     );
     let dark = world_of_walls(&[], Lamp::default());
     assert_eq!(
         radiance(integrator, &dark, up),
         Rgb::BLACK,
-        "without a background there is nothing to see"
+        "a scene without a background must be black"
     );
 
     // A light 5 m above the floor, and a wall that may be in between.
@@ -330,11 +333,19 @@ pub fn integrator_laws(integrator: &dyn Integrator, shadows: bool) {
     assert_eq!(
         lit(Some(2.0)),
         if shadows { shaded } else { bright },
-        "a wall before the lamp"
+        "a wall in front of the lamp"
     );
-    assert_eq!(lit(Some(6.0)), bright, "a wall behind the lamp hides nothing");
-    assert_eq!(lit(Some(5.0)), bright, "a wall that holds the lamp hides nothing");
-    assert_eq!(lit(Some(-5.0)), bright, "a wall under the floor hides nothing");
+    assert_eq!(lit(Some(6.0)), bright, "a wall behind the lamp must not hide it");
+    assert_eq!(
+        lit(Some(5.0)),
+        bright,
+        "a wall that contains the lamp must not hide it"
+    );
+    assert_eq!(
+        lit(Some(-5.0)),
+        bright,
+        "a wall below the floor must not hide the lamp"
+    );
     let below = Lamp {
         lamp: Some((DVec3::new(0.0, -5.0, 0.0), 3.0)),
         ..Lamp::default()
@@ -343,7 +354,7 @@ pub fn integrator_laws(integrator: &dyn Integrator, shadows: bool) {
     assert_eq!(
         found,
         Rgb::BLACK,
-        "a lamp on the other side of the floor gives nothing"
+        "a lamp below the floor must not illuminate its upper side"
     );
 
     let light = Lamp {
@@ -370,12 +381,12 @@ pub fn integrator_laws(integrator: &dyn Integrator, shadows: bool) {
     assert_eq!(
         seen(mirror),
         if_follows(Rgb::new(0.5, 0.5, 0.0)),
-        "a mirror shows the background above"
+        "a mirror must show the background above"
     );
     assert_eq!(
         seen(glass),
         if_follows(sky * 0.25),
-        "a pane shows the background below"
+        "a pane must show the background below"
     );
     let wrong = Simple {
         reflect: Rgb::WHITE,
@@ -386,7 +397,7 @@ pub fn integrator_laws(integrator: &dyn Integrator, shadows: bool) {
     assert_eq!(
         seen(wrong),
         Rgb::BLACK,
-        "branches on the wrong side of the geometry are not followed"
+        "specular rays on the wrong side of the geometry must not be followed"
     );
 }
 
@@ -473,7 +484,7 @@ mod tests {
     }
 
     #[test]
-    fn right_integrators_pass() {
+    fn correct_integrators_pass() {
         integrator_laws(&Made::default(), true);
         integrator_laws(
             &Made {
@@ -492,7 +503,7 @@ mod tests {
     }
 
     #[test]
-    #[should_panic(expected = "a wall before the lamp")]
+    #[should_panic(expected = "a wall in front of the lamp")]
     fn missing_shadows_are_found() {
         integrator_laws(
             &Made {
@@ -505,7 +516,7 @@ mod tests {
 
     #[test]
     #[should_panic(expected = "wrong side of the geometry")]
-    fn branches_through_the_geometry_are_found() {
+    fn specular_rays_on_the_wrong_side_are_found() {
         integrator_laws(
             &Made {
                 claims_branches: true,
@@ -518,7 +529,7 @@ mod tests {
 
     #[test]
     #[should_panic(expected = "not on the working memory")]
-    fn left_over_work_is_found() {
+    fn stale_working_memory_is_found() {
         integrator_laws(
             &Made {
                 reads_scratch: true,
@@ -529,7 +540,7 @@ mod tests {
     }
 
     #[test]
-    #[should_panic(expected = "the record sums to")]
+    #[should_panic(expected = "the record must sum to")]
     fn a_missing_record_is_found() {
         integrator_laws(
             &Made {
@@ -541,7 +552,7 @@ mod tests {
     }
 
     #[test]
-    #[should_panic(expected = "all background")]
+    #[should_panic(expected = "an empty scene must")]
     fn a_missing_background_is_found() {
         integrator_laws(
             &Made {

@@ -36,15 +36,15 @@ pub fn light_laws(light: &dyn Light) {
                 let length = direction.length();
                 assert!(
                     (length - 1.0).abs() < 1e-14,
-                    "the direction at {point} has unit length, found {length}"
+                    "the direction at {point} must have unit length, found {length}"
                 );
                 assert!(
                     distance > 0.0,
-                    "the light is at some distance from {point}, found {distance}"
+                    "the distance from {point} must be positive, found {distance}"
                 );
                 assert!(
                     is_colour(irradiance),
-                    "the irradiance at {point} is finite and >= 0, found {irradiance:?}"
+                    "the irradiance at {point} must be finite and >= 0, found {irradiance:?}"
                 );
             }
             reached |= !found.is_empty();
@@ -53,45 +53,48 @@ pub fn light_laws(light: &dyn Light) {
             let doubled = [found.clone(), found].concat();
             assert_eq!(
                 longer, doubled,
-                "samples at {point} are always the same, and added to those of other lights"
+                "samples at {point} must be deterministic and appended to those of other lights"
             );
         }
         let seen = light.background(direction);
         assert!(
             is_colour(seen),
-            "the background towards {direction} is finite and >= 0, found {seen:?}"
+            "the background towards {direction} must be finite and >= 0, found {seen:?}"
         );
         let says = gives.contains(LightFlags::BACKGROUND);
         assert!(
             says || seen.is_black(),
-            "a light with a background says that it gives one"
+            "a light with a background must have the flag `BACKGROUND`"
         );
     }
     let broken = light_streams(light, &points)
         .and_then(|()| light_streams(light, &directions(300).collect::<Vec<_>>()))
         .err();
-    assert_eq!(broken, None, "light of a stream");
-    nothing_where_it_does_not_reach(light);
+    assert_eq!(broken, None, "streams must give the same light as single calls");
+    dark_where_unaffected(light);
     let ambient = light.ambient();
     assert!(
         is_colour(ambient),
-        "the ambient radiance is finite and >= 0, found {ambient:?}"
+        "the ambient radiance must be finite and >= 0, found {ambient:?}"
     );
     let says = gives.contains(LightFlags::AMBIENT);
     assert!(
         says || ambient.is_black(),
-        "a light with an ambient radiance says that it gives one"
+        "a light with ambient radiance must have the flag `AMBIENT`"
     );
     let says = gives.contains(LightFlags::SAMPLES);
-    assert!(says || !reached, "a light with samples says that it gives them");
+    assert!(
+        says || !reached,
+        "a light with samples must have the flag `SAMPLES`"
+    );
 }
 
 /// Checks boxes of many sizes, near and far: where the light does not reach a box, its samples are
 /// black at every point of it.
-fn nothing_where_it_does_not_reach(light: &dyn Light) {
+fn dark_where_unaffected(light: &dyn Light) {
     assert!(
         light.affects_bounds(&Aabb::EVERYTHING) || is_dark(light, &Aabb::around([-DVec3::ONE, DVec3::ONE])),
-        "a light that reaches nothing is black"
+        "a light that does not affect unbounded space must be black everywhere"
     );
     for direction in directions(64) {
         for (distance, half) in [
@@ -108,7 +111,7 @@ fn nothing_where_it_does_not_reach(light: &dyn Light) {
             let bounds = Aabb::around([center - half, center + half]);
             assert!(
                 light.affects_bounds(&bounds) || is_dark(light, &bounds),
-                "a light that does not reach a box of half width {half} around {center} is black in it"
+                "a light that does not affect a box of half width {half} around {center} must be black in it"
             );
         }
     }
@@ -148,30 +151,30 @@ pub fn light_near_laws(light: &dyn Light, position: DVec3, intensity: Rgb, axis:
         ] = found[..]
         else {
             panic!(
-                "the light gives one sample at distance {distance}, found {}",
+                "the light must give one sample at distance {distance}, found {}",
                 found.len()
             );
         };
         assert!(
             (direction + axis).length() < 1e-7,
-            "at distance {distance} the light is where it is"
+            "at distance {distance} the direction must point to the light"
         );
         assert!(
             (d / distance - 1.0).abs() < 1e-9,
-            "the distance is {distance}, found {d}"
+            "the distance must be {distance}, found {d}"
         );
         for (e, i) in irradiance.to_array().into_iter().zip(intensity.to_array()) {
             let expected = i / (distance * distance);
             assert!(
                 (e - expected).abs() <= 1e-9 * expected,
-                "inverse square at distance {distance}: {e}, {expected}"
+                "the irradiance must follow the inverse square at distance {distance}: expected {expected}, found {e}"
             );
         }
     }
     assert_eq!(
         samples(light, position),
         [],
-        "a light gives nothing at its own position"
+        "a light must give no irradiance at its own position"
     );
 }
 
@@ -199,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn a_right_light_passes() {
+    fn a_correct_light_passes() {
         light_laws(&Made(LightFlags::SAMPLES, |_| sun(DVec3::Y, 1.0)));
     }
 
@@ -216,8 +219,8 @@ mod tests {
     }
 
     #[test]
-    #[should_panic(expected = "says that it gives them")]
-    fn hidden_samples_are_found() {
+    #[should_panic(expected = "must have the flag `SAMPLES`")]
+    fn undeclared_samples_are_found() {
         light_laws(&Made(LightFlags::AMBIENT, |_| sun(DVec3::Y, 1.0)));
     }
 
@@ -233,12 +236,12 @@ mod tests {
 
     #[test]
     #[should_panic(expected = "unit length")]
-    fn the_plain_form_breaks_at_extreme_distances() {
+    fn the_textbook_formula_fails_at_extreme_distances() {
         light_laws(&Made(LightFlags::SAMPLES, naive));
     }
 
     #[test]
-    #[should_panic(expected = "nothing at its own position")]
+    #[should_panic(expected = "no irradiance at its own position")]
     fn light_at_the_light_is_found() {
         light_near_laws(
             &Made(LightFlags::SAMPLES, naive),
@@ -281,13 +284,13 @@ mod tests {
     }
 
     #[test]
-    fn a_light_of_one_side_passes() {
+    fn a_light_that_affects_one_side_passes() {
         light_laws(&Half(0.0));
     }
 
     #[test]
-    #[should_panic(expected = "a light that does not reach a box")]
-    fn a_light_that_reaches_further_than_it_says_is_found() {
+    #[should_panic(expected = "a light that does not affect a box")]
+    fn a_light_that_exceeds_its_bounds_is_found() {
         light_laws(&Half(-0.5));
     }
 }

@@ -41,11 +41,11 @@ fn surface(n_g: DVec3, n_s: DVec3, uv: DVec2, view: DVec3) -> SurfaceInteraction
 
 /// Checks the laws of materials:
 ///
-/// - The responses are exactly those that the lobes declare.
+/// - The responses are exactly those that the flags declare.
 /// - They are finite and not negative, from normal to grazing incidence, on both sides, with and
 ///   without shading normals, and proportional to the light.
 /// - The material reads only the attributes that it declares.
-/// - Branches have unit directions on their side of the surface.
+/// - Specular rays have unit directions on their side of the surface.
 /// - Streams give the same bits.
 ///
 /// # Panics
@@ -60,7 +60,7 @@ pub fn material_laws(material: &dyn Material) {
     }
 }
 
-/// [`material_laws`], except that the two sides may look different.
+/// [`material_laws`], except that the two sides of the surface may respond differently.
 ///
 /// # Panics
 ///
@@ -83,7 +83,7 @@ pub fn sided_material_laws(material: &dyn Material) {
                     points.push((point, view));
                     // Rounding may put a viewer at a cosine of 1e-17 on either side.
                     let plain = n_g == n_s && cosine > 1e-15;
-                    branch_laws(material, &point, view, plain);
+                    specular_ray_laws(material, &point, view, plain);
                     local_laws(material, &point, view);
                 }
                 need_laws(material, n_g, n_s, view);
@@ -91,11 +91,14 @@ pub fn sided_material_laws(material: &dyn Material) {
         }
     }
     let broken = material_streams(material, &points).err();
-    assert_eq!(broken, None, "the response to a stream");
+    assert_eq!(
+        broken, None,
+        "streams must give the same response as single calls"
+    );
 }
 
-fn branch_laws(material: &dyn Material, point: &SurfaceInteraction, view: DVec3, plain: bool) {
-    let lobes = material.flags();
+fn specular_ray_laws(material: &dyn Material, point: &SurfaceInteraction, view: DVec3, plain: bool) {
+    let flags = material.flags();
     let found = specular_rays(material, point, view);
     let place = format!("n_g {} n_s {} view {view}: {found:?}", point.n_g, point.n_s);
     for SpecularRay {
@@ -104,66 +107,72 @@ fn branch_laws(material: &dyn Material, point: &SurfaceInteraction, view: DVec3,
         kind,
     } in &found
     {
-        assert!(is_colour(*weight), "weights are finite and not negative: {place}");
+        assert!(
+            is_colour(*weight),
+            "weights must be finite and not negative: {place}"
+        );
         let length = direction.length();
         assert!(
             (length - 1.0).abs() < 1e-14,
-            "branches have unit directions, not {length}: {place}"
+            "specular rays must have unit directions, found length {length}: {place}"
         );
-        let lobe = match kind {
+        let flag = match kind {
             SpecularRayKind::Reflection => BsdfFlags::REFLECTION,
             SpecularRayKind::Transmission { absorption } => {
                 assert!(
                     is_colour(*absorption),
-                    "absorption is finite and not negative: {place}"
+                    "absorption must be finite and not negative: {place}"
                 );
                 BsdfFlags::TRANSMISSION
             }
             SpecularRayKind::Null => {
-                assert_eq!(*direction, -view, "what goes straight on does: {place}");
+                assert_eq!(
+                    *direction, -view,
+                    "a null transmission must not change direction: {place}"
+                );
                 BsdfFlags::NULL
             }
         };
         assert!(
-            weight.is_black() || lobes.contains(lobe),
-            "lobes name every kind of branch: {place}"
+            weight.is_black() || flags.contains(flag),
+            "the flags must declare every kind of specular ray: {place}"
         );
         // A reflection by the material's own normal may go into the surface; rule G handles that.
         let straight_on = *kind == SpecularRayKind::Null;
-        if plain && (straight_on || !lobes.contains(BsdfFlags::NORMAL_MAPPED)) {
+        if plain && (straight_on || !flags.contains(BsdfFlags::NORMAL_MAPPED)) {
             let right = match kind {
                 SpecularRayKind::Reflection => point.same_side(view, *direction),
                 _ => point.opposite_sides(view, *direction),
             };
             assert!(
                 right,
-                "reflection stays on the viewer's side and transmission leaves it: {place}"
+                "reflection must stay on the viewer's side and transmission must leave it: {place}"
             );
         }
     }
     assert_eq!(
         specular_rays(material, point, view),
         found,
-        "branches are always the same"
+        "specular rays must be deterministic"
     );
-    let Some(spread) = material.glossy_lobe(point, view) else {
+    let Some(lobe) = material.glossy_lobe(point, view) else {
         return;
     };
     for branch in found
         .iter()
         .filter(|branch| branch.kind == SpecularRayKind::Reflection)
     {
-        let all: Vec<DVec3> = spread.directions(branch.direction).collect();
+        let all: Vec<DVec3> = lobe.directions(branch.direction).collect();
         let most = material.reflections() as usize;
         assert!(
             most > 1 && !all.is_empty() && all.len() <= most,
-            "what spreads its reflections says over how many directions, not {most}: {place}"
+            "a glossy material must declare its number of reflection rays, found {most}: {place}"
         );
         for direction in all {
             let length = direction.length();
             assert!(
                 (length - 1.0).abs() < 1e-14,
-                "branches have unit directions, not {length}: {place}"
+                "specular rays must have unit directions, found length {length}: {place}"
             );
         }
     }
@@ -184,29 +193,32 @@ fn local_laws(material: &dyn Material, point: &SurfaceInteraction, view: DVec3) 
     let place = format!("n_g {} n_s {} view {view}: {found:?}", point.n_g, point.n_s);
     assert!(
         is_colour(found),
-        "local radiance is finite and not negative: {place}"
+        "local radiance must be finite and not negative: {place}"
     );
     let answers = material.flags().contains(BsdfFlags::LOCAL);
     assert!(
         answers || found.is_black(),
-        "lobes name a local response: {place}"
+        "the flags must declare local illumination: {place}"
     );
     assert_eq!(
         local_illumination(material, point, view, 0.5, &lights),
         found,
-        "local radiance is always the same"
+        "local radiance must be deterministic"
     );
     let emission = material.emission(point, view);
     assert!(
         is_colour(emission),
-        "emission is finite and not negative: {place}"
+        "emission must be finite and not negative: {place}"
     );
     let glows = material.flags().contains(BsdfFlags::EMISSION);
-    assert!(glows || emission.is_black(), "lobes name emission: {place}");
+    assert!(
+        glows || emission.is_black(),
+        "the flags must declare emission: {place}"
+    );
     let dark = local_illumination(material, point, view, 0.0, &[]);
     assert!(
         dark.is_black(),
-        "without light there is none, found {dark:?}: {place}"
+        "local radiance without light must be black, found {dark:?}: {place}"
     );
     // Exact, since 4 is a power of two.
     let brighter: Vec<LightLiSample> = lights
@@ -219,23 +231,23 @@ fn local_laws(material: &dyn Material, point: &SurfaceInteraction, view: DVec3) 
     assert_eq!(
         local_illumination(material, point, view, 2.0, &brighter),
         found * 4.0,
-        "radiance is in proportion to the light"
+        "local radiance must be proportional to the light"
     );
     for filtered in [false, true] {
         let filter = material.shadow(point, -view, filtered);
         let (weight, medium) = (filter.weight, filter.medium.unwrap_or(Rgb::BLACK));
         assert!(
             is_colour(weight) && is_colour(medium),
-            "what shadow rays keep is finite and not negative, found {filter:?}: {place}"
+            "transmittance must be finite and not negative, found {filter:?}: {place}"
         );
-        let lobe = if filtered {
+        let passing = if filtered {
             BsdfFlags::CUT_OUTS | BsdfFlags::TRANSPARENT_SHADOWS
         } else {
             BsdfFlags::CUT_OUTS
         };
         assert!(
-            weight.is_black() || material.flags().intersects(lobe),
-            "lobes name what lets light through: {place}"
+            weight.is_black() || material.flags().intersects(passing),
+            "the flags must declare the transmittance of shadow rays: {place}"
         );
     }
     if material.flags().contains(BsdfFlags::NORMAL_MAPPED) {
@@ -245,7 +257,7 @@ fn local_laws(material: &dyn Material, point: &SurfaceInteraction, view: DVec3) 
     let lit = local_illumination(material, point, view, 0.0, &[behind]);
     assert!(
         lit.is_black(),
-        "light from behind the shading normal gives nothing, found {lit:?}: {place}"
+        "light from behind the shading normal must contribute nothing, found {lit:?}: {place}"
     );
 }
 
@@ -265,13 +277,16 @@ fn need_laws(material: &dyn Material, n_g: DVec3, n_s: DVec3, view: DVec3) {
     let first = answer(n_s, DVec2::ZERO);
     if !needs.contains(SurfaceAttributes::UV) {
         let same = answer(n_s, DVec2::new(0.7, 0.2)) == first;
-        assert!(same, "a material that reads (u, v) says that it needs them");
+        assert!(
+            same,
+            "a material that reads (u, v) must declare that it needs them"
+        );
     }
     if !needs.contains(SurfaceAttributes::SHADING_NORMAL) {
         let same = answer(n_g, DVec2::ZERO) == first;
         assert!(
             same,
-            "a material that reads the shading normal says that it needs it"
+            "a material that reads the shading normal must declare that it needs it"
         );
     }
 }
@@ -294,7 +309,7 @@ fn both_sides(material: &dyn Material, n: DVec3, view: DVec3) {
             &lights,
         )
     };
-    assert_eq!(from(n), from(-n), "both sides look the same");
+    assert_eq!(from(n), from(-n), "both sides must respond equally");
 }
 
 /// White furnace test: with incident radiance 1 from all directions, at most 1 leaves. For
@@ -317,7 +332,7 @@ pub fn furnace_laws(material: &dyn Material) {
                 let leaving = (local_illumination(material, &point, view, 1.0, &[]) + delta).max_component();
                 assert!(
                     leaving <= 1.0 + 1e-12,
-                    "no more radiance leaves than arrives, found {leaving} at {cosine}"
+                    "at most the arriving radiance may leave, found {leaving} at a cosine of {cosine}"
                 );
             }
         }
@@ -348,7 +363,7 @@ pub fn energy_laws(material: &dyn Material) {
             let leaving = local_illumination(material, &point, view, 0.0, &lights).max_component();
             assert!(
                 leaving <= 1.0 + 1e-3,
-                "no more light leaves than arrives, found {leaving} at a cosine of {cosine}"
+                "at most the arriving light may leave, found {leaving} at a cosine of {cosine}"
             );
         }
     }
@@ -386,7 +401,7 @@ pub fn reciprocity_laws(material: &dyn Material) {
                 let off = there.to_array().into_iter().zip(back.to_array());
                 assert!(
                     { off }.all(|(a, b)| (a - b).abs() <= 1e-9 * a.abs().max(b.abs())),
-                    "light takes a path both ways alike, found {there:?} from {b} to {a} and {back:?} back, about {n}"
+                    "the reflectance must be reciprocal, found {there:?} from {b} to {a} and {back:?} back, with normal {n}"
                 );
             }
         }
@@ -421,7 +436,7 @@ pub fn dielectric_laws(material: &dyn Material, interior_ior: f64, exterior_ior:
             let total: f64 = found.iter().map(share).sum();
             assert!(
                 (total - 1.0).abs() < 1e-13,
-                "nothing is lost or won, found {total} at {place}"
+                "energy must be conserved, found {total} at {place}"
             );
             let tangential = |d: DVec3| d - n.dot(d) * n;
             for branch in &found {
@@ -433,7 +448,7 @@ pub fn dielectric_laws(material: &dyn Material, interior_ior: f64, exterior_ior:
                 let off = (bent + factor * along).length() / factor.max(1.0);
                 assert!(
                     off < 1e-14,
-                    "directions obey the law of refraction, off by {off} at {place}"
+                    "directions must obey the law of refraction, off by {off} at {place}"
                 );
                 // At grazing incidence the direction is too imprecise to be retraced.
                 let Some(reverse) = reverse.filter(|d| n.dot(*d).abs() > 1e-2 && cosine > 1e-2) else {
@@ -448,7 +463,7 @@ pub fn dielectric_laws(material: &dyn Material, interior_ior: f64, exterior_ior:
                 let off = (back - share(branch)).abs();
                 assert!(
                     off < 1e-11,
-                    "a path has the same share both ways, off by {off} at {place}"
+                    "the reversed path must have the same weights, off by {off} at {place}"
                 );
             }
         }

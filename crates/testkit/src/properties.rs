@@ -36,8 +36,8 @@ impl fmt::Display for Failure {
         let Self { plugin, law, scene } = self;
         write!(
             f,
-            "{plugin} breaks a law: {law}\n\nThis scene shows it. `render` and `explain --pixel 32,32` tell more; \
-             `whitstone_testkit::holds_in` holds it to the laws again.\n\n{scene}"
+            "{plugin} breaks a law: {law}\n\nThe scene below demonstrates it. Inspect it with `render` and `explain --pixel 32,32`, \
+             or check the laws again with `whitstone_testkit::holds_in`.\n\n{scene}"
         )
     }
 }
@@ -126,7 +126,7 @@ pub fn first_failure<F: Lawful, P: Plugin<F>>(
         Ok(()) => {
             assert!(
                 built.get() > 0,
-                "{} can never be built of \"{text}\": {}",
+                "{} cannot be built from any configuration of \"{text}\": {}",
                 P::TYPE,
                 refused.borrow()
             );
@@ -144,7 +144,7 @@ pub fn holds_in<F: Lawful, P: Plugin<F>>(scene: &str, laws: &[fn(&F::Product)]) 
     let document: toml::Table = scene.parse().map_err(|error| format!("{error}"))?;
     let read = F::read(&document, P::TYPE);
     let (table, place) =
-        read.ok_or_else(|| format!("the scene shows no {} \"{}\"", F::NAME.singular(), P::TYPE))?;
+        read.ok_or_else(|| format!("the scene contains no {} \"{}\"", F::NAME.singular(), P::TYPE))?;
     match checked::<F, P>(&table.to_string(), &place, laws) {
         Err(Refused(errors)) => Err(errors),
         Ok(verdict) => verdict.map_err(|broken| broken.law),
@@ -185,10 +185,10 @@ pub(crate) fn caught<T>(run: impl FnOnce() -> T) -> Result<T, Broken> {
     static HOOK: Once = Once::new();
     // Shrinking breaks a law hundreds of times; do not print each panic.
     HOOK.call_once(|| {
-        let told = std::panic::take_hook();
+        let default_hook = std::panic::take_hook();
         std::panic::set_hook(Box::new(move |panic| {
             if !QUIET.get() {
-                told(panic);
+                default_hook(panic);
             }
         }));
     });

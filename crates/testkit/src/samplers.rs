@@ -23,7 +23,7 @@ pub fn sampler_laws(sampler: &dyn Sampler) {
         let off = (mean - 0.5).abs().max_element();
         assert!(
             off < 1e-12,
-            "the mean of the samples of {pixel:?} is the middle, found {mean}"
+            "the mean of the samples of {pixel:?} must be the pixel's centre, found {mean}"
         );
     }
 }
@@ -47,7 +47,7 @@ pub fn random_sampler_laws(sampler: &dyn Sampler) {
         let bits = |p: &DVec2| p.to_array().map(f64::to_bits);
         assert!(
             patterns.insert(positions.iter().map(bits).collect::<Vec<_>>()),
-            "{pixel:?} has a pattern of its own"
+            "{pixel:?} must have its own pattern"
         );
         sum += (0..count)
             .map(|index| sampler.position(pixel, index))
@@ -59,31 +59,34 @@ pub fn random_sampler_laws(sampler: &dyn Sampler) {
     let chance = (1.0 / 12.0 / pixels).sqrt();
     assert!(
         off < 5.0 * chance,
-        "the mean over all pixels is the middle, found {off} beside it, where {chance} is to be expected"
+        "the mean over all pixels must be the centre, found {off} away from it, expected about {chance}"
     );
 }
 
 /// The laws of both kinds of samplers.
 fn common(sampler: &dyn Sampler) {
     let count = sampler.count();
-    assert!(count >= 1, "there is at least one sample in a pixel");
+    assert!(count >= 1, "a sampler must have at least one sample per pixel");
     for pixel in PIXELS {
         let position = |index| sampler.position(pixel, index);
         let positions: Vec<DVec2> = (0..count).map(position).collect();
         for (index, p) in positions.iter().enumerate() {
             let inside = p.cmpge(DVec2::ZERO).all() && p.cmplt(DVec2::ONE).all();
-            assert!(inside, "sample {index} of {pixel:?} lies in the pixel, found {p}");
+            assert!(
+                inside,
+                "sample {index} of {pixel:?} must lie in the pixel, found {p}"
+            );
         }
         let again: Vec<DVec2> = (0..count).rev().map(position).collect();
         assert!(
             positions.iter().eq(again.iter().rev()),
-            "the samples of {pixel:?} are always the same"
+            "the samples of {pixel:?} must be deterministic"
         );
         let mut sorted: Vec<[f64; 2]> = positions.iter().map(|p| p.to_array()).collect();
         sorted.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
         assert!(
             sorted.windows(2).all(|w| w[0] != w[1]),
-            "no two samples of {pixel:?} are equal"
+            "the samples of {pixel:?} must be distinct"
         );
     }
 }
@@ -105,12 +108,12 @@ mod tests {
     }
 
     #[test]
-    fn a_right_sampler_passes() {
+    fn a_correct_sampler_passes() {
         sampler_laws(&At(2, |i| 0.25 + 0.5 * f64::from(i)));
     }
 
     #[test]
-    #[should_panic(expected = "lies in the pixel")]
+    #[should_panic(expected = "must lie in the pixel")]
     fn a_sample_on_the_far_edge_is_found() {
         sampler_laws(&At(2, f64::from));
     }
@@ -122,8 +125,8 @@ mod tests {
     }
 
     #[test]
-    #[should_panic(expected = "no two")]
-    fn a_doubled_sample_is_found() {
+    #[should_panic(expected = "must be distinct")]
+    fn a_repeated_sample_is_found() {
         sampler_laws(&At(2, |_| 0.5));
     }
 
@@ -134,13 +137,13 @@ mod tests {
     }
 
     #[test]
-    #[should_panic(expected = "a pattern of its own")]
-    fn a_pattern_that_forgets_its_pixel_is_found() {
+    #[should_panic(expected = "must have its own pattern")]
+    fn a_pattern_that_ignores_its_pixel_is_found() {
         random_sampler_laws(&At(2, |i| 0.25 + 0.5 * f64::from(i)));
     }
 
     #[test]
-    #[should_panic(expected = "always the same")]
+    #[should_panic(expected = "must be deterministic")]
     fn a_random_pattern_is_found() {
         let calls = AtomicU32::new(0);
         sampler_laws(&At(2, move |_| {

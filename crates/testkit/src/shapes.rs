@@ -20,8 +20,8 @@ pub fn placements() -> Vec<(&'static str, Transform)> {
     let place = |matrix, x, y, z| DAffine3::from_mat3_translation(matrix, DVec3::new(x, y, z));
     let diagonal = |x, y, z| DMat3::from_diagonal(DVec3::new(x, y, z));
     [
-        ("as it is", DAffine3::IDENTITY),
-        ("turned and moved", place(turn, 3.0, -2.0, 5.0)),
+        ("untransformed", DAffine3::IDENTITY),
+        ("rotated and translated", place(turn, 3.0, -2.0, 5.0)),
         ("mirrored", place(diagonal(1.0, 1.0, -1.0) * turn, 0.5, 0.0, 0.0)),
         ("tiny", place(turn * diagonal(1e-8, 1e-8, 1e-8), 1e-8, 0.0, 0.0)),
         ("huge", place(turn * diagonal(1e8, 1e8, 1e8), 1e7, 0.0, 0.0)),
@@ -68,7 +68,7 @@ pub fn shape_laws_everywhere<P: Plugin<Shapes>>(text: &str, samples: u32) {
                 let broken = first_broken(shape, rays).err().map(|broken| broken.law);
                 assert_eq!(broken, None, "{} that is {name}", P::TYPE);
             }
-            Err(error) if name == "as it is" => panic!("{}: {error}", P::TYPE),
+            Err(error) if name == "untransformed" => panic!("{}: {error}", P::TYPE),
             Err(_) => {}
         }
     }
@@ -136,13 +136,13 @@ fn check_batch(bench: &Bench, numbers: std::ops::Range<u32>, random: &mut Random
             .pure(&ray, &hit)
             .and_then(|()| bench.scales(&ray, &hit))
             .and_then(|()| bench.on_surface(&ray, &hit, random))
-            .and_then(|()| bench.goes_on(&ray, &hit));
+            .and_then(|()| bench.extrapolates(&ray, &hit));
         checked.map_err(|law| Broken::at(&ray, format!("{law}; {ray:?}, {hit:?}")))?;
     }
     accelerator_streams(bench, &queries)?;
     surface_streams(&bench.geometry, &surfaces)?;
     if samples >= 50 && hits < samples / 50 {
-        return Err(format!("too few of {samples} rays hit to tell: {hits}").into());
+        return Err(format!("too few of {samples} rays hit the shape: {hits}").into());
     }
     Ok(())
 }
@@ -289,7 +289,7 @@ impl Bench {
         let (before, after) = (hit.t.next_down(), hit.t.next_up());
         law(
             same(ask(0.0, f64::INFINITY)),
-            "asked again, the shape must give the same hit",
+            "a second query must give the same hit",
         )?;
         law(
             same(ask(0.0, after)) && same(ask(before, f64::INFINITY)) && same(ask(before, after)),
@@ -301,7 +301,7 @@ impl Bench {
         )?;
         law(
             ask(hit.t, f64::INFINITY).is_none_or(|next| next.t > hit.t),
-            "what is hit must lie inside the interval",
+            "the hit must lie inside the interval",
         )?;
         // From the other end, the last hit comes first.
         let end = hit.t + 10.0 * self.size() / ray.direction.length();
@@ -315,7 +315,7 @@ impl Bench {
         let grazing = 2.0 * (point.error + 8.0 * rounding) / point.n_g.dot(ray.direction).abs();
         law(
             last <= hit.t + 1e-9 * end + grazing || ask(hit.t, f64::INFINITY).is_some(),
-            "what lies behind the nearest hit must be found from there on",
+            "a hit behind the nearest one must be found by an interval that starts between them",
         )
     }
 
@@ -370,7 +370,7 @@ impl Bench {
         let padded = self.bounds.padded(slack);
         law(
             position.cmpge(padded.min).all() && position.cmple(padded.max).all(),
-            "the bounds must contain what is hit",
+            "the bounds must contain the hit",
         )?;
 
         law(
@@ -390,7 +390,7 @@ impl Bench {
                 let near = again.filter(|again| again.t <= 1e3 * slack);
                 if let Some(near) = near.filter(|near| !self.is_behind_an_edge(&away, near, hit, side)) {
                     return Err(format!(
-                        "a ray that leaves must not meet the place again that it leaves: {away:?}, {near:?}"
+                        "a spawned ray must not hit its start again: {away:?}, {near:?}"
                     ));
                 }
             }
@@ -400,7 +400,7 @@ impl Bench {
 
     /// Checks that the surface that a shape extrapolates near a hit is the surface that a ray finds
     /// there.
-    fn goes_on(&self, ray: &Ray, hit: &PreliminaryIntersection) -> Result<(), String> {
+    fn extrapolates(&self, ray: &Ray, hit: &PreliminaryIntersection) -> Result<(), String> {
         let needs = SurfaceAttributes::SHADING_NORMAL | SurfaceAttributes::UV;
         let here = self.geometry.surface(ray, hit, needs);
         let (a, b) = here.n_g.any_orthonormal_pair();
@@ -409,7 +409,7 @@ impl Bench {
         // it.
         let step = self.size() / (1u32 << 20) as f64;
         let q = here.position + step * along;
-        let Some(told) = self.geometry.surface_at_offset(&here, hit, q, needs) else {
+        let Some(extrapolated) = self.geometry.surface_at_offset(&here, hit, q, needs) else {
             return Ok(());
         };
         let above = 1e-3 * self.size();
@@ -423,13 +423,13 @@ impl Bench {
         let there = self.geometry.surface(&down, &found, needs);
         // Angles wrap around after a full turn.
         let folded = |uv: DVec2| uv - uv.round();
-        let (change, wrong) = (folded(there.uv - here.uv), folded(told.uv - there.uv));
+        let (change, wrong) = (folded(there.uv - here.uv), folded(extrapolated.uv - there.uv));
         // The effect of the error of the point, which is large where a shape is thin.
         let moved = |side: f64| {
             let q = q + (side * here.error) * here.n_g;
             self.geometry
                 .surface_at_offset(&here, hit, q, needs)
-                .map_or((DVec2::ZERO, DVec3::ZERO), |told| (told.uv, told.n_s))
+                .map_or((DVec2::ZERO, DVec3::ZERO), |found| (found.uv, found.n_s))
         };
         let ((uv, n_s), (other_uv, other_n_s)) = (moved(-4.0), moved(4.0));
         let unsure = (uv - other_uv).length() + (n_s - other_n_s).length();
@@ -437,12 +437,13 @@ impl Bench {
         // Near poles, coordinates change too fast to be compared.
         law(
             change.length() > 1e-3 || wrong.length() <= 0.05 * change.length() + rounding,
-            "texture coordinates beside a hit must be those that a ray finds there",
+            "extrapolated texture coordinates must equal those that a ray finds there",
         )?;
         let turned = there.n_s - here.n_s;
         law(
-            turned.length() > 1e-3 || (told.n_s - there.n_s).length() <= 0.05 * turned.length() + rounding,
-            "the normal beside a hit must be the one that a ray finds there",
+            turned.length() > 1e-3
+                || (extrapolated.n_s - there.n_s).length() <= 0.05 * turned.length() + rounding,
+            "the extrapolated normal must equal the one that a ray finds there",
         )
     }
 
@@ -605,14 +606,17 @@ mod tests {
             (Fault::PointOnTheRay, "the position must lie on the surface"),
             (Fault::LongNormal, "normals must have unit length"),
             (Fault::ParameterInMetres, "t must be inversely proportional"),
-            (Fault::MeetsItselfAgain, "a ray that leaves must not meet"),
-            (Fault::MeetsItselfAsAnother, "a ray that leaves must not meet"),
+            (Fault::MeetsItselfAgain, "a spawned ray must not hit its start"),
+            (
+                Fault::MeetsItselfAsAnother,
+                "a spawned ray must not hit its start",
+            ),
             (
                 Fault::NearerInNarrowIntervals,
                 "the hit must not depend on an interval",
             ),
-            (Fault::IgnoresTheInterval, "what lies behind the nearest hit"),
-            (Fault::Forgetful, "asked again"),
+            (Fault::IgnoresTheInterval, "a hit behind the nearest one"),
+            (Fault::Forgetful, "a second query"),
             (Fault::Nowhere, "too few of 400 rays"),
         ] {
             let found = verdict(fault)

@@ -122,7 +122,7 @@ fn normal(shape: &dyn Shape, ray: &Ray, hit: &ShapeHit) -> DVec3 {
 fn check_end(shape: &dyn Shape, ray: &Ray, end: &ShapeHit, inward: f64) -> Result<(), String> {
     law(
         end.primitive < shape.primitives(),
-        "a solid must have as many sub-primitives as it says",
+        "the sub-primitive must be below the declared number",
     )?;
     let (n, d) = (normal(shape, ray, end), ray.direction.normalize());
     law(
@@ -139,7 +139,7 @@ fn check_end(shape: &dyn Shape, ray: &Ray, end: &ShapeHit, inward: f64) -> Resul
     let onward = Ray::new(start, ray.direction);
     law(
         shape.goes_inside(&onward, end.primitive) == (inward > 0.0),
-        "a ray that leaves must be known to go inside or not",
+        "`goes_inside` must tell whether a spawned ray enters the solid",
     )
 }
 
@@ -149,7 +149,7 @@ fn check_place(shape: &dyn Shape, ray: &Ray, inside: bool) -> Result<(), String>
     let around = spans.iter().any(|span| span.enter.t < 0.0 && span.exit.t > 0.0);
     law(
         around == inside,
-        "a place between two ends must be on the same side from everywhere",
+        "a point between two ends must be on the same side for every line",
     )
 }
 
@@ -257,12 +257,12 @@ mod tests {
         for (fault, expected) in [
             (Fault::Backwards, "entries and exits must alternate"),
             (Fault::NoSpans, "every hit must be the end of a span"),
-            (Fault::OnlyInFront, "a place between two ends"),
+            (Fault::OnlyInFront, "a point between two ends"),
             (Fault::Hollow, "the ends of spans must be hits"),
             (Fault::InsideOut, "normals must point out"),
             (Fault::OtherRounding, "the ends of spans must be hits"),
             (Fault::WrongNumber, "the ends of spans must be hits"),
-            (Fault::LostWhenLeaving, "a ray that leaves must be known"),
+            (Fault::LostWhenLeaving, "`goes_inside` must tell whether"),
         ] {
             let found = verdict(fault)
                 .err()

@@ -19,7 +19,10 @@ fn law(holds: bool, text: impl FnOnce() -> String) -> Checked {
     if holds {
         Ok(())
     } else {
-        Err(format!("a stream gives the same as single rays: {}", text()))
+        Err(format!(
+            "a stream must give the same bits as single calls: {}",
+            text()
+        ))
     }
 }
 
@@ -282,11 +285,11 @@ pub(crate) fn material_streams(material: &dyn Material, points: &[(SurfaceIntera
             };
             for (expected, found) in [(of(true), &split.reflection), (of(false), &split.transmission)] {
                 let absorption = split.absorption.get(lane);
-                // Read only for materials that have this lobe.
+                // Read only for materials with this flag.
                 let straight = material.flags().contains(BsdfFlags::NULL) && split.straight.0[lane];
                 law(same_branch(expected, found, lane, absorption, straight), || {
                     let found = (found.direction.get(lane), found.weight.get(lane), absorption);
-                    format!("{place}: expected the branch {expected:?}, found {found:?}")
+                    format!("{place}: expected the specular ray {expected:?}, found {found:?}")
                 })?;
             }
         }
@@ -558,7 +561,7 @@ mod tests {
             integrator_streams(&Wrong, &scene, &[ray; 50]),
         ];
         for (number, found) in found.into_iter().enumerate() {
-            assert!(found.is_err(), "check {number} lets a wrong lane through");
+            assert!(found.is_err(), "check {number} does not find a wrong lane");
         }
         assert_eq!(material_streams(&WrongMaterial(3), &views), Ok(()));
     }

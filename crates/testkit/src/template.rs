@@ -103,7 +103,7 @@ mod tests {
     use proptest::test_runner::TestRunner;
 
     #[test]
-    fn ranges_are_told_from_other_dots() {
+    fn ranges_differ_from_other_dots() {
         let template = Template::new("file = \"../a..b\"\nx = [0.5..2, 1..3]\ny = -1e-3..1.0 # ... 2..1");
         assert_eq!(
             template.ranges,
@@ -125,7 +125,7 @@ mod tests {
                 .texts()
                 .new_tree(&mut runner)
                 .expect("ranges are not empty");
-            let read = |text: String| text.parse::<toml::Table>().expect("it is TOML");
+            let read = |text: String| text.parse::<toml::Table>().expect("the text is TOML");
             let table = read(tree.current());
             let (x, n) = (table["x"].as_float().unwrap(), table["n"].as_integer().unwrap());
             assert!((0.5..=2.0).contains(&x) && (1..=3).contains(&n), "{table}");

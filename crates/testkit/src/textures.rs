@@ -53,7 +53,7 @@ pub fn texture_laws(texture: &dyn Texture) {
         .flat_map(|u| coordinates.map(|v| at(u, v)))
         .collect();
     let broken = texture_streams(texture, &points).err();
-    assert_eq!(broken, None, "values of a stream");
+    assert_eq!(broken, None, "streams must give the same values as single calls");
     let reads_uv = texture.needs().contains(SurfaceAttributes::UV);
     let elsewhere = value(0.7, 0.2);
     for u in coordinates {
@@ -61,16 +61,20 @@ pub fn texture_laws(texture: &dyn Texture) {
             let found = value(u, v);
             assert!(
                 is_colour(found),
-                "the value at ({u}, {v}) is finite and not negative, found {found:?}"
+                "the value at ({u}, {v}) must be finite and not negative, found {found:?}"
             );
-            assert_eq!(value(u, v), found, "the value at ({u}, {v}) is always the same");
+            assert_eq!(
+                value(u, v),
+                found,
+                "the value at ({u}, {v}) must be deterministic"
+            );
             assert!(
                 reads_uv || found == elsewhere,
-                "a texture that reads (u, v) says that it needs it"
+                "a texture that reads (u, v) must declare that it needs it"
             );
             assert!(
                 texture.constant().is_none_or(|constant| constant == found),
-                "a texture that says that it is constant is so at ({u}, {v})"
+                "a texture declared constant must have that value at ({u}, {v})"
             );
         }
     }
@@ -99,16 +103,19 @@ pub fn texture_laws(texture: &dyn Texture) {
         })
         .collect();
     let broken = texture_streams(texture, &footprints).err();
-    assert_eq!(broken, None, "values of a stream of footprints");
+    assert_eq!(
+        broken, None,
+        "streams with footprints must give the same values as single calls"
+    );
     for point in footprints {
         let (footprint, found) = (point.footprint, texture.value(&point));
         assert!(
             is_colour(found),
-            "the value over {footprint:?} is finite and not negative, found {found:?}"
+            "the value over {footprint:?} must be finite and not negative, found {found:?}"
         );
         assert!(
             reads_footprints || found == elsewhere,
-            "a texture that reads footprints says that it needs them"
+            "a texture that reads footprints must declare that it needs them"
         );
     }
     // For solid textures: a third coordinate from elsewhere in the list.
@@ -123,21 +130,24 @@ pub fn texture_laws(texture: &dyn Texture) {
         })
         .collect();
     let broken = texture_streams(texture, &places).err();
-    assert_eq!(broken, None, "values of a stream of places");
+    assert_eq!(
+        broken, None,
+        "streams of positions must give the same values as single calls"
+    );
     for point in places {
         let (place, found) = (point.position, texture.value(&point));
         assert!(
             is_colour(found),
-            "the value at {place} is finite and not negative, found {found:?}"
+            "the value at {place} must be finite and not negative, found {found:?}"
         );
         assert_eq!(
             texture.value(&point),
             found,
-            "the value at {place} is always the same"
+            "the value at {place} must be deterministic"
         );
         assert!(
             texture.constant().is_none_or(|constant| constant == found),
-            "a texture that says that it is constant is so at {place}"
+            "a texture declared constant must have that value at {place}"
         );
     }
 }
@@ -163,13 +173,13 @@ mod tests {
     }
 
     #[test]
-    fn a_right_texture_passes() {
+    fn a_correct_texture_passes() {
         texture_laws(&Made(SurfaceAttributes::UV, |uv: DVec2| f64::from(uv.x > 0.5)));
     }
 
     #[test]
     #[should_panic(expected = "finite and not negative")]
-    fn a_value_that_is_no_number_is_found() {
+    fn a_nan_value_is_found() {
         texture_laws(&Made(SurfaceAttributes::UV, |uv: DVec2| uv.x.abs().fract()));
     }
 
@@ -192,13 +202,13 @@ mod tests {
 
     #[test]
     #[should_panic(expected = "finite and not negative")]
-    fn a_place_without_a_value_is_found() {
+    fn a_nan_value_at_a_position_is_found() {
         texture_laws(&InSpace);
     }
 
     #[test]
-    #[should_panic(expected = "says that it needs it")]
-    fn a_hidden_need_is_found() {
+    #[should_panic(expected = "must declare that it needs it")]
+    fn an_undeclared_need_is_found() {
         texture_laws(&Made(SurfaceAttributes::NOTHING, |uv: DVec2| {
             f64::from(uv.x > 0.5)
         }));
@@ -216,8 +226,8 @@ mod tests {
     }
 
     #[test]
-    #[should_panic(expected = "footprints says that it needs them")]
-    fn a_hidden_need_of_footprints_is_found() {
+    #[should_panic(expected = "footprints must declare that it needs them")]
+    fn an_undeclared_need_of_footprints_is_found() {
         texture_laws(&Wide);
     }
 
@@ -236,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    #[should_panic(expected = "says that it is constant")]
+    #[should_panic(expected = "a texture declared constant")]
     fn a_false_constant_is_found() {
         texture_laws(&Claims);
     }

@@ -3,7 +3,7 @@
 //! - Twin: Mitsuba `checkerboard` (native).
 //! - Example: `scenes/textures/checker.toml`.
 
-use crate::mapping::{Mapping, Projection, TextureFunction};
+use crate::support::mapping::{Mapping, Projection, TextureFunction};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -27,8 +27,9 @@ pub struct Config {
     /// Added after scaling.
     #[serde(default = "zero")]
     offset: Vector2,
-    /// Mapping of the texture; by (u, v) if omitted.
+    /// Mapping of the texture.
     #[serde(default)]
+    #[schemars(extend("x-default" = "by (u, v)"))]
     mapping: Mapping,
 }
 

@@ -3,10 +3,10 @@
 //! - Twin: Mitsuba, hosted: a Python texture; POV-Ray, a function.
 //! - Example: `scenes/textures/gradient.toml`.
 
-use crate::cells::cell;
-use crate::mapping::{Mapping, Projection, TextureFunction};
+use crate::support::cells::cell;
+use crate::support::mapping::{Mapping, Projection, TextureFunction};
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::{Color, Finite, Positive, UnitInterval};
@@ -16,15 +16,18 @@ use whitstone_core::{Context, DVec3, Plugin, Rgb, SceneError, SceneErrors, Textu
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Colour at x = 0 (without an offset); 0.8 if omitted.
-    #[schemars(with = "Option<Color>")]
+    /// Colour at x = 0 (without an offset).
+    #[serde(default)]
+    #[schemars(extend("default" = 0.8), with = "Color")]
     a: Option<Spanned<Color>>,
-    /// Colour at the end of the ramp, x = 1; 0.2 if omitted.
-    #[schemars(with = "Option<Color>")]
+    /// Colour at the end of the ramp, x = 1.
+    #[serde(default)]
+    #[schemars(extend("default" = 0.2), with = "Color")]
     b: Option<Spanned<Color>>,
     /// Replaces `a` and `b`: 2 to 64 colours at positions from 0 to 1, strictly
     /// increasing.
-    #[schemars(with = "Option<Vec<Stop>>")]
+    #[serde(default)]
+    #[schemars(extend("x-default" = "none"), with = "Vec<Stop>")]
     stops: Option<Spanned<Vec<Stop>>>,
     /// Ramps per unit of texture space (a metre by default).
     #[serde(default = "one")]
@@ -36,8 +39,9 @@ pub struct Config {
     /// "mirror" reflects it.
     #[serde(default)]
     wrap: Wrap,
-    /// Mapping of the texture; by world-space position if omitted.
+    /// Mapping of the texture.
     #[serde(default)]
+    #[schemars(extend("x-default" = "by world-space position"))]
     mapping: Mapping,
 }
 
@@ -51,7 +55,7 @@ pub struct Stop {
     color: Color,
 }
 
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Wrap {
     /// Repeats the ramp.

@@ -3,13 +3,16 @@
 //! - Twin: Mitsuba, hosted: a Python texture.
 //! - Example: `scenes/textures/grid_lines.toml`.
 
-use crate::mapping::{Mapping, Projection, TextureFunction};
+use crate::support::mapping::{Mapping, Projection, TextureFunction};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::{Color, Scale2, Vector2};
 use whitstone_core::{Context, DVec2, DVec3, Plugin, Rgb, SceneError, SceneErrors, Texture, Textures};
+
+/// Default width of the lines relative to their spacing.
+const DEFAULT_WIDTH: f64 = 0.1;
 
 /// A grid of lines on a background.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -22,7 +25,8 @@ pub struct Config {
     #[serde(default = "dark")]
     b: Color,
     /// Width of the lines across u and across v relative to their spacing, from 0 (no lines) to 1.
-    #[schemars(with = "Option<Scale2>")]
+    #[serde(default)]
+    #[schemars(extend("default" = DEFAULT_WIDTH), with = "Scale2")]
     width: Option<Spanned<Scale2>>,
     /// Lines per unit of u and of v.
     #[serde(default = "one")]
@@ -30,8 +34,9 @@ pub struct Config {
     /// Added after scaling: with 0, lines are centred at u = 0 and at v = 0.
     #[serde(default = "zero")]
     offset: Vector2,
-    /// Mapping of the texture; by (u, v) if omitted.
+    /// Mapping of the texture.
     #[serde(default)]
+    #[schemars(extend("x-default" = "by (u, v)"))]
     mapping: Mapping,
 }
 
@@ -66,7 +71,7 @@ impl Plugin<Textures> for GridLines {
 
     fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Arc<dyn Texture>, SceneErrors> {
         let width = match &config.width {
-            None => DVec2::splat(0.1),
+            None => DVec2::splat(DEFAULT_WIDTH),
             Some(width) => {
                 let found = width.get_ref().get();
                 if found.min_element() < 0.0 || found.max_element() > 1.0 {

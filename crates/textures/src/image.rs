@@ -8,11 +8,11 @@
 //! - Twin: Mitsuba `bitmap` (native); the filters `trilinear` and `ewa` are hosted.
 //! - Example: `scenes/textures/image.toml`.
 
-use crate::mapping::{Mapping, Projection};
-use crate::raster::{ColorSpace, Filter, Lookup, MaxAnisotropy, Raster, Store};
-use crate::wrap::Wraps;
+use crate::support::mapping::{Mapping, Projection};
+use crate::support::raster::{ColorSpace, Filter, Lookup, MaxAnisotropy, Raster, Store, USUAL_ANISOTROPY};
+use crate::support::wrap::Wraps;
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::{FilePath, IntegerIn, Scale2, Vector2};
@@ -33,8 +33,9 @@ pub struct Config {
     #[serde(default)]
     filter: Filter,
     /// For "ewa": maximum ratio of the axes of a sample's ellipse. Longer ellipses are widened,
-    /// which bounds the number of texels read. 16 if omitted.
-    #[schemars(with = "Option<IntegerIn<1, 64>>")]
+    /// which bounds the number of texels read.
+    #[serde(default)]
+    #[schemars(extend("default" = USUAL_ANISOTROPY), with = "IntegerIn<1, 64>")]
     max_anisotropy: MaxAnisotropy,
     /// Continuation outside of the image: "repeat", "clamp" to its border, or "mirror". Two words
     /// give the horizontal and the vertical rule; a latitude-longitude sky needs ["repeat",
@@ -44,12 +45,12 @@ pub struct Config {
     /// Channel of the image: "color", as stored in the file regardless of alpha; or "alpha" as a
     /// grey, for example for the `opacity` of a `mask`.
     #[serde(default)]
-    #[schemars(with = "Channel")]
+    #[schemars(extend("default" = "color"), with = "Channel")]
     channel: Option<Spanned<Channel>>,
     /// Encoding of the values in the file: "srgb", "linear", or "auto" (sRGB for PNG and JPEG,
     /// linear for EXR). Alpha is always linear.
     #[serde(default)]
-    #[schemars(with = "ColorSpace")]
+    #[schemars(extend("default" = "auto"), with = "ColorSpace")]
     color_space: Option<Spanned<ColorSpace>>,
     /// Repetitions of the image per unit of u and of v.
     #[serde(default = "one")]
@@ -57,13 +58,14 @@ pub struct Config {
     /// Added after scaling.
     #[serde(default = "zero")]
     offset: Vector2,
-    /// Mapping of the texture; by (u, v) if omitted.
+    /// Mapping of the texture.
     #[serde(default)]
+    #[schemars(extend("x-default" = "by (u, v)"))]
     mapping: Mapping,
 }
 
 /// A channel of an image.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Channel {
     /// Its colours.
@@ -91,7 +93,7 @@ impl Plugin<Textures> for Image {
     fn build(config: Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Texture>, SceneErrors> {
         let path = context.file(&config.file)?;
         let refuse = |why: String| {
-            let message = format!("\"{}\" is no texture: {why}", config.file.path);
+            let message = format!("\"{}\" cannot be used as a texture: {why}", config.file.path);
             SceneErrors::from(SceneError::at(config.file.span.clone(), message))
         };
         let alpha = config
@@ -143,7 +145,7 @@ impl Plugin<Textures> for Image {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::wrap::Wrap;
+    use crate::support::wrap::Wrap;
     use whitstone_core::{DVec2, DVec3, Rgb, SurfaceInteraction};
     use whitstone_image::planes;
     use whitstone_image::png;

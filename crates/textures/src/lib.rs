@@ -9,13 +9,14 @@
 
 use whitstone_core::{DuplicateType, Registry, Textures};
 
+mod support;
+
 #[cfg(any(
     feature = "checker3d",
     feature = "gradient",
     feature = "rings",
     feature = "stripes"
 ))]
-mod cells;
 #[cfg(feature = "checker")]
 pub mod checker;
 #[cfg(feature = "checker3d")]
@@ -28,13 +29,8 @@ pub mod gradient;
 pub mod grid_lines;
 #[cfg(feature = "image")]
 pub mod image;
-mod mapping;
 #[cfg(feature = "noise")]
 pub mod noise;
-#[cfg(any(feature = "image", feature = "synthesized"))]
-mod pyramid;
-#[cfg(any(feature = "image", feature = "synthesized"))]
-mod raster;
 #[cfg(feature = "rings")]
 pub mod rings;
 #[cfg(feature = "solid")]
@@ -45,7 +41,6 @@ pub mod stripes;
 pub mod synthesized;
 #[cfg(feature = "worley")]
 pub mod worley;
-mod wrap;
 
 /// Registers every texture whose feature is enabled.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {

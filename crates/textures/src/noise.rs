@@ -8,15 +8,22 @@
 //! - Twin: Mitsuba, hosted: a Python texture, written from the model.
 //! - Example: `scenes/textures/noise.toml`.
 
-use crate::mapping::{Mapping, Projection, TextureFunction};
+use crate::support::mapping::{Mapping, Projection, TextureFunction};
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::{Color, Finite, IntegerIn, Positive};
 use whitstone_core::hash::mix;
 use whitstone_core::{Context, DVec3, Plugin, Rgb, SceneError, SceneErrors, Texture, Textures};
+
+/// Default number of octaves, and factors from one octave to the next.
+const DEFAULT_OCTAVES: u32 = 4;
+const DEFAULT_LACUNARITY: f64 = 2.0;
+const DEFAULT_GAIN: f64 = 0.5;
+/// Default displacement of marble and wood, in waves.
+const DEFAULT_DISTORTION: f64 = 1.0;
 
 /// Perlin noise: single, in octaves, and as marble and wood.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -38,21 +45,28 @@ pub struct Config {
     #[serde(default = "one")]
     scale: Positive,
     /// Number of octaves; not for "perlin", which has one.
-    #[schemars(with = "Option<IntegerIn<1, 16>>")]
+    #[serde(default)]
+    #[schemars(extend("default" = DEFAULT_OCTAVES), with = "IntegerIn<1, 16>")]
     octaves: Option<Spanned<IntegerIn<1, 16>>>,
     /// Factor on the frequency from one octave to the next.
-    #[schemars(with = "Option<Positive>")]
+    #[serde(default)]
+    #[schemars(extend("default" = DEFAULT_LACUNARITY), with = "Positive")]
     lacunarity: Option<Spanned<Positive>>,
     /// Factor on the amplitude from one octave to the next.
-    #[schemars(with = "Option<Positive>")]
+    #[serde(default)]
+    #[schemars(extend("default" = DEFAULT_GAIN), with = "Positive")]
     gain: Option<Spanned<Positive>>,
     /// Displacement of "marble" and "wood" by noise, in waves.
-    #[schemars(with = "Option<Finite>")]
-    distortion: Option<Spanned<Finite>>,
-    /// Seed that shuffles the permutation table; Perlin's own table if omitted.
-    seed: Option<IntegerIn<0, { u32::MAX }>>,
-    /// Mapping of the texture; by world-space position if omitted.
     #[serde(default)]
+    #[schemars(extend("default" = DEFAULT_DISTORTION), with = "Finite")]
+    distortion: Option<Spanned<Finite>>,
+    /// Seed that shuffles the permutation table.
+    #[serde(default)]
+    #[schemars(extend("x-default" = "Perlin's own table"))]
+    seed: Option<IntegerIn<0, { u32::MAX }>>,
+    /// Mapping of the texture.
+    #[serde(default)]
+    #[schemars(extend("x-default" = "by world-space position"))]
     mapping: Mapping,
 }
 
@@ -69,7 +83,7 @@ fn one() -> Positive {
 }
 
 /// Combination of the octaves.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Kind {
     /// One octave.
@@ -132,11 +146,16 @@ impl Plugin<Textures> for Noise {
         }
         let octaves = match config.kind {
             Kind::Perlin => 1,
-            _ => config.octaves.map_or(4, |octaves| octaves.into_inner().get()),
+            _ => config
+                .octaves
+                .map_or(DEFAULT_OCTAVES, |octaves| octaves.into_inner().get()),
         };
         let number =
             |key: &Option<Spanned<Positive>>, usual| key.as_ref().map_or(usual, |n| n.get_ref().get());
-        let (gain, lacunarity) = (number(&config.gain, 0.5), number(&config.lacunarity, 2.0));
+        let (gain, lacunarity) = (
+            number(&config.gain, DEFAULT_GAIN),
+            number(&config.lacunarity, DEFAULT_LACUNARITY),
+        );
         let strengths: f64 = (0..octaves).map(|k| gain.powi(k as i32)).sum();
         // Neither coordinates nor sums may overflow.
         let finest = lacunarity.powi(octaves as i32 - 1);
@@ -168,7 +187,7 @@ impl Plugin<Textures> for Noise {
             share: 1.0 / strengths,
             distortion: config
                 .distortion
-                .map_or(1.0, |distortion| distortion.into_inner().get()),
+                .map_or(DEFAULT_DISTORTION, |distortion| distortion.into_inner().get()),
             table: Table::new(config.seed.map(IntegerIn::get)),
         };
         match errors.take(config.mapping.put(Projection::Solid, pattern)) {

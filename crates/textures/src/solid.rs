@@ -5,11 +5,11 @@
 //! - Twin: Mitsuba, hosted: a Python texture, written from the model.
 //! - Example: `scenes/textures/solid.toml`.
 
-use crate::mapping::{Mapping, Projection, TextureFunction};
-use crate::wrap::Wrap;
+use crate::support::mapping::{Mapping, Projection, TextureFunction};
+use crate::support::wrap::Wrap;
 use schemars::JsonSchema;
 use serde::de::{SeqAccess, Visitor};
-use serde::{Deserialize, Deserializer};
+use serde::{Deserialize, Deserializer, Serialize};
 use std::fmt;
 use std::path::Path;
 use std::sync::Arc;
@@ -30,12 +30,16 @@ pub struct Config {
     channels: Channels,
     /// The numbers, each at least 0. Those of a voxel are adjacent; voxels are ordered along x
     /// first, then y, then z.
-    #[schemars(with = "Option<Vec<NonNegative>>")]
+    #[serde(default)]
+    #[schemars(extend("x-default" = "none: this or `file` is required"), with = "Vec<NonNegative>")]
     values: Option<Spanned<Values>>,
     /// A raw file that contains only the numbers; path relative to the scene.
+    #[serde(default)]
+    #[schemars(extend("x-default" = "none: this or `values` is required"))]
     file: Option<FilePath>,
     /// Format of the file: "u8" (bytes, 255 means 1) or "f32" (little-endian).
-    #[schemars(with = "Option<Format>")]
+    #[serde(default)]
+    #[schemars(extend("default" = "u8"), with = "Format")]
     format: Option<Spanned<Format>>,
     /// "trilinear" interpolates between voxel centres; "nearest" uses the nearest voxel.
     #[serde(default)]
@@ -43,8 +47,9 @@ pub struct Config {
     /// Continuation outside of the grid: "repeat", "clamp" to its border, or "mirror".
     #[serde(default)]
     wrap: Wrap,
-    /// Mapping of the texture; by world-space position if omitted.
+    /// Mapping of the texture.
     #[serde(default)]
+    #[schemars(extend("x-default" = "by world-space position"))]
     mapping: Mapping,
 }
 
@@ -73,8 +78,8 @@ impl<'de> Deserialize<'de> for Values {
 }
 
 /// Numbers per voxel.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
-#[serde(try_from = "u8")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(try_from = "u8", into = "u8")]
 enum Channels {
     /// Grey.
     #[default]
@@ -94,8 +99,17 @@ impl TryFrom<u8> for Channels {
     }
 }
 
+impl From<Channels> for u8 {
+    fn from(channels: Channels) -> Self {
+        match channels {
+            Channels::One => 1,
+            Channels::Three => 3,
+        }
+    }
+}
+
 /// Format of a file.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Format {
     /// Bytes; 255 means 1.
@@ -106,7 +120,7 @@ enum Format {
 }
 
 /// Texture filter.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Filter {
     /// Interpolates between the eight nearest voxels.
@@ -182,7 +196,7 @@ impl Plugin<Textures> for Solid {
                 };
                 let bytes = (width * count) as u64;
                 let refuse = |why: String| {
-                    let message = format!("\"{}\" is no such block: {why}", file.path);
+                    let message = format!("\"{}\" does not hold these numbers: {why}", file.path);
                     SceneErrors::from(SceneError::at(file.span.clone(), message))
                 };
                 // Checked before reading, so that a file of another size is not loaded.

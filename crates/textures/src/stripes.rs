@@ -3,8 +3,8 @@
 //! - Twin: Mitsuba, hosted: a Python texture; POV-Ray, a function.
 //! - Example: `scenes/textures/stripes.toml`.
 
-use crate::cells::odd;
-use crate::mapping::{Mapping, Projection, TextureFunction};
+use crate::support::cells::odd;
+use crate::support::mapping::{Mapping, Projection, TextureFunction};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -27,8 +27,9 @@ pub struct Config {
     /// Added after scaling.
     #[serde(default = "zero")]
     offset: Finite,
-    /// Mapping of the texture; by world-space position if omitted.
+    /// Mapping of the texture.
     #[serde(default)]
+    #[schemars(extend("x-default" = "by world-space position"))]
     mapping: Mapping,
 }
 

@@ -16,9 +16,9 @@ mod codes;
 mod optimization;
 mod quilt;
 
-use crate::mapping::{Mapping, Projection};
-use crate::raster::{ColorSpace, Filter, Lookup, MaxAnisotropy, Raster};
-use crate::wrap::Wraps;
+use crate::support::mapping::{Mapping, Projection};
+use crate::support::raster::{ColorSpace, Filter, Lookup, MaxAnisotropy, Raster, USUAL_ANISOTROPY};
+use crate::support::wrap::Wraps;
 use codes::Codes;
 use optimization::Optimization;
 use quilt::Quilt;
@@ -32,6 +32,10 @@ use whitstone_core::{Context, Plugin, SceneError, SceneErrors, SourceSpan, Textu
 use whitstone_image::limits::Limits;
 use whitstone_image::texels::{self, Encoding};
 
+/// Default side of the pieces, and of the neighbourhoods of the optimisation, in texels.
+const DEFAULT_BLOCK: u32 = 16;
+const DEFAULT_NEIGHBORHOOD: u32 = 16;
+
 /// Texture synthesis: an image of any size, quilted from pieces of a small sample.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -42,11 +46,12 @@ pub struct Config {
     #[schemars(with = "[IntegerIn<1, 4096>; 2]")]
     size: Spanned<[IntegerIn<1, 4096>; 2]>,
     /// Side of the square pieces in texels: about the size of the features to preserve.
-    #[schemars(with = "Option<IntegerIn<2, 256>>")]
+    #[serde(default)]
+    #[schemars(extend("default" = DEFAULT_BLOCK), with = "IntegerIn<2, 256>")]
     block: Option<Spanned<IntegerIn<2, 256>>>,
-    /// Overlap of adjacent pieces in texels, at most half a block; if omitted, a quarter of it, at
-    /// least 1.
-    #[schemars(with = "Option<IntegerIn<1, 128>>")]
+    /// Overlap of adjacent pieces in texels, at most half a block.
+    #[serde(default)]
+    #[schemars(extend("x-default" = "a quarter of `block`, at least 1"), with = "IntegerIn<1, 128>")]
     overlap: Option<Spanned<IntegerIn<1, 128>>>,
     /// Tolerated error of a piece above the best one, as a fraction of the best error. With 0, the
     /// sample repeats more visibly.
@@ -55,10 +60,9 @@ pub struct Config {
     /// Seed of the choice of pieces.
     #[serde(default = "first")]
     seed: IntegerIn<0, { u32::MAX }>,
-    /// Optimisation after quilting, which improves the match with the sample across seams; none if
-    /// omitted.
+    /// Optimisation after quilting, which improves the match with the sample across seams.
     #[serde(default)]
-    #[schemars(with = "Option<Optimize>")]
+    #[schemars(extend("x-default" = "none"), with = "Optimize")]
     optimize: Option<Spanned<Optimize>>,
     /// "nearest" uses the nearest texel, "bilinear" interpolates between texel centres. Two filters
     /// average where a sample covers several texels: "trilinear" looks up a mip map; "ewa" averages
@@ -67,8 +71,9 @@ pub struct Config {
     #[serde(default)]
     filter: Filter,
     /// For "ewa": maximum ratio of the axes of a sample's ellipse. Longer ellipses are widened,
-    /// which bounds the number of texels read. 16 if omitted.
-    #[schemars(with = "Option<IntegerIn<1, 64>>")]
+    /// which bounds the number of texels read.
+    #[serde(default)]
+    #[schemars(extend("default" = USUAL_ANISOTROPY), with = "IntegerIn<1, 64>")]
     max_anisotropy: MaxAnisotropy,
     /// Continuation outside of the image: "repeat", "clamp" to its border, or "mirror".
     #[serde(default)]
@@ -82,8 +87,9 @@ pub struct Config {
     /// Added after scaling.
     #[serde(default = "zero")]
     offset: Vector2,
-    /// Mapping of the texture; by (u, v) if omitted.
+    /// Mapping of the texture.
     #[serde(default)]
+    #[schemars(extend("x-default" = "by (u, v)"))]
     mapping: Mapping,
 }
 
@@ -93,8 +99,9 @@ pub struct Config {
 #[serde(deny_unknown_fields)]
 struct Optimize {
     /// Side of the square neighbourhoods in texels; they are spaced a quarter of it apart. Larger
-    /// features are not preserved, smaller ones become smoother. 16 if omitted.
-    #[schemars(with = "Option<IntegerIn<4, 256>>")]
+    /// features are not preserved, smaller ones become smoother.
+    #[serde(default)]
+    #[schemars(extend("default" = DEFAULT_NEIGHBORHOOD), with = "IntegerIn<4, 256>")]
     neighborhood: Option<Spanned<IntegerIn<4, 256>>>,
     /// Number of iterations: each one searches all pieces, and sets each texel to the mean of the
     /// pieces that cover it. 0 keeps the quilt.
@@ -105,18 +112,21 @@ struct Optimize {
 impl Optimize {
     /// Validates the optimisation of an image of this size. It is an error if its steps and the
     /// `before` previous ones exceed [`MOST_STEPS`].
-    fn filtered(
+    fn for_image(
         &self,
         sample: &Codes,
         size: [usize; 2],
         before: u64,
         place: SourceSpan,
     ) -> Result<Optimization, SceneErrors> {
-        let side = self.neighborhood.as_ref().map_or(16, |n| n.get_ref().get()) as usize;
+        let side = self
+            .neighborhood
+            .as_ref()
+            .map_or(DEFAULT_NEIGHBORHOOD, |n| n.get_ref().get()) as usize;
         let most = sample.width.min(sample.height).min(size[0]).min(size[1]);
         if side > most {
             let message = format!(
-                "expected a neighborhood within the sample and the picture, at most {most}, found {side}"
+                "expected a neighborhood within the sample and the image, at most {most}, found {side}"
             );
             let place = self.neighborhood.as_ref().map_or(place, |n| n.span());
             return Err(SceneError::at(place, message).into());
@@ -127,7 +137,7 @@ impl Optimize {
         };
         let steps = before.saturating_add(optimization.steps(sample, size));
         if steps > MOST_STEPS {
-            let message = format!("to make this takes {steps} comparisons, more than {MOST_STEPS}");
+            let message = format!("this takes {steps} comparisons, more than {MOST_STEPS}");
             return Err(SceneError::at(place, message)
                 .with_help("choose fewer iterations, smaller neighborhoods, or a smaller size or sample")
                 .into());
@@ -169,7 +179,7 @@ impl Plugin<Textures> for Synthesized {
     fn build(config: Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Texture>, SceneErrors> {
         let path = context.file(&config.file)?;
         let refuse = |why: String| {
-            let message = format!("\"{}\" is no sample: {why}", config.file.path);
+            let message = format!("\"{}\" cannot be used as a sample: {why}", config.file.path);
             SceneErrors::from(SceneError::at(config.file.span.clone(), message))
         };
         let texels = texels::read(&path, Limits::TEXTURE).map_err(|error| refuse(error.fault.to_string()))?;
@@ -177,7 +187,7 @@ impl Plugin<Textures> for Synthesized {
             return Err(refuse("expected 8 bits a channel".to_owned()));
         }
         let sample = Codes::of(&texels);
-        let block = config.block.as_ref().map_or(16, |n| n.get_ref().get()) as usize;
+        let block = config.block.as_ref().map_or(DEFAULT_BLOCK, |n| n.get_ref().get()) as usize;
         if block > sample.width.min(sample.height) {
             let message = format!(
                 "expected a block within the sample, which has {} x {} texels, found {block}",
@@ -206,14 +216,14 @@ impl Plugin<Textures> for Synthesized {
         };
         let steps = quilt.steps(&sample);
         if steps > MOST_STEPS {
-            let message = format!("to make this takes {steps} comparisons, more than {MOST_STEPS}");
+            let message = format!("this takes {steps} comparisons, more than {MOST_STEPS}");
             return Err(SceneError::at(config.size.span(), message)
                 .with_help("choose a smaller size or sample, or larger blocks")
                 .into());
         }
         let optimization = match &config.optimize {
             None => None,
-            Some(optimize) => Some(optimize.get_ref().filtered(
+            Some(optimize) => Some(optimize.get_ref().for_image(
                 &sample,
                 quilt.size,
                 steps,

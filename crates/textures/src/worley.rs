@@ -6,9 +6,9 @@
 //! - Twin: Mitsuba, hosted: a Python texture, written from the model.
 //! - Example: `scenes/textures/worley.toml`.
 
-use crate::mapping::{Mapping, Projection, TextureFunction};
+use crate::support::mapping::{Mapping, Projection, TextureFunction};
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use whitstone_core::config::{Color, IntegerIn, Positive};
 use whitstone_core::hash::mix;
@@ -34,8 +34,9 @@ pub struct Config {
     /// Seed of the feature points.
     #[serde(default = "first")]
     seed: IntegerIn<0, { u32::MAX }>,
-    /// Mapping of the texture; by world-space position if omitted.
+    /// Mapping of the texture.
     #[serde(default)]
+    #[schemars(extend("x-default" = "by world-space position"))]
     mapping: Mapping,
 }
 
@@ -56,7 +57,7 @@ fn first() -> IntegerIn<0, { u32::MAX }> {
 }
 
 /// The displayed value.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Value {
     /// The distance to the nearest point.

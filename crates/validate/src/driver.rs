@@ -50,7 +50,7 @@ pub enum DriverError {
         stderr: String,
     },
     /// The output is not a valid answer.
-    #[error("the driver of the reference gave an answer to `{op}` that cannot be understood: {problem}")]
+    #[error("the driver of the reference gave an invalid answer to `{op}`: {problem}")]
     BadAnswer {
         /// The request.
         op: String,
@@ -62,7 +62,7 @@ pub enum DriverError {
     #[error("no twin in the reference: {0}")]
     Unsupported(String),
     /// The driver answered that it cannot do this.
-    #[error("the driver of the reference says: {0}")]
+    #[error("the driver of the reference reports: {0}")]
     Refused(String),
 }
 
@@ -240,10 +240,10 @@ impl Coincident {
     pub(crate) fn note(&self) -> Option<String> {
         match (&self.not_examined, &self.gap, &self.shapes[..]) {
             (Some(why), _, _) => Some(format!(
-                "the reference has not looked for coincident surfaces: {why}"
+                "the reference has not searched for coincident surfaces: {why}"
             )),
             (None, None, [one, two]) => Some(format!(
-                "the reference has not drawn apart the shapes {one} and {two}, which coincide"
+                "the reference has not separated the coincident shapes {one} and {two}"
             )),
             _ => None,
         }
@@ -305,7 +305,7 @@ impl Driver {
         let (Some(stdin), Some(stdout), Some(stderr)) =
             (child.stdin.take(), child.stdout.take(), child.stderr.take())
         else {
-            unreachable!("all three were asked to be pipes");
+            unreachable!("all three are configured as pipes");
         };
         let (requests, lines) = channel::<String>();
         thread::spawn(move || write_lines(stdin, &lines));
@@ -398,7 +398,7 @@ impl Driver {
             (Some(true), _) => Ok(answer),
             (Some(false), Some("unsupported")) => Err(DriverError::Unsupported(text())),
             (Some(false), _) => Err(DriverError::Refused(text())),
-            (None, _) => Err(bad("it does not say whether it is ok".into())),
+            (None, _) => Err(bad("the field `ok` is missing".into())),
         }
     }
 
@@ -491,7 +491,7 @@ impl Driver {
         if !complete {
             return Err(DriverError::BadAnswer {
                 op: "probe".into(),
-                problem: "wrong number of values".into(),
+                problem: "the number of values does not match the request".into(),
             });
         }
         let plain = |values: Vec<[Number; 3]>| values.into_iter().map(|v| v.map(|n| n.0)).collect();
@@ -527,7 +527,7 @@ impl Driver {
         }
         self.kill();
         DriverError::Exited {
-            status: status.map_or_else(|| "it closed its output".to_owned(), |status| status.to_string()),
+            status: status.map_or_else(|| "its output was closed".to_owned(), |status| status.to_string()),
             stderr: self.stderr_tail(),
         }
     }

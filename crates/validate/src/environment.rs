@@ -38,7 +38,7 @@ pub struct Environment {
 pub enum EnvironmentError {
     /// No usable Python.
     #[error(
-        "no Python 3.{minor} or newer was found (tried {tried}); install one, or name it in WHITSTONE_PYTHON"
+        "no Python 3.{minor} or newer was found (tried {tried}); install one, or set `WHITSTONE_PYTHON` to its path"
     )]
     NoPython {
         /// The oldest usable minor version.
@@ -47,7 +47,7 @@ pub enum EnvironmentError {
         tried: String,
     },
     /// The driver's package is not in its place.
-    #[error("the driver of the reference is not in {}; run this inside the repository or pass --references", .0.display())]
+    #[error("the driver of the reference is not in {}; run this command inside the repository, or pass `--references`", .0.display())]
     NoPackage(PathBuf),
     /// A step of the installation failed.
     #[error("cannot {step}:\n{output}")]
@@ -83,7 +83,7 @@ impl Environment {
                 output: error.to_string(),
             }
         };
-        fs::create_dir_all(target).map_err(io("make the folder of the Python environment"))?;
+        fs::create_dir_all(target).map_err(io("create the folder of the Python environment"))?;
         let lock = File::create(target.join(format!("python-{key}.lock")))
             .map_err(io("lock the Python environment"))?;
         lock.lock().map_err(io("lock the Python environment"))?;
@@ -94,10 +94,10 @@ impl Environment {
         if folder.exists() {
             fs::remove_dir_all(&folder).map_err(io("remove a broken Python environment"))?;
         }
-        say(&format!("making a Python environment in {}", folder.display()));
+        say(&format!("creating a Python environment in {}", folder.display()));
         run(
             Command::new(&python).args(["-m", "venv"]).arg(&folder),
-            "make a Python environment (on Debian: apt-get install python3-venv)",
+            "create a Python environment (on Debian: apt-get install python3-venv)",
         )?;
         say("installing Mitsuba (once; about 100 MB)");
         run(
@@ -271,7 +271,7 @@ fn run(command: &mut Command, step: &'static str) -> Result<(), EnvironmentError
             Ok(None) => {
                 let _ = child.kill();
                 let _ = child.wait();
-                return Err(fail(format!("no end after {} s", INSTALL_LIMIT.as_secs())));
+                return Err(fail(format!("not finished after {} s", INSTALL_LIMIT.as_secs())));
             }
             Err(error) => return Err(fail(error.to_string())),
         }

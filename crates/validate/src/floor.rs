@@ -3,7 +3,7 @@
 //! The reference computes in single precision and avoids self-intersection by offsetting ray
 //! origins. Its own error shows when these are varied: another spawn offset, the other traversal,
 //! rays perturbed by units in the last place, and mesh vertices rounded differently. A limit below
-//! this error would test luck.
+//! this error would be arbitrary.
 
 use crate::driver::Setting;
 use crate::renderer::Renderer;

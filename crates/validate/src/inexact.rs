@@ -2,8 +2,8 @@
 //!
 //! Mitsuba computes in single precision. Far from the origin, in tiny shapes and after many
 //! reflections at curved surfaces, its own error exceeds the tolerance, and pixels stay unexplained
-//! although ours are right. The verdict does not change: what cannot be confirmed does not pass.
-//! But the notes show whose error it may be.
+//! although ours are right. The verdict does not change: a case that cannot be confirmed does not
+//! pass. The notes only show which renderer may be inaccurate.
 
 use crate::driver::Setting;
 use crate::renderer::Renderer;
@@ -26,7 +26,7 @@ pub(crate) fn notes(case: &CaseResult, geometry: &Geometry, renderer: Renderer, 
         && worst.ratio() > LARGE_OFFSET
     {
         notes.push(format!(
-            "it moves rays that leave shape {} by {:.1e} m, {:.1e} of the shape's size of {:.1e} m: single precision is \
+            "it offsets rays that are spawned on shape {} by {:.1e} m, {:.1e} of the shape's size of {:.1e} m: single precision is \
              too coarse {:.1e} m away from the origin",
             worst.shape,
             worst.step,
@@ -38,16 +38,15 @@ pub(crate) fn notes(case: &CaseResult, geometry: &Geometry, renderer: Renderer, 
     let most = 0.5 * cap;
     if case.floor > most {
         notes.push(format!(
-            "its own error in this scene is {:.1e}, more than half of the largest limit that there is, {:.0e}",
-            case.floor,
-            cap,
+            "its own error in this scene is {:.1e}, more than half of the largest possible limit, {:.0e}",
+            case.floor, cap,
         ));
     }
     if let Some(moved) = case.moved
         && moved > case.explained_limit
     {
         notes.push(format!(
-            "it differs from itself by more than the tolerance at {moved} pixels when its spawn offset, its \
+            "it varies by more than the tolerance at {moved} pixels when its spawn offset, its \
              traversal or its roundings change; {} may differ",
             case.explained_limit,
         ));

@@ -237,7 +237,10 @@ impl Validator<'_> {
     /// A description of the first difference between our ray tree and the live reference's, or of
     /// why it is not available. Stored references and POV-Ray have no trees.
     fn first_difference(&mut self, ours: &Ours, pixel: [usize; 2]) -> Option<String> {
-        let live = self.live.as_mut().filter(|live| live.renderer().tells_trees())?;
+        let live = self
+            .live
+            .as_mut()
+            .filter(|live| live.renderer().has_ray_trees())?;
         (self.stage)("comparing ray trees");
         let text = SceneText {
             text: &ours.flattened.text,

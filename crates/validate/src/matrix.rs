@@ -33,7 +33,7 @@ pub struct Cell {
     /// The picture that it was compared with: [`OWN`], or the reference; empty if it was skipped.
     pub against: String,
     /// The findings, or why it was skipped.
-    pub told: String,
+    pub detail: String,
 }
 
 /// The outcome of a cell.
@@ -99,7 +99,7 @@ fn row(cells: &[Cell]) -> Row<'_> {
     let of = |outcome| cells.iter().filter(move |cell| cell.outcome == outcome);
     let mut skipped: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
     for cell in of(Outcome::Skipped) {
-        skipped.entry(&cell.told).or_default().push(&cell.setting);
+        skipped.entry(&cell.detail).or_default().push(&cell.setting);
     }
     Row {
         scene: &cells[0].scene,
@@ -107,7 +107,7 @@ fn row(cells: &[Cell]) -> Row<'_> {
         against: cells.iter().map(|cell| &*cell.against).max().unwrap_or_default(),
         passed: of(Outcome::Pass).map(|cell| &*cell.setting).collect(),
         failed: of(Outcome::Fail)
-            .map(|cell| (&*cell.setting, &*cell.told))
+            .map(|cell| (&*cell.setting, &*cell.detail))
             .collect(),
         skipped: skipped
             .into_iter()
@@ -133,13 +133,13 @@ impl Validator<'_> {
             return (cells, cases);
         };
         let scene = crate::scene_key(path, &self.options.scenes);
-        let cell = |axis: &str, setting: &str, outcome, against: &str, told| Cell {
+        let cell = |axis: &str, setting: &str, outcome, against: &str, detail| Cell {
             scene: scene.clone(),
             axis: axis.to_owned(),
             setting: setting.to_owned(),
             outcome,
             against: against.to_owned(),
-            told,
+            detail,
         };
         let skipped =
             |axis: &str, setting: &str, why: &str| cell(axis, setting, Outcome::Skipped, "", why.to_owned());
@@ -156,13 +156,17 @@ impl Validator<'_> {
                 if let Some(why) = &setting.left_out {
                     cells.push(skipped(axis, name, why));
                 } else if setting.overrides.is_empty() {
-                    let (outcome, told) = self.same_picture(&own, axis, name);
-                    cells.push(cell(axis, name, outcome, OWN, told));
+                    let (outcome, detail) = self.same_picture(&own, axis, name);
+                    cells.push(cell(axis, name, outcome, OWN, detail));
                 } else if self.live.is_none() {
-                    let why = "it changes the picture, and the stored reference is of the scene as it is: needs a live one";
+                    let why = "it changes the image, and the stored reference is of the unchanged scene: a live reference is needed";
                     cells.push(skipped(axis, name, why));
                 } else if self.is_unchanged(&own, path, &setting.overrides) {
-                    cells.push(skipped(axis, name, "the picture is that of the scene as it is"));
+                    cells.push(skipped(
+                        axis,
+                        name,
+                        "the image is identical to that of the unchanged scene",
+                    ));
                 } else {
                     let mut case = self.validate_changed(path, &setting.overrides);
                     // A setting that the reference does not support is no fault of ours.
@@ -176,8 +180,14 @@ impl Validator<'_> {
                         continue;
                     }
                     case.config = format!("{axis} {name}");
-                    let (outcome, told) = judged(&case);
-                    cells.push(cell(axis, name, outcome, &live_name(self.options.renderer), told));
+                    let (outcome, detail) = judged(&case);
+                    cells.push(cell(
+                        axis,
+                        name,
+                        outcome,
+                        &live_name(self.options.renderer),
+                        detail,
+                    ));
                     cases.push(case);
                 }
             }
@@ -252,11 +262,11 @@ impl Validator<'_> {
             );
         }
         match differing(&own.film, &self.picture(&pipeline, threads)) {
-            0 => (Outcome::Pass, "the same bytes".to_owned()),
+            0 => (Outcome::Pass, "bit-identical".to_owned()),
             count => (
                 Outcome::Fail,
                 format!(
-                    "{count} of {} pixels differ from the scene's own picture",
+                    "{count} of {} pixels differ from the scene's own image",
                     own.film.rgb.len()
                 ),
             ),
@@ -332,7 +342,7 @@ mod tests {
 
     #[test]
     fn cells_of_a_sweep_are_one_row() {
-        let cell = |axis: &str, setting: &str, outcome, told: &str| Cell {
+        let cell = |axis: &str, setting: &str, outcome, detail: &str| Cell {
             scene: "a".to_owned(),
             axis: axis.to_owned(),
             setting: setting.to_owned(),
@@ -343,10 +353,10 @@ mod tests {
                 "own picture"
             }
             .to_owned(),
-            told: told.to_owned(),
+            detail: detail.to_owned(),
         };
         let cells = [
-            cell("accelerator", "bvh", Outcome::Pass, "the same bytes"),
+            cell("accelerator", "bvh", Outcome::Pass, "bit-identical"),
             cell("accelerator", "grid", Outcome::Fail, "3 pixels"),
             cell("accelerator", "x", Outcome::Skipped, "expensive"),
             cell("accelerator", "y", Outcome::Skipped, "expensive"),

@@ -1,4 +1,4 @@
-//! The third opinion: queries the oracle about pixels in which the two renderers differ.
+//! Queries the oracle about pixels in which the two renderers differ.
 
 use crate::explain::agree;
 use crate::judge::{allowed, color_at};
@@ -137,12 +137,12 @@ impl fmt::Display for Opinion {
         } = self;
         write!(
             f,
-            "{asked} of {in_question} pixels asked in {:.1} s: ours right {ours}, reference right {reference}, both {both}, \
+            "{asked} of {in_question} pixels queried in {:.1} s: ours right {ours}, reference right {reference}, both {both}, \
              neither {neither}, ill-posed {ill_posed}, undecided {unknown}",
             self.seconds
         )?;
         if self.out_of_time {
-            f.write_str(" (stopped when its time was up)")?;
+            f.write_str(" (stopped at its time limit)")?;
         }
         Ok(())
     }
@@ -255,7 +255,7 @@ fn tracer(
 
 #[cfg(not(feature = "oracle"))]
 fn tracer(_: &Validator<'_>, _: &Path, _: &[String]) -> Result<fn([u32; 2], bool, Instant) -> Value, String> {
-    Err("this program was built without the oracle, which comes with the feature `stress`".to_owned())
+    Err("this program was built without the oracle; build it with the feature `stress`".to_owned())
 }
 
 /// An evenly spaced selection of `most` pixels, in order.

@@ -5,7 +5,7 @@
 //! a byte per pixel, row by row. Where two planes belong together, the low bytes come before the
 //! high ones:
 //!
-//! | planes | what they hold |
+//! | planes | contents |
 //! |---|---|
 //! | 2 x 3 | the reference's R, G, B as half floats: the step from the pixel before, with its sign in the last bit |
 //! | 2 x 3 | our R, G, B in the same form, as steps from the reference |

@@ -14,7 +14,7 @@ pub(crate) fn report(path: &Path, overrides: &[String], problems: &str) -> Strin
         return problems.to_owned();
     };
     let errors = problems.lines().map(|line| {
-        let (place, text) = told(line);
+        let (place, text) = split_place(line);
         match span(&description, place) {
             Some(span) => SceneError::at(span, text),
             None => SceneError::anywhere(line),
@@ -24,7 +24,7 @@ pub(crate) fn report(path: &Path, overrides: &[String], problems: &str) -> Strin
 }
 
 /// Splits a driver's line into the place and the problem.
-pub(crate) fn told(line: &str) -> (&str, &str) {
+pub(crate) fn split_place(line: &str) -> (&str, &str) {
     line.split_once(": ").unwrap_or(("", line))
 }
 

@@ -13,8 +13,8 @@ use toml::{Table, Value};
 /// The film is not reduced below this width or height in pixels.
 const SMALLEST_FILM: i64 = 4;
 
-/// A reduced scene that fails like the given one, as TOML with absolute file paths. `tell` receives
-/// the number of values of each smaller scene that still fails.
+/// A reduced scene that fails like the given one, as TOML with absolute file paths. `progress`
+/// receives the number of values of each smaller scene that still fails.
 ///
 /// # Errors
 ///
@@ -23,7 +23,7 @@ pub fn reduce(
     validator: &mut Validator<'_>,
     scene: &Path,
     overrides: &[String],
-    tell: &dyn Fn(usize),
+    progress: &dyn Fn(usize),
 ) -> Result<String, String> {
     validator.without_pictures();
     // There are thousands of candidates, and only a difference matters.
@@ -40,7 +40,7 @@ pub fn reduce(
     let first = ask(&document)?;
     if !fails(&first) {
         return Err(if first.problems.is_empty() {
-            "the scene does not fail: there is nothing to look for".to_owned()
+            "the scene does not fail: there is nothing to reduce".to_owned()
         } else {
             format!("the scene cannot be compared: {}", first.problems.join("; "))
         });
@@ -49,7 +49,7 @@ pub fn reduce(
     minimize(&mut document, &mut |candidate| {
         let still = ask(candidate).is_ok_and(|case| fails(&case));
         if still {
-            tell(size(&Value::Table(candidate.clone())));
+            progress(size(&Value::Table(candidate.clone())));
         }
         still
     });

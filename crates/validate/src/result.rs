@@ -430,7 +430,7 @@ impl CaseResult {
         }
         match self.rel_rmse_interior {
             None if self.compared && self.nonfinite == 0 => {
-                problems.push("there is no interior to compare".to_owned());
+                problems.push("there are no interior pixels to compare".to_owned());
             }
             Some(error) if self.interior().is_over() => problems.push(format!(
                 "rel_rmse_interior {error:.2e} is above the limit {:.2e}",

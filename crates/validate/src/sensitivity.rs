@@ -61,14 +61,14 @@ pub enum Effect {
 
 impl Validator<'_> {
     /// Changes the numbers of a scene one after another, except those of `[expect]` and `[film]`.
-    /// `told` receives the index, the total and the path of the current number.
+    /// `progress` receives the index, the total and the path of the current number.
     ///
     /// # Errors
     /// The scene is wrong, or does not pass without changes.
     pub fn sensitivity(
         &mut self,
         path: &Path,
-        told: &dyn Fn(usize, usize, &str),
+        progress: &dyn Fn(usize, usize, &str),
     ) -> Result<Vec<Parameter>, String> {
         self.without_pictures();
         // Only the comparison itself is tested here.
@@ -81,14 +81,14 @@ impl Validator<'_> {
         let plain = self.trial(path, None, &|image| picture.set(hash(image)));
         if plain.status != Some(Status::Pass) {
             return Err(format!(
-                "the scene does not pass as it is:\n{}",
+                "the scene does not pass without changes:\n{}",
                 plain.problems.join("\n")
             ));
         }
         let picture = picture.get();
         let mut found = Vec::new();
         for (index, (name, number)) in numbers.iter().enumerate() {
-            told(index, numbers.len(), name);
+            progress(index, numbers.len(), name);
             let number = &self.kind(path, name, *number);
             let effect = self.effect(path, name, *number, picture);
             found.push(Parameter {

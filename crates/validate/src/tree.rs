@@ -100,9 +100,11 @@ pub fn pairs<'a>(ours: &'a [TreeNode], theirs: &'a [Node]) -> Vec<Pair<'a>> {
     let mut pairs: Vec<Pair<'a>> = found.into_values().collect();
     for pair in &mut pairs {
         pair.difference = match (pair.ours, pair.theirs) {
-            (Some(ours), None) => matters(ours.throughput.to_array()).then(|| "only ours goes on".to_owned()),
+            (Some(ours), None) => {
+                matters(ours.throughput.to_array()).then(|| "exists only in our ray tree".to_owned())
+            }
             (None, Some(theirs)) => {
-                matters(theirs.throughput).then(|| "only the reference goes on".to_owned())
+                matters(theirs.throughput).then(|| "exists only in the reference's ray tree".to_owned())
             }
             (Some(ours), Some(theirs)) => difference(ours, theirs),
             (None, None) => None,
@@ -134,7 +136,7 @@ fn coincident(ours: &TreeNode, theirs: &Node) -> Option<String> {
     };
     (ours.shape >= 0 && theirs.shape >= 0 && same).then(|| {
         format!(
-            ", both at distance {}; {what}: rounding decides which one wins",
+            ", both at distance {}; {what}: rounding decides which one is hit",
             theirs.t
         )
     })
@@ -269,14 +271,14 @@ mod tests {
                 |nodes| nodes[2].limit = false,
                 "ray T: ours is at the depth limit, the reference hits nothing",
             ),
-            (|nodes| drop(nodes.pop()), "ray T: only ours goes on"),
+            (|nodes| drop(nodes.pop()), "ray T: exists only in our ray tree"),
             (
                 |nodes| {
                     let mut node = nodes[1].clone();
                     node.path = "RR".into();
                     nodes.push(node)
                 },
-                "ray RR: only the reference goes on",
+                "ray RR: exists only in the reference's ray tree",
             ),
         ];
         for (change, expected) in changes {
@@ -296,7 +298,7 @@ mod tests {
             })
             .unwrap()
         };
-        assert!(hint(5, 2.0000005).ends_with("coincident surfaces: rounding decides which one wins"));
+        assert!(hint(5, 2.0000005).ends_with("coincident surfaces: rounding decides which one is hit"));
         assert!(hint(4, 2.0).contains("a common edge or coincident surfaces"));
         for apart in [hint(5, 2.000002), hint(-1, 2.0), hint(5, f64::NAN)] {
             assert!(!apart.contains("coincident"), "{apart}");

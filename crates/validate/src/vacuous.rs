@@ -1,4 +1,4 @@
-//! Remarks that a verdict does not include: a vacuous comparison, a refracting mesh with holes,
+//! Remarks that do not affect the verdict: a vacuous comparison, a refracting mesh with holes,
 //! coincident surfaces.
 
 use whitstone_image::Image;
@@ -12,7 +12,7 @@ const MOST_COINCIDENT: usize = 8;
 pub(crate) fn notes(ours: &Image, reference: &Image, pipeline: &Pipeline) -> Vec<String> {
     let mut notes = Vec::new();
     if is_vacuous(ours, reference).unwrap_or(false) {
-        notes.push("each image shows one colour: nothing but this colour was compared".to_owned());
+        notes.push("each image shows one colour only, so the comparison is vacuous".to_owned());
     }
     for (shape, defects) in pipeline.scene.open_refracting_meshes() {
         notes.push(format!(

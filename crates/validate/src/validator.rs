@@ -112,7 +112,7 @@ impl<'a> Validator<'a> {
     /// Creates the Python environment of Mitsuba if needed. Calls `say` before slow steps.
     pub fn new(registry: &'a Registry, options: Options, say: &dyn Fn(&str)) -> Result<Self, NoLive> {
         let (live, not_live) = match options.mode {
-            Mode::Stored => (None, Some("stored references were asked for".to_owned())),
+            Mode::Stored => (None, Some("stored references were requested".to_owned())),
             Mode::Auto | Mode::Live => match start_live(registry, &options, say) {
                 Ok(live) => (Some(live), None),
                 Err(problem) if options.mode == Mode::Live => return Err(NoLive(problem)),
@@ -132,7 +132,7 @@ impl<'a> Validator<'a> {
     }
 
     /// Sets a callback that receives the name of each stage, because a scene can take minutes.
-    pub fn tell(&mut self, stage: impl Fn(&str) + Send + Sync + 'a) {
+    pub fn on_stage(&mut self, stage: impl Fn(&str) + Send + Sync + 'a) {
         self.stage = Box::new(stage);
     }
 
@@ -314,12 +314,12 @@ impl<'a> Validator<'a> {
     }
 
     /// The changes of a scene on both sides: those of the options, and those without which the
-    /// reference cannot render it. The latter are also appended to `told`.
-    pub(crate) fn overrides(&self, path: &Path, told: &mut Vec<String>) -> Result<Vec<String>, String> {
+    /// reference cannot render it. The latter are also appended to `changes`.
+    pub(crate) fn overrides(&self, path: &Path, changes: &mut Vec<String>) -> Result<Vec<String>, String> {
         let mut overrides = self.options.overrides.clone();
         let flattened = flatten(path, &overrides)?;
         for Adaptation { change, reason } in self.options.renderer.adaptations_of(&flattened.text) {
-            told.push(format!("{change}: {reason}"));
+            changes.push(format!("{change}: {reason}"));
             overrides.push(change);
         }
         Ok(overrides)
@@ -361,8 +361,8 @@ impl<'a> Validator<'a> {
         };
         if let Some(live) = &mut self.live {
             let stage = &self.stage;
-            let told = |done, all| stage(&format!("the reference, {done} of {all} renderings"));
-            match live.reference(text, &hash, &told) {
+            let progress = |done, all| stage(&format!("the reference, {done} of {all} renderings"));
+            match live.reference(text, &hash, &progress) {
                 Ok(reference) => {
                     if let Ok(stored) = &stored {
                         let drift = floor::between(&stored.image, &reference.image);
@@ -377,7 +377,7 @@ impl<'a> Validator<'a> {
                 Err(LiveError::Driver(DriverError::Unsupported(problems))) => {
                     let report = place::report(path, &self.options.overrides, &problems);
                     let report = format!("no twin in {renderer}:\n{report}");
-                    let lacks = problems.lines().map(|line| place::told(line).1.to_owned());
+                    let lacks = problems.lines().map(|line| place::split_place(line).1.to_owned());
                     return Err(NoReference::NoTwin(report, lacks.collect()));
                 }
                 Err(error) => {
@@ -396,14 +396,14 @@ impl<'a> Validator<'a> {
                 if !self.options.overrides.is_empty() =>
             {
                 Err(NoReference::Problem(format!(
-                    "{error}; a scene that is changed by --set can be compared with a live reference only"
+                    "{error}; a scene that is changed by `--set` can only be compared with a live reference"
                 )))
             }
             Err(error @ (StoredError::Missing { .. } | StoredError::Stale { .. })) => {
                 let accept = self.command("reference --accept", path);
-                let new = format!("{error}; render a new one by: {accept}");
+                let new = format!("{error}; render a new one with: {accept}");
                 let other = self.other_reference(path);
-                let other = other.map(|other| format!("{error}; {other} has one"));
+                let other = other.map(|other| format!("{error}; {other} has a stored reference"));
                 Err(match error {
                     StoredError::Missing { .. } => NoReference::NoTwin(other.unwrap_or(new), Vec::new()),
                     _ => NoReference::Problem(new),

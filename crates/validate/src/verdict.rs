@@ -56,8 +56,9 @@ impl Validator<'_> {
         let mut broken = case.broken_limits();
         let rehits = against.stored.meta.rehits;
         if rehits > 0 {
-            let problem =
-                format!("{rehits} of the reference's rays met again the surface that they had just left");
+            let problem = format!(
+                "{rehits} of the reference's spawned rays hit again the surface that they had just left"
+            );
             case.inexact.push(problem.clone());
             broken.push(problem);
         }
@@ -82,7 +83,7 @@ impl Validator<'_> {
         if self.oracle.when == Ask::Never {
             case.settle(
                 Status::Undecided,
-                "our image differs from the reference, and the oracle was not asked who is right".to_owned(),
+                "our image differs from the reference, and the oracle was not queried".to_owned(),
             );
             return;
         }
@@ -137,7 +138,7 @@ impl Validator<'_> {
         let mut open = Vec::new();
         if !wrong.is_empty() {
             open.push(format!(
-                "the oracle contradicts ours in {}, but ours has not drawn apart all surfaces that coincide",
+                "the oracle contradicts ours in {}, but our tracer could not separate all coincident surfaces",
                 counted(wrong.len(), "pixel")
             ));
         }
@@ -146,7 +147,7 @@ impl Validator<'_> {
         }
         if hearing.out_of_time {
             open.push(format!(
-                "the oracle answered for {} of {} pixels in its time of {} s",
+                "the oracle answered for {} of {} pixels within its time limit of {} s",
                 opinion.asked,
                 in_question.len().min(MOST_ASKED),
                 self.oracle.budget.as_secs()
@@ -197,7 +198,7 @@ impl Validator<'_> {
             && count > case.explained_limit
         {
             open.push(format!(
-                "numbers of shapes or primitives differ in {} that have the same colour, and the oracle has none to compare",
+                "ids of shapes or primitives differ in {} that have the same colour, and the oracle has no ids to compare",
                 counted(count, "pixel")
             ));
         }
@@ -205,7 +206,7 @@ impl Validator<'_> {
             return (
                 Status::Undecided,
                 format!(
-                    "our image differs from the reference, and nobody can tell who is right: {}",
+                    "our image differs from the reference, and it is undecided which of them is right: {}",
                     open.join("; ")
                 ),
             );
@@ -238,7 +239,7 @@ impl Validator<'_> {
         (
             Status::Confirmed,
             format!(
-                "the reference is too weak in this scene; the oracle confirms ours in the pixels in question ({confirmed})"
+                "the reference is too inaccurate in this scene; the oracle confirms ours in the pixels in question ({confirmed})"
             ),
         )
     }
@@ -259,7 +260,8 @@ impl Validator<'_> {
         if worst.is_empty() {
             return (
                 Status::Confirmed,
-                "the reference varies in every pixel; the oracle confirms ours in those that it was asked about".to_owned(),
+                "the reference varies in every pixel; the oracle confirms ours in the queried ones"
+                    .to_owned(),
             );
         }
         let mut pixels = worst.clone();
@@ -274,7 +276,7 @@ impl Validator<'_> {
             (
                 Status::Undecided,
                 format!(
-                    "the mean error or the bias of a block is above its limit, and nobody can tell whose it is: {why}"
+                    "the mean error or the bias of a block is above its limit, and it is undecided whose error it is: {why}"
                 ),
             )
         };
@@ -283,25 +285,22 @@ impl Validator<'_> {
         }
         let (count, [error, theirs]) = errors(&hearing, ours, reference);
         if 2 * count < pixels.len() {
-            return undecided("the oracle decides less than half of the pixels that it was asked about");
+            return undecided("the oracle decides less than half of the queried pixels");
         }
         let told = format!(
-            "against the oracle, in {count} pixels, the error of ours is {error:.2e} and that of the reference {theirs:.2e}"
+            "compared with the oracle in {count} pixels, our error is {error:.2e} and the reference's error is {theirs:.2e}"
         );
         if error > case.limit {
             return (
                 Status::Fail,
-                format!(
-                    "our image is less exact than the limit {:.2e}: {told}",
-                    case.limit
-                ),
+                format!("our error exceeds the limit {:.2e}: {told}", case.limit),
             );
         }
         let varying = self.varying(our_side, against, &worst);
         let shared = shared::possible_fault(&our_side.flattened.text).is_some();
         if (case.inexact.is_empty() || shared) && 2 * varying < worst.len() {
             return undecided(&format!(
-                "{told}, but the reference shows no sign of weakness (with other roundings it takes our values in {varying} of the \
+                "{told}, but the reference shows no sign of inaccuracy (with other roundings it takes our values in {varying} of the \
                  {} worst pixels): a fault that our tracer shares with the oracle is possible",
                 worst.len()
             ));
@@ -309,7 +308,7 @@ impl Validator<'_> {
         (
             Status::Confirmed,
             format!(
-                "the reference is too inexact in this scene (with other roundings it takes our values in {varying} of the {} worst \
+                "the reference is too inaccurate in this scene (with other roundings it takes our values in {varying} of the {} worst \
                  pixels): {told}",
                 worst.len()
             ),
@@ -387,7 +386,7 @@ fn note(
 
 fn contradicted(opinion: &Opinion, wrong: usize) -> String {
     format!(
-        "our image is wrong: of {} that the oracle was asked about, it contradicts ours in {wrong} and agrees with the \
+        "our image is wrong: of {} that the oracle was queried about, it contradicts ours in {wrong} and agrees with the \
          reference in {}",
         counted(opinion.asked, "pixel"),
         opinion.reference + opinion.both

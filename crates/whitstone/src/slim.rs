@@ -41,7 +41,7 @@ fn parse(words: impl Iterator<Item = OsString>) -> Result<Arguments, Failure> {
     let text = |word: Option<OsString>, after: &str| {
         let word = word.ok_or_else(|| Failure::usage(format!("expected a value after {after}")))?;
         word.into_string()
-            .map_err(|_| Failure::usage(format!("the value of {after} is no UTF-8")))
+            .map_err(|_| Failure::usage(format!("the value of {after} is not valid UTF-8")))
     };
     while let Some(word) = words.next() {
         match word.to_str() {
@@ -50,18 +50,22 @@ fn parse(words: impl Iterator<Item = OsString>) -> Result<Arguments, Failure> {
             Some("--threads") => {
                 let count = text(words.next(), "--threads")?.parse().ok();
                 let count = count.filter(|count| *count <= 1024);
-                arguments.threads =
-                    count.ok_or_else(|| Failure::usage("--threads: expected a number from 0 to 1024"))?;
+                arguments.threads = count
+                    .ok_or_else(|| Failure::usage("--threads: expected a whole number from 0 to 1024"))?;
             }
             Some(option) if option.starts_with('-') => {
                 return Err(Failure::usage(format!("unknown option {option}; usage: {USAGE}")));
             }
             _ if arguments.scene.as_os_str().is_empty() => arguments.scene = word.into(),
-            _ => return Err(Failure::usage(format!("one scene at a time; usage: {USAGE}"))),
+            _ => {
+                return Err(Failure::usage(format!(
+                    "expected one scene, found two; usage: {USAGE}"
+                )));
+            }
         }
     }
     if arguments.scene.as_os_str().is_empty() {
-        return Err(Failure::usage(format!("usage: {USAGE}")));
+        return Err(Failure::usage(format!("expected a scene; usage: {USAGE}")));
     }
     if arguments.output.as_os_str().is_empty() {
         let name = arguments.scene.with_extension("exr");
@@ -74,7 +78,7 @@ fn parse(words: impl Iterator<Item = OsString>) -> Result<Arguments, Failure> {
     {
         let output = arguments.output.display();
         return Err(Failure::usage(format!(
-            "{output}: expected a name that ends in .exr"
+            "{output}: unknown image format; expected a file name that ends in .exr"
         )));
     }
     Ok(arguments)
@@ -101,18 +105,18 @@ fn render(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     });
     let image = film.to_image(&pipeline.scene_hash).map_err(Failure::usage)?;
     exr_io::write(&arguments.output, &image).map_err(Failure::environment)?;
-    tell(&arguments.output, &pipeline, &film);
+    print_summary(&arguments.output, &pipeline, &film);
     Ok(Exit::Pass)
 }
 
-/// Prints one line with the image and the speed, and a warning if the image is not sound.
-pub(crate) fn tell(output: &Path, pipeline: &Pipeline, film: &Film) {
+/// Prints one line with the image and the speed, and a warning if pixels are not finite.
+pub(crate) fn print_summary(output: &Path, pipeline: &Pipeline, film: &Film) {
     println!("{}", summary(output, pipeline, film));
     let (unfit, all) = (film.not_finite(), film.rgb.len());
     if unfit > 0 {
         eprintln!(
-            "warning: {unfit} of {all} pixels are not finite: radiance in this scene exceeds {:.1e}, which is all that 32 bits hold, \
-             or is no number",
+            "warning: {unfit} of {all} pixels are not finite: their radiance is NaN, or exceeds {:.1e}, the largest \
+             32-bit float",
             f32::MAX
         );
     }
@@ -121,7 +125,7 @@ pub(crate) fn tell(output: &Path, pipeline: &Pipeline, film: &Film) {
 fn summary(output: &Path, pipeline: &Pipeline, film: &Film) -> String {
     let rays = film.counters.total();
     format!(
-        "{}: {} x {}, {} samples a pixel, {rays} rays in {:.3} s ({:.2} Mrays/s), built in {:.3} s",
+        "{}: {} x {}, {} samples per pixel, {rays} rays in {:.3} s ({:.2} Mrays/s), built in {:.3} s",
         output.display(),
         film.width,
         film.height,
@@ -154,10 +158,10 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_read_is_told() {
+    fn invalid_arguments_are_reported() {
         for (words, expected) in [
             ("", "usage"),
-            ("a.toml b.toml", "one scene"),
+            ("a.toml b.toml", "expected one scene"),
             ("a.toml --png", "unknown option --png"),
             ("a.toml -o", "after -o"),
             ("a.toml -o b.png", ".exr"),

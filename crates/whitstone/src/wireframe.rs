@@ -20,21 +20,22 @@ const COLORS: [[u8; 3]; 7] = [
 /// Factor by which the picture below is dimmed.
 const DIM: f64 = 0.4;
 
-/// The picture of a scene with the outlines of its accelerator down to a level.
+/// The picture of a scene with the bounds of its accelerator down to a level.
 ///
 /// # Errors
-/// If the accelerator has no outlines, or the camera cannot project points into its image.
+/// If the accelerator has no bounds, or the camera cannot project points into its image.
 pub fn picture(pipeline: &Pipeline, deepest: usize) -> Result<Raster, Failure> {
     let kind = &pipeline.accelerator.0;
     let outlines = pipeline.scene.accelerator.debug_bounds(deepest).ok_or_else(|| {
         Failure::usage(format!(
-            "\"{kind}\" has no boxes to draw; choose another accelerator, such as with `--set accelerator.type=bvh2`"
+            "the accelerator \"{kind}\" has no boxes to draw; choose another one, for example with `--set accelerator.type=bvh2`"
         ))
     })?;
-    let projection = pipeline
-        .camera
-        .projection()
-        .ok_or_else(|| Failure::usage("the camera does not say where points are in its image"))?;
+    let projection = pipeline.camera.projection().ok_or_else(|| {
+        Failure::usage(
+            "this camera has no projection matrix, so the boxes cannot be drawn; use another camera",
+        )
+    })?;
     let film = pipeline.render(RenderOptions::default());
     let image = film.to_image(&pipeline.scene_hash).map_err(Failure::usage)?;
     let picture = Raster::preview(&image, ToneMap::default()).map_err(Failure::usage)?;
@@ -214,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_behind_the_camera_is_not_drawn() {
+    fn lines_behind_the_camera_are_not_drawn() {
         let behind = [DVec3::new(-1.0, 0.1, -2.0), DVec3::new(1.0, 0.1, -2.0)];
         assert_eq!(lit(&drawn(&[behind])), []);
         // A line that passes the camera: from the middle it runs to the right and out of the
@@ -235,8 +236,8 @@ mod tests {
     fn lines_far_outside_are_cut_off_and_cost_nothing() {
         let far = [DVec3::new(-1e12, -1e11, 1.0), DVec3::new(1e12, 1e11, 1.0)];
         assert!(!lit(&drawn(&[far])).is_empty());
-        let beside = [DVec3::new(-1e30, 5.0, 1.0), DVec3::new(1e30, 5.0, 1.0)];
-        assert_eq!(lit(&drawn(&[beside])), []);
+        let outside = [DVec3::new(-1e30, 5.0, 1.0), DVec3::new(1e30, 5.0, 1.0)];
+        assert_eq!(lit(&drawn(&[outside])), []);
         // Too far away for any number to locate it: whatever is drawn, drawing terminates.
         drawn(&[far.map(|end| 1e288 * end)]);
     }

@@ -371,7 +371,7 @@ fn a_study_is_measured_written_and_resumed() {
 }
 
 #[test]
-fn a_scene_that_fails_half_way_leaves_what_it_has_and_goes_on_later() {
+fn a_study_that_fails_half_way_keeps_its_results_and_continues_later() {
     let study = STUDY.replace(
         r#"sweep = { "sampler.samples_per_axis" = [1, 2, 4, 8] }"#,
         r#"sweep = { "shape.ball" = [
@@ -403,7 +403,7 @@ fn a_scene_that_fails_half_way_leaves_what_it_has_and_goes_on_later() {
 }
 
 #[test]
-fn what_is_wrong_is_told_at_its_place() {
+fn errors_are_reported_at_their_place() {
     let sweep = r#""sampler.samples_per_axis" = [1, 2, 4, 8]"#;
     let cases: [(&str, &str, &[&str]); 9] = [
         (
@@ -417,8 +417,12 @@ fn what_is_wrong_is_told_at_its_place() {
         ),
         (
             sweep,
-            r#""sampler.m" = [1, 2]"#,
-            &["study.toml:13:11", "unknown key `m`", "did you mean `n`?"],
+            r#""sampler.samples_per_axi" = [1, 2]"#,
+            &[
+                "study.toml:13:11",
+                "unknown key `samples_per_axi`",
+                "did you mean `samples_per_axis`?",
+            ],
         ),
         (
             sweep,
@@ -429,7 +433,7 @@ fn what_is_wrong_is_told_at_its_place() {
             sweep,
             r#""sampler.samples_per_axis" = []"#,
             &[
-                "study.toml:13:25",
+                "study.toml:13:40",
                 "an empty sweep: `sampler.samples_per_axis` has no values",
             ],
         ),
@@ -476,7 +480,7 @@ fn what_is_wrong_is_told_at_its_place() {
 #[test]
 fn nothing_is_claimed_of_a_truth_that_has_not_converged() {
     let study = STUDY
-        .replace("n = 32", "n = 1")
+        .replace("samples_per_axis = 32", "samples_per_axis = 1")
         .replace(
             r#"sampler={ type = "sobol", samples = 1024 }"#,
             r#"sampler={ type = "sobol", samples = 1 }"#,

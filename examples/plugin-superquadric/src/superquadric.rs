@@ -87,7 +87,7 @@ impl Plugin<Shapes> for Superquadric {
         let radii = DVec3::from_array(config.radii.map(Positive::get));
         let scaled = *transform.world_from_object() * DAffine3::from_scale(radii);
         let transform = Transform::new(scaled).ok_or_else(|| {
-            SceneErrors::from(SceneError::anywhere("the radii are too large or too small to compute with"))
+            SceneErrors::from(SceneError::anywhere("the radii are too large or too small for double precision"))
         });
         let transform = errors.take(transform);
         match (p, q, transform) {

@@ -1,4 +1,4 @@
-"""What all tests share: the package on the path, and requests in short."""
+"""Shared by all tests: puts the package on the path, and shortens requests."""
 
 import json
 import os

@@ -43,11 +43,11 @@ class Mirrors(Case):
         self.assertEqual([node["path"] for node in self.nodes(cut)], ["", "R", "RR", "RRR"])
         self.assertEqual(list(self.value(cut)), [0, 0, 0])
 
-    def test_unbounded_depth_ends(self):
+    def test_a_large_max_depth_ends(self):
         scene = HEAD + integrator("max_depth = 100000") + SKY + FLOOR + 'material = { type = "mirror" }\n'
         self.near(self.value(scene), [1, 2, 4])
 
-    def test_a_rasterizer_sees_what_ray_casting_sees(self):
+    def test_a_rasterizer_agrees_with_ray_casting(self):
         triangle = '[[shape]]\ntype = "triangle"\nvertices = [[-9, 0, 0], [9, 0, 9], [9, 0, -9]]\n'
         light = '[[light]]\ntype = "directional"\ndirection = [0, -1, 0]\nirradiance = 2\n'
         for material in ('material = { type = "mirror" }\n', 'material = { type = "matte" }\n'):
@@ -56,7 +56,7 @@ class Mirrors(Case):
         self.refuse(HEAD + '[integrator]\ntype = "rasterizer"\n' + FLOOR, "scene", "triangles only", "plane")
 
     def test_interpolated_colours(self):
-        """A triangle under a lamp close above its middle, which Gouraud's interpolation cannot see.
+        """A triangle under a lamp close above its middle, which Gouraud shading cannot resolve.
         """
         corners = np.array([[-3, 0, 0], [3, 0, 3], [3, 0, -3.0]])
         eye, lamp, middle = np.array([0, 5, 1.0]), np.array([1, 0.5, 0]), corners.mean(axis=0)
@@ -76,12 +76,12 @@ class Mirrors(Case):
         self.near(self.value(scene + shape + kinds.format("gouraud")), [expected] * 3, rel=1e-5)
         self.refuse(scene + shape + kinds.format("gouraud").replace("none", "opaque"), "scene", "interpolation")
 
-    def test_appel_follows_nothing(self):
+    def test_appel_traces_no_specular_rays(self):
         scene = HEAD + '[integrator]\ntype = "appel"\n' + SKY + FLOOR + 'material = { type = "mirror" }\n'
         self.assertEqual(list(self.value(scene)), [0, 0, 0])
 
     def test_mirror_image(self):
-        """A sphere seen in the floor is where geometry puts its image."""
+        """A sphere reflected in the floor appears at the position of its mirror image."""
         head = film(64, 64) + '[camera]\ntype = "perspective"\nlook_at = { origin = [0, 1, 6], target = [0, 1, 0] }\nfov = 60\n'
         lamp = '[[light]]\ntype = "ambient"\nradiance = 1\n'
         ball = '[[shape]]\ntype = "sphere"\ncenter = [0, {}, 0]\nradius = 0.7\n'
@@ -114,10 +114,10 @@ class Dielectrics(Case):
         reflectance = (r_s**2 + r_p**2) / 2
         self.near(by_path["R"]["throughput"], [reflectance] * 3)
         self.near(by_path["T"]["throughput"], [(1 - reflectance) / 2.25] * 3)
-        # Two metres down inside: sideways by 2 tan(theta_t).
+        # Two metres down inside: the ray moves sideways by 2 tan(theta_t).
         self.near(by_path["T"]["p"], [-2 * math.sqrt(0.5) / 1.5 / c_t, -1, 0], atol=1e-6)
 
-    def test_equal_indices_are_not_there(self):
+    def test_equal_indices_have_no_effect(self):
         text = 'type = "dielectric", interior_ior = 1.3, exterior_ior = 1.3'
         self.assertEqual(list(self.value(HEAD + SKY + slab(text))), [1, 2, 4])
         self.assertEqual([node["path"] for node in self.nodes(HEAD + SKY + slab(text))], ["", "T", "TT"])
@@ -126,7 +126,7 @@ class Dielectrics(Case):
         text = 'type = "dielectric", interior_ior = 1, exterior_ior = 1, absorption = [0, 0.5, 2]'
         self.near(self.value(HEAD + SKY + slab(text)), [1, 2 * math.exp(-1), 4 * math.exp(-4)])
 
-    def test_endless_absorbing_segment_is_black(self):
+    def test_infinite_absorbing_segment_is_black(self):
         text = 'type = "dielectric", interior_ior = 1, exterior_ior = 1, absorption = [0, 0.5, 2]'
         self.near(self.value(HEAD + SKY + FLOOR + f"material = {{ {text} }}\n"), [1, 0, 0])
         limited = HEAD + integrator("max_depth = 0") + SKY
@@ -134,8 +134,8 @@ class Dielectrics(Case):
 
     def test_exterior_absorption(self):
         text = 'type = "dielectric", interior_ior = 1, exterior_ior = 1, exterior_absorption = [0, 0.5, 2]'
-        # The camera's own segment is free; beyond the box the ray is outside, and the way is
-        # endless.
+        # The camera's own segment does not absorb. Behind the box the ray is outside, and its
+        # segment is infinite.
         self.near(self.value(HEAD + SKY + slab(text)), [1, 0, 0])
 
     def test_whitted_branches(self):
@@ -146,7 +146,7 @@ class Dielectrics(Case):
         self.near(by_path["TT"]["throughput"], [0.25, 0.0625, 1])
 
     def test_total_internal_reflection(self):
-        # Inside the box at 60 degrees: beyond the critical angle of 41.8.
+        # Inside the box at 60 degrees, beyond the critical angle of 41.8 degrees.
         head = film() + '[camera]\ntype = "perspective"\nlook_at = { origin = [0, 0, 0], target = [1.7320508, 1, 0] }\n'
         box = slab('type = "whitted", k_refl = 0.25, k_refr = 0.5')
         nodes = self.nodes(head + integrator("max_depth = 1") + SKY + box)
@@ -172,7 +172,7 @@ class Dielectrics(Case):
 
 
 class Bodies(Case):
-    """Bodies with priorities beside faces that name both of their sides."""
+    """Dielectrics with priorities, compared with interfaces that give the media of both sides."""
 
     GLASS = "interior_ior = 1.5, absorption = [0.4, 0.1, 0.2]"
     WATER = "interior_ior = 1.25, absorption = [0.1, 0.1, 0.5]"
@@ -189,21 +189,23 @@ class Bodies(Case):
     def ball(self, radius, keys):
         return f'[[shape]]\ntype = "sphere"\nradius = {radius}\nmaterial = {{ type = "dielectric", {keys} }}\n'
 
-    def test_bodies_in_bodies(self):
+    def test_nested_bodies(self):
         for shadows in ("opaque", "filtered"):
             outside = "exterior_ior = 1.5, exterior_absorption = [0.4, 0.1, 0.2]"
             named = self.picture(self.ball(1.5, self.GLASS) + self.ball(0.9, f"{self.WATER}, {outside}"), shadows)
             both = self.ball(1.5, f"{self.GLASS}, priority = 1") + self.ball(0.9, f"{self.WATER}, priority = PRIORITY")
             ranked = self.picture(both.replace("PRIORITY", "2"), shadows)
             self.near(ranked, named, rel=1e-4, atol=1e-4)
-            # Of less priority it is not there; of the same, it is the second in the document.
+            # With a lower priority the water is ignored; with an equal one too, because it is the
+            # second in the document.
             alone = self.picture(self.ball(1.5, self.GLASS), shadows)
             for priority in ("0", "1"):
                 self.near(self.picture(both.replace("PRIORITY", priority), shadows), alone, rel=1e-4, atol=1e-3)
             self.assertGreater(np.abs(alone - ranked).max(), 0.05)
 
     def test_overlapping_blocks(self):
-        """Glass from -1 to 0.5 and water from 0 to 1, beside the three panes that remain."""
+        """Glass from -1 to 0.5 and water from 0 to 1, compared with the three remaining interfaces.
+        """
 
         def block(low, high, keys):
             steps = f"[{{ scale = [50, 50, {(high - low) / 2}] }}, {{ translate = [0, 0, {(high + low) / 2}] }}]"
@@ -222,10 +224,10 @@ class Bodies(Case):
                 self.near(self.picture(found, shadows), expected, rel=1e-4, atol=1e-5)
 
     def test_a_camera_inside(self):
-        """What a ray starts in it does not know; from the first face on it does."""
+        """A camera ray starts in no medium; the medium is known from the first interface on."""
         scene = film() + '[camera]\ntype = "perspective"\nlook_at = { origin = [0, 0, 0], target = [0, 0, -1] }\n'
         sky = '[[light]]\ntype = "background"\nradiance = 1\n'
-        # (1 - R) eta^2 through one face, and what is reflected goes on inside: R of it, each time.
+        # (1 - R) eta^2 through one interface; the reflected share R stays inside, at each bounce.
         found = self.value(scene + '[integrator]\ntype = "whitted"\nmax_depth = 30\n' + sky + self.ball(1, "interior_ior = 1.5, priority = 3"))
         self.near(found, [2.25] * 3, rel=1e-5)
 
@@ -236,7 +238,7 @@ class Bodies(Case):
         glass = '{ type = "dielectric", priority = 1 }'
         self.refuse(scene + f'[[shape]]\ntype = "sphere"\nmaterial = {{ type = "two_sided", front = {glass}, back = {glass} }}\n', "scene", "part of another")
         group = f'[[group.g.shape]]\ntype = "sphere"\nmaterial = {glass}\n[[shape]]\ntype = "instance"\ngroup = "g"\n'
-        self.refuse(scene + group, "scene", "all copies")
+        self.refuse(scene + group, "scene", "all instances")
         self.refuse(scene + 65 * self.ball(1, "priority = 1"), "scene", "at most 64")
 
 

@@ -36,7 +36,7 @@ class Check(Case):
         direct = answer["direct"]
         self.assertEqual(direct["median_rel"], 0)
         self.assertGreater(direct["pixels"], 3000)
-        # Only shadow edges and terminators, where the spawn offsets differ.
+        # Differences only at shadow edges and terminators, where the spawn offsets differ.
         self.assertLess(direct["over_1e3"], 0.005 * direct["pixels"])
         self.assertIsNone(answer["path"])
         self.assertIn("matte", answer["why"]["path"])

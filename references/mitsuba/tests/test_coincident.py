@@ -1,4 +1,4 @@
-"""Surfaces that coincide: the picture is that with gaps; other scenes are built as they were."""
+"""Coincident surfaces: the image equals that with explicit gaps; other scenes do not change."""
 
 import unittest
 from unittest import mock
@@ -47,7 +47,7 @@ def on_a_plane(gap):
 
 
 def stacked(gap):
-    """On a disk, and with a lid."""
+    """Two boxes on a disk, with a rectangle on top."""
     return (
         shape("disk", f"{{ scale = 3 }}, {UP}", BLUE)
         + cuboid([0.6, 0.2, 0.6], [0, 0.2 + gap, 0], GLASS)
@@ -57,7 +57,7 @@ def stacked(gap):
 
 
 def carpets(gap):
-    """The first in the file is in front."""
+    """Of two open surfaces, the first in the file is in front."""
     return shape("rectangle", f"{UP}, {{ translate = [0, {gap}, 0] }}", RED) + shape("rectangle", f"{{ scale = 3 }}, {UP}", BLUE)
 
 
@@ -82,7 +82,7 @@ SCENES = (on_a_plane, stacked, carpets, balls, standing_cylinder, instances)
 
 
 class Coincident(Case):
-    def test_the_picture_is_that_with_gaps(self):
+    def test_the_image_equals_that_with_gaps(self):
         for scene in SCENES:
             with self.subTest(scene=scene.__name__):
                 found, answer = self.render(HEAD + scene(0.0))
@@ -101,12 +101,12 @@ class Coincident(Case):
                 self.assertLessEqual(differing(expected), 2)
                 self.assertGreater(differing(swapped), 100)
 
-    def test_pairs_are_named_once(self):
+    def test_pairs_are_reported_once(self):
         answer = self.render(HEAD + instances(0.0))[1]
         self.assertEqual([pair["shapes"] for pair in answer["coincident"]], [[0, 1], [0, 2], [1, 2]])
 
-    def test_a_lamp_in_coincident_surfaces_is_hidden_by_none(self):
-        """Both ceilings hold the lamp: the floor is as bright as under one of them."""
+    def test_coincident_surfaces_do_not_block_a_lamp_in_them(self):
+        """The lamp lies in both ceilings: the floor is as bright as under one of them."""
         ceiling = shape("rectangle", f"{{ scale = 2 }}, {UP}, {{ translate = [0, 1.5, 0] }}", RED)
         lamp = '[[light]]\ntype = "point"\nposition = [0.2, 1.5, 0.1]\nintensity = 9\n'
         for head in (HEAD, HEAD.replace("max_depth = 8", 'max_depth = 8\nshadows = "filtered"')):
@@ -116,8 +116,8 @@ class Coincident(Case):
             self.near(two["B"], one["B"], rel=1e-4)
             self.assertGreater((one["B"] > 1.1 * dark["B"]).sum(), 100)
 
-    def test_what_lies_on_a_body_is_seen(self):
-        """A rectangle in the face of a body, before and after it; csg is not built anew."""
+    def test_the_first_of_two_coincident_surfaces_is_visible(self):
+        """A rectangle in a face of a body, before and after it in the file; csg is not rebuilt."""
         camera = film() + '[camera]\ntype = "perspective"\nlook_at = { origin = [0.25, 0.5, 4], target = [0.25, 0.5, 0] }\n'
         flat = shape("rectangle", "", RED)
         operands = 'operands = [{ type = "box" }, { type = "sphere", radius = 1.5 }]\n'
@@ -130,16 +130,16 @@ class Coincident(Case):
                 with self.subTest(body=body, number=number):
                     self.assertEqual(self.nodes(camera + scene)[0]["shape"], number)
 
-    def test_common_edges_and_wider_gaps_are_left_alone(self):
+    def test_common_edges_and_wider_gaps_do_not_change(self):
         standing = cuboid([0.5, 0.5, 0.5], [0, 0.5 + 1e-13, 0], GLASS)
         tiles = [shape("rectangle", f"{{ scale = 0.5 }}, {UP}, {{ translate = [{x}, 0, 0] }}", RED) for x in (-0.5, 0.5)]
         for text in (shape("plane", UP, BLUE) + standing, "".join(tiles)):
             with mock.patch.object(coincident, "_change", side_effect=AssertionError):
                 self.assertEqual(self.render(HEAD + text)[1]["coincident"], [])
 
-    def test_what_is_too_much_is_not_examined(self):
+    def test_too_many_faces_are_not_examined(self):
         with mock.patch.object(coincident, "MOST_FACES", 4):
-            answer = self.render("# Not in a cache.\n" + HEAD + stacked(0.0))[1]
+            answer = self.render("# Not cached.\n" + HEAD + stacked(0.0))[1]
         self.assertEqual([list(entry) for entry in answer["coincident"]], [["not_examined"]])
 
 

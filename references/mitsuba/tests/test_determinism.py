@@ -1,4 +1,4 @@
-"""The same bytes for any run, thread count and chunking; probes and trees give what render gives.
+"""The same bytes for any run, thread count and chunking; `probe` and `tree` agree with `render`.
 """
 
 import os
@@ -84,13 +84,13 @@ class Determinism(Case):
             channels, _ = self.render(scene, setting=setting)
             expected = np.array([[channels[letter][y, x] for letter in "RGB"] for x, y in pixels])
             np.testing.assert_array_equal(found.astype(np.float32), expected)
-            # A probe of one pixel alone sees the same as well.
+            # A probe of a single pixel gives the same value.
             self.assertEqual(self.value(scene, *pixels[3], **setting).tolist(), found[3].tolist())
         self.assertFalse((values[0] == values[4]).all())
         self.assertLess(np.median(np.abs(values[0] - values[4])), 1e-5 * values[0].mean())
 
     def test_largest_moves_small_components(self):
-        """A ray along z has the component 0, which a factor leaves as it is."""
+        """A ray along z has components 0, which multiplication by a factor does not change."""
         scene = film(1, 1) + '[camera]\ntype = "orthographic"\nlook_at = { origin = [0, 0, 0], target = [0, 0, 1000] }\n'
         wall = '[[shape]]\ntype = "rectangle"\ntransform = { translate = [0, 0, 1000] }\n'
         found = []
@@ -103,7 +103,7 @@ class Determinism(Case):
         self.assertLess(found[1], 1000 * 2.0**-23)
 
     def test_flat_shapes_do_not_shadow_themselves(self):
-        """Mitsuba's disk leaves its hits beside the surface; the driver moves them onto it."""
+        """Mitsuba leaves the hits of a disk off its surface; the driver projects them onto it."""
         camera = '[camera]\ntype = "perspective"\nlook_at = { origin = [0, 2, 6], target = [0, 1, 0] }\n'
         sun = '[[light]]\ntype = "directional"\ndirection = [1, -2, -1]\nirradiance = 2\n'
         steps = "transform = [{ scale = 0.8 }, { rotate = { axis = [1, 2, 3], degrees = 20 } }, { translate = [0, 1, 0.2] }]\n"

@@ -1,4 +1,4 @@
-"""Errors in documents are found, all at once, and named."""
+"""Errors in documents are found, and all of them are reported at once."""
 
 import unittest
 
@@ -14,7 +14,7 @@ class Documents(Case):
             '[film]\naovs = ["depht"]\n' + DOWN: ("film.aovs",),
             film(): ("camera: is required",),
             HEAD.replace("fov = 90", "fov = 180"): ("camera.fov", "between 0 and 180"),
-            HEAD.replace("fov = 90", "fov = 9\nwindow = { l = 0, r = 1, b = 0, t = 1 }"): ("together with window",),
+            HEAD.replace("fov = 90", "fov = 9\nwindow = { l = 0, r = 1, b = 0, t = 1 }"): ("together with `window`",),
             HEAD.replace("fov = 90", "window = { l = 1, r = 1, b = 0, t = 1 }"): ("l < r",),
             HEAD.replace("up = [0, 0, -1]", "up = [0, 1, 0]"): ("parallel",),
             HEAD.replace("target = [0, 0, 0]", "target = [0, 5, 0]"): ("differ",),
@@ -39,7 +39,7 @@ class Documents(Case):
             HEAD + '[[shape]]\ntype = "box"\ntransform = [{ scale = 1, translate = [0, 0, 0] }]\n': ("exactly one",),
             HEAD + '[[shape]]\ntype = "box"\ntransform = { rotate = { axis = [0, 0, 0], degrees = 3 } }\n': ("zero",),
             HEAD + '[[shape]]\ntype = "triangle"\nvertices = [[0, 0, 0], [1, 0, 0]]\n': ("3 arrays",),
-            HEAD + "[[shape]]\ntype = 3\n": ("expected a text",),
+            HEAD + "[[shape]]\ntype = 3\n": ("expected a string",),
             HEAD + "[[shape]]\nradius = 3\n": ("shape[0].type",),
             HEAD + "[lihgt]\n": ("did you mean 'light'",),
         }
@@ -62,7 +62,7 @@ class Documents(Case):
             self.refuse(HEAD + text, "unsupported", word)
         self.refuse(HEAD.replace("perspective", "fisheye"), "unsupported", "fisheye")
 
-    def test_what_changes_no_image(self):
+    def test_tables_that_do_not_affect_the_image(self):
         self.value(HEAD + '[accelerator]\ntype = "anything"\nleaf = 4\n[expect]\nrmse = 1e-3\n')
 
 

@@ -1,5 +1,5 @@
-"""Ray differentials and the filters that show a mean over them (model §10), against differences of
-rays and against loops over texels.
+"""Ray differentials and the filters that average over them (model §10), compared with finite
+differences of rays and with loops over texels.
 """
 
 import itertools
@@ -50,8 +50,8 @@ class Cameras(Case):
 
 
 class Chains(Case):
-    """A plane seen by a ball: its (u, v) by rays in double precision, their differences against the
-    driver's derivatives.
+    """A plane seen in a mirroring or refracting ball: finite differences of (u, v), from rays in
+    double precision, compared with the driver's derivatives.
     """
 
     CENTER, RADIUS = np.array([0.3, 1.2, 0.4]), 1.1
@@ -70,7 +70,7 @@ class Chains(Case):
         return (eta * c - math.sqrt(1 - eta**2 * (1 - c * c))) * n - eta * v
 
     def seen(self, camera, x, y, kind):
-        """(u, v) of y = 0, which are (x, -z)."""
+        """(u, v) on the plane y = 0, which are (x, -z)."""
         o, d = (row[:, 0] for row in camera.formula(np.array([x]), np.array([y])))
         p, n = self.hit(o, d)
         if kind == "mirror":
@@ -121,7 +121,8 @@ class Chains(Case):
 
 class Shapes(Case):
     def test_texture_coordinates(self):
-        """(u, v) of neighbouring pixels in a narrow view against the derivatives in the middle one.
+        """Differences of (u, v) between neighbouring pixels in a narrow view, compared with the
+        derivatives at the middle pixel.
         """
         wall = '[[shape]]\ntype = "triangle"\nvertices = [[-9, -9, -1], [9, -9, -1.5], [0, 9, -2]]\n'
         for shape in (
@@ -158,7 +159,7 @@ class Shapes(Case):
             bumpy = '{ type = "normal_map", map = [0.5, 0.6, 1], material = { type = "mirror" } }'
             self.refuse(view + patch + matte % "", "unsupported", "footprints", "'patch'", base=base)
             self.refuse(view + floor + matte % "" + "\n" + floor + bumpy, "unsupported", "normal_map", base=base)
-            # Nothing is asked of what neither shows such a texture nor reflects.
+            # A surface that neither has such a texture nor reflects needs no derivatives.
             self.value(view + floor + matte % "" + "\n" + patch + '{ type = "matte" }', base=base)
             self.refuse(view + floor + matte.replace("ewa", "trilinear") % ", max_anisotropy = 4", "scene", "max_anisotropy", base=base)
             self.refuse(view + floor + matte % ", max_anisotropy = 65", "scene", "max_anisotropy", base=base)
@@ -172,7 +173,8 @@ class Pyramids(Case):
     def test_levels(self):
         found = pyramid.levels(self.picture)
         self.assertEqual([level.shape[:2] for level in found], [(7, 10), (3, 5), (1, 2), (1, 1)])
-        # Each texel of a level is the mean of the finer one drawn so large that its texels divide.
+        # Each texel of a level is the mean of the finer level, upsampled so that its texels divide
+        # evenly.
         for fine, coarse in itertools.pairwise(found):
             (h, w), (k, l) = fine.shape[:2], coarse.shape[:2]
             drawn = fine.repeat(k, axis=0).repeat(l, axis=1)
@@ -191,7 +193,7 @@ class Pyramids(Case):
             self.near(table.ewa(place, np.full((1, 2, 2), bad), 16.0), table.levels[-1][0], rel=1e-12)
 
     def test_ewa(self):
-        """The words of the model, one lookup and one texel at a time."""
+        """The model's definition, evaluated for one lookup and one texel at a time."""
         wraps = ("mirror", "repeat")
         table = pyramid.Pyramid(self.picture, wraps)
         q = math.exp(-2)
@@ -202,7 +204,7 @@ class Pyramids(Case):
         found = table.ewa(place, steps, 5.0)
         for lane in range(60):
             s, t = steps[lane] * [10, 7] * r
-            # Half axes: where the length of s cos a + t sin a is extreme.
+            # Half axes: the directions in which the length of s cos a + t sin a is extreme.
             a = math.atan2(2 * s @ t, s @ s - t @ t) / 2
             one, other = s * math.cos(a) + t * math.sin(a), t * math.cos(a) - s * math.sin(a)
             A, B = np.linalg.norm(one), np.linalg.norm(other)
@@ -240,9 +242,9 @@ class Pyramids(Case):
                     expected = (2 - A) * table.bilinear(0, place[lane : lane + 1])[0] + (A - 1) * expected
             self.near(found[lane], expected, rel=1e-9)
 
-    def test_seen(self):
-        """A picture of 8 x 8 texels on two pixels: four texels in a pixel, so level 2; on four
-        positions in each, two, so level 1.
+    def test_levels_in_images(self):
+        """An image of 8 x 8 texels on two pixels: four texels per pixel, so level 2. With four
+        sample positions per pixel: two texels per sample, so level 1.
         """
         texels = self.random.integers(0, 256, (8, 8, 3), dtype=np.uint8)
         table = pyramid.Pyramid(srgb_to_linear(texels / 255.0), ("clamp", "clamp"))

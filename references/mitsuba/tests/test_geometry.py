@@ -24,8 +24,8 @@ def looking(origin, target=(0, 0, 0), up=(0, 1, 0), more=""):
 
 class Cameras(Case):
     def directions(self, camera, width=8, height=4):
-        """Directions of the rays through all pixels, told from where they hit a huge sphere around
-        the eye.
+        """Directions of the rays through all pixels, from their hits on a huge sphere around the
+        camera.
         """
         ball = '[[shape]]\ntype = "sphere"\nradius = 100\ncenter = [1, 2, 3]\n'
         channels, answer = self.render(film(width, height, ["normal", "depth"]) + camera + ball)
@@ -82,7 +82,7 @@ class Cameras(Case):
         look = 'look_at = { origin = [0, 0, 5], target = [0, 0, 0] }\n'
         x = (np.arange(8) + 0.5) / 4 - 1
         y = 0.5 - (np.arange(4) + 0.5) / 4
-        # Of a ray of perspective through a pixel, the length for each metre along the view.
+        # Length of the camera ray through a pixel per metre along the view direction.
         longer = np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2)
         for text, far, metres in (
             ('type = "perspective"\nfov = 90\nnear = 2.49\n', longer > 9, longer),
@@ -101,13 +101,13 @@ class Cameras(Case):
     def test_thin_lens(self):
         look = 'look_at = { origin = [0, 0, 5], target = [0, 0, 0] }\naperture = 0.5\nfocus_distance = 2.5\n'
         half = math.sqrt(0.5)
-        # By hand, of 3 x 3 points: radius 2/3 of the aperture but for the one in the middle.
+        # By hand, for 3 x 3 points: at 2/3 of the aperture, except for the one in the middle.
         ring = {0: (-half, -half), 1: (0, -1), 2: (half, -half), 3: (-1, 0), 5: (1, 0), 6: (-half, half), 7: (0, 1), 8: (half, half)}
         for window, twin in (("fov = 90", "native"), ("window = { l = -1, r = 1, b = -2, t = 2 }", "formula")):
             scene = film() + f'[camera]\ntype = "thin_lens"\n{look}{window}\nlens_samples = 3\n[[shape]]\ntype = "plane"\n'
             for sample in range(9):
                 x, y = ring.get(sample, (0, 0))
-                # In focus halfway, so the plane is met on the other side.
+                # The focal plane is halfway, so the ray hits the plane on the other side.
                 node = self.nodes(scene, sample=sample)[0]
                 self.near(node["p"], [-x / 3, -y / 3, 0], atol=1e-6)
                 self.near(node["t"], 2 * math.hypot(2.5, math.hypot(x, y) / 3))
@@ -148,7 +148,7 @@ class Shapes(Case):
         self.near(node["uv"], [phi / (2 * math.pi), (math.pi - theta) / math.pi])
         self.near(node["n_g"], direction)
         self.near(node["t"], 3, rel=1e-5)
-        # From within, the outside stays outside.
+        # From inside, the geometric normal still points outwards.
         node = self.nodes(looking([1, 2, 3], np.array([1, 2, 3]) + direction) + shape)[0]
         self.near(node["n_g"], direction)
         self.near(node["t"], 2)
@@ -184,8 +184,8 @@ class Shapes(Case):
                 self.assertEqual(node["n_g"], [0, 0, sign])
         self.refuse(looking([0, 0, 5]) + '[[shape]]\ntype = "disk"\ntransform = { scale = [1, 2, 1] }\n', "scene", "x and y")
 
-    def test_how_alike_columns_must_be(self):
-        """Lengths to a relative 1e-9, whatever their squares differ by; cosines too."""
+    def test_tolerance_of_similarities(self):
+        """Lengths (not their squares) and cosines are compared to a relative 1e-9."""
         for kind in ("disk", "sphere"):
             shape = looking([0, 0, 5]) + f'[[shape]]\ntype = "{kind}"\ntransform = [{{ scale = 7 }}, {{}}]\n'
             for off, good in ((0.9e-9, True), (1.1e-9, False), (-0.9e-9, True), (-1.1e-9, False)):
@@ -200,7 +200,7 @@ class Shapes(Case):
                         else:
                             self.refuse(scene, "scene", "transform")
 
-    def test_how_flat_a_transform_may_be(self):
+    def test_tolerance_of_invertibility(self):
         shape = looking([0, 0, 5]) + '[[shape]]\ntype = "box"\ntransform = { matrix = [[1, 1, 0, 0], [0, SIZE, 0, 0], [0, 0, 1, 0]] }\n'
         self.nodes(shape.replace("SIZE", "1.1e-15"))
         self.refuse(shape.replace("SIZE", "0.9e-15"), "scene", "invertible")
@@ -237,14 +237,14 @@ class Shapes(Case):
         n = np.array([0.25, 0.25, 0.5])
         self.near(node["n_s"], n / np.linalg.norm(n))
         self.near(node["uv"], [1, 2])
-        # Rule S: from behind, the shading normal turns to the side of n_g that the viewer is on.
+        # Rule S: from behind, the shading normal flips to the viewer's side of n_g.
         behind = looking([1.6, 0.5, -0.1], (1, 0.5, 0)) + normals
         node = self.nodes(behind)[0]
         self.near(node["n_s"], -n / np.linalg.norm(n))
         self.assertEqual(node["n_g"], [0, 0, 1])
 
     def test_instances(self):
-        """A tilted triangle with normals in a group in a group: turned by a quarter, stretched,
+        """A tilted triangle with normals in a group in a group: rotated by 90 degrees, stretched,
         mirrored, moved.
         """
         scene = """
@@ -269,7 +269,7 @@ group = "a"
 transform = [{ scale = [1, 1, -1] }, { translate = [10, 0, 0] }]
 """
         node = self.nodes(looking([11.5, 0.5, 5], (11.5, 0.5, 0)) + scene)[0]
-        # Shapes 0 and 1 are the document's, 2 and 3 those of a, 4 that of b.
+        # Shapes 0 and 1 belong to the document, 2 and 3 to group a, 4 to group b.
         self.assertEqual((node["shape"], node["primitive"], node["n_g"]), (4, 0, [0, 0, -1]))
         self.near(node["uv"], [0.25, 0.25])
         # Interpolated and normalised in the group; the inverse transpose of (3, 1, -2); turned to
@@ -352,11 +352,11 @@ class Meshes(Case):
     def test_subdivision(self):
         closed = subdivision.loop(meshes.load(self.write("c.obj", OCTAHEDRON)), 1)
         self.assertEqual((closed.positions.shape, closed.faces.shape), ((18, 3), (32, 3)))
-        # By hand: 1 - 4 beta = 33/64, and 3/8 of both ends (what is opposite cancels).
+        # By hand: 1 - 4 beta = 33/64, and 3/8 of both ends (opposite vertices cancel).
         corners = closed.positions[closed.faces]
         self.near(corners[0], [[33 / 64, 0, 0], [3 / 8, 3 / 8, 0], [3 / 8, 0, 3 / 8]])
         self.near(corners[3], [[3 / 8, 3 / 8, 0], [0, 3 / 8, 3 / 8], [3 / 8, 0, 3 / 8]])
-        # One triangle is all border: a spline.
+        # A single triangle has boundary edges only: its limit is a spline.
         open_ = subdivision.loop(meshes.Triangles(np.array([[0, 0, 0], [8, 0, 0], [0, 8, 0.0]]), np.array([[0, 1, 2], [0, 0, 1]])), 1)
         self.near(open_.positions[open_.faces][0], [[1, 1, 0], [4, 0, 0], [0, 4, 0]])
         self.assertEqual(len(open_.faces), 4)
@@ -396,7 +396,7 @@ class Meshes(Case):
         refuse("1, scale = nan, offset = 0 } #", "scale")
 
     def test_displacement_at_seams(self):
-        """A point of two triangles that see other texture coordinates: by the mean of its corners.
+        """A point of two triangles with different texture coordinates: the mean over its corners.
         """
         square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 3 0\nf 1/1 2/2 3/1\nf 1/3 3/1 4/1\n"
         mesh = meshes.load(self.write("square.obj", square))
@@ -407,7 +407,7 @@ class Meshes(Case):
         self.near(corners[:, :, :2], mesh.positions[mesh.faces][:, :, :2])
 
     def test_heights_are_those_of_textures(self):
-        """In float64 as Mitsuba's own textures in float32."""
+        """Heights in float64 agree with Mitsuba's own textures in float32."""
         generator = np.random.default_rng(5)
         texels = generator.random((4, 5, 3)).astype(np.float32)
         uvs = generator.random((500, 2)) * 5 - 2
@@ -465,8 +465,8 @@ class Meshes(Case):
         self.near(self.nodes(camera + shape + 'shading = "flat"\n', base=self.base)[0]["n_s"], [0, 0, 1])
 
     def test_same_order_as_mitsuba(self):
-        """Mitsuba's own loader, on a file where both must agree: triangles in file order, none
-        merged.
+        """Compared with Mitsuba's own loader, on a file where both must agree: triangles in file
+        order, none merged.
         """
         generator = np.random.default_rng(3)
         points = generator.normal(size=(40, 3))
@@ -506,7 +506,7 @@ class Meshes(Case):
         ):
             self.write("x.ply", good.replace(old, new))
             self.refuse(head, "scene", word, base=self.base)
-        # Names of texture coordinates that the model has, and one pair that it has not.
+        # Names of texture coordinates in the model, and one pair that it does not know.
         for names, found in (("u v", True), ("s t", True), ("texture_u texture_v", True), ("texture_s texture_t", False)):
             lines = "".join(f"property float {name}\n" for name in names.split())
             text = good.replace("float z\n", "float z\n" + lines)

@@ -1,4 +1,4 @@
-"""Shapes that the driver intersects by itself, against closed forms (model §9)."""
+"""Hosted shapes, which the driver intersects, compared with closed forms (model §9)."""
 
 import math
 import unittest
@@ -33,7 +33,7 @@ def moved(x, y=0.0, z=0.0):
 
 
 def line(surface, o, d, code=-1, outward=False):
-    """[(t, step, code)] of one line, those that are used, in order."""
+    """[(t, step, code)] of the crossings of one line, in order."""
     vectors = [tuple(np.array([float(axis)]) for axis in vector) for vector in (o, d)]
     found = surface.crossings(*vectors, Start(np.array([code]), np.array([outward])))
     rows = [entry for entry in zip(found.t[0], found.step[0], found.code[0]) if entry[1] != 0 and entry[0] < math.inf]
@@ -56,7 +56,7 @@ class Polynomials(unittest.TestCase):
             self.assertEqual(list(rising[0][: len(roots)]), [number % 2 == 1 for number in range(len(roots))])
 
     def test_random_roots(self):
-        """None is lost, also where two are close together."""
+        """No root is lost, even if two are close together."""
         random = np.random.default_rng(0)
         roots = np.sort(random.uniform(-1.3, 1.3, (3000, 4)), axis=1)
         roots[:500, 1] = roots[:500, 0] + 1e-5
@@ -66,7 +66,7 @@ class Polynomials(unittest.TestCase):
         self.assertTrue(np.isfinite(found).all())
         self.assertLess(np.abs(found - roots).max(), 1e-8)
 
-    def test_what_is_outside_of_the_interval(self):
+    def test_roots_outside_of_the_interval(self):
         found, _ = polynomials.real_roots([np.array([6.0]), np.array([-5.0]), np.array([1.0])], np.array([2.5]), np.array([9.0]))
         self.assertAlmostEqual(found[0][0], 3)
         self.assertTrue(math.isinf(found[0][1]))
@@ -92,7 +92,7 @@ class Quadrics(Case):
             (cylinder, (-5, 0, 0), (0, 0, 0), 3, (-1, 0, 0), (0.5, 0.25), 0),
             (cylinder, (0, 1, 9), (0, 1, 0), 6, (0, 0, 1), (0.5, 0.25), 2),
             (cylinder, (1, 0, -9), (1, 0, 0), 8, (0, 0, -1), (0.5, 0), 1),
-            # From within: the far side, and the cap from below.
+            # From inside: the far side, and the cap from below.
             (cylinder, (0, 0, 1), (5, 0, 1), 2, (1, 0, 0), (0, 0.5), 0),
             (cylinder, (0, 1, 1), (0, 1, 5), 2, (0, 0, 1), (0.5, 0.25), 2),
             (cylinder + "\ncaps = false", (-0.5, 0, 9), (1.5, 0, 2), None, (1, 0, 0), (0, 0.3125), 0),
@@ -119,7 +119,7 @@ class Quadrics(Case):
                 self.assertEqual(node["primitive"], primitive)
 
     def test_open_and_bounded(self):
-        """Without caps a line along the axis meets nothing; beside the ends there is nothing
+        """Without caps, a line along the axis hits nothing; beyond the ends there is nothing
         either.
         """
         tube = shape('type = "cylinder"\nradius = 1\nz = [0, 1]\ncaps = false')
@@ -132,7 +132,7 @@ class Quadrics(Case):
         self.near(node["n_g"], [1, 0, 0], atol=1e-6)
 
     def test_quadric_in_a_box(self):
-        """A hyperbolic paraboloid z = x² - y², and a ball that its box cuts to half."""
+        """A hyperbolic paraboloid z = x² - y², and a ball that is clipped to half by its box."""
         saddle = shape('type = "quadric"\ncoefficients = [1, -1, 0, 0, 0, 0, 0, 0, -1, 0]\ncaps = false')
         node = self.nodes(looking((0.5, 0.1, 5), (0.5, 0.1, 0)) + saddle)[0]
         self.near(node["t"], 5 - 0.24)
@@ -163,7 +163,7 @@ class Quadrics(Case):
             ('type = "quadric"\ncoefficients = [0, 0, 0, 0, 0, 0, 0, 0, 0, 1]', "constant"),
             ('type = "quadric"\ncoefficients = [1, 1, 1, 0, 0, 0, 0, 0, 0, 1]', "no real points"),
             ('type = "quadric"\nmatrix = [[1,1,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,-1]]', "symmetric"),
-            ('type = "torus"\nminor_radius = 2', "less than major_radius"),
+            ('type = "torus"\nminor_radius = 2', "less than `major_radius`"),
             ('type = "torus"\ntransform = { scale = [1, 2, 1] }', "similarity"),
             ('type = "cylinder"\ncaps = 1', "true or false"),
         ):
@@ -176,7 +176,7 @@ class TorusAndPolygon(Case):
         for origin, target, t, n, uv in (
             ((9, 0, 0), (0, 0, 0), 6.5, (1, 0, 0), (0, 0)),
             ((0, 2, 9), (0, 2, 0), 8.5, (0, 0, 1), (0.25, 0.25)),
-            # The inner side, from the middle; and out of the tube.
+            # The inner side, from the centre; and from inside the tube.
             ((0, 0, 0), (-1, 0, 0), 1.5, (1, 0, 0), (0.5, 0.5)),
             ((0, -2, 0), (0, -9, 0), 0.5, (0, -1, 0), (0.75, 0)),
         ):
@@ -193,14 +193,14 @@ class TorusAndPolygon(Case):
         found = line(torus, (-50, 0, 0), (1, 0, 0))
         np.testing.assert_allclose([entry[0] for entry in found], [47.5, 48.5, 51.5, 52.5], rtol=1e-13)
         self.assertEqual([entry[1] for entry in found], [1, -1, 1, -1])
-        # From the second one: it is at 0, and the others are where they were.
+        # From the second crossing: it is at 0, and the others do not move.
         found = line(torus, (-1.5, 0, 0), (1, 0, 0), 0, True)
         np.testing.assert_allclose([entry[0] for entry in found], [-1, 0, 3, 4], rtol=1e-12, atol=1e-14)
         self.assertEqual([entry[1] for entry in found], [1, -1, 1, -1])
 
     def test_polygon(self):
-        """An arrow: what it holds, its side, and coordinates along the axes after the largest of
-        its normal.
+        """An arrow: points inside, its side, and texture coordinates along the axes that follow the
+        largest axis of its normal.
         """
         text = shape('type = "polygon"\nvertices = [[0, 0, 0], [2, 0, 0], [2, 2, 0], [1, 0.5, 0], [0, 2, 0]]')
         node = self.nodes(looking((0.2, 1, 5), (0.2, 1, 0)) + text)[0]
@@ -228,7 +228,7 @@ class Operations(unittest.TestCase):
         self.assertEqual(self.along(DIFFERENCE), [(-1, 1), (0, -1)])
 
     def test_names_and_sides(self):
-        """Primitives are p n + k, and the inside of what is taken away looks outwards."""
+        """Primitive numbers are p n + k, and the normals of a subtracted operand are flipped."""
         solid = Solid(DIFFERENCE, [Box(np.eye(4)), Ball(moved(1))])
         code = line(solid, (-10, 0, 0), (1, 0, 0))[1][2]
         found = solid.points(tuple(np.array([value]) for value in (0.0, 0.0, 0.0)), np.array([code]))
@@ -237,8 +237,8 @@ class Operations(unittest.TestCase):
         found = solid.points(tuple(np.array([value]) for value in (-1.0, 0.0, 0.0)), np.array([code]))
         self.assertEqual((float(found.n_g[0][0]), int(found.primitive[0])), (-1, 0))
 
-    def test_what_has_no_volume_is_not_there(self):
-        """Boxes side by side are one; what two boxes have in common by a face only is nothing."""
+    def test_results_without_volume_are_empty(self):
+        """The union of adjacent boxes is one solid; their intersection, a face, is empty."""
         boxes = [Box(np.eye(4)), Box(moved(2))]
         self.assertEqual(self.along(UNION, boxes), [(-1, 1), (3, -1)])
         self.assertEqual(self.along(INTERSECTION, boxes), [])
@@ -246,7 +246,7 @@ class Operations(unittest.TestCase):
         self.assertEqual(self.along(DIFFERENCE, [boxes[0], boxes[0]]), [])
 
     def test_half_spaces(self):
-        """Lines may come from within; also in an operation within another."""
+        """Lines may start inside, also for nested operations."""
         below, above = HalfSpace(np.eye(4)), HalfSpace(np.diag([1.0, 1, -1, 1]) @ moved(0, 0, 1))
         slab = Solid(INTERSECTION, [below, above])
         self.assertEqual([entry[:2] for entry in line(slab, (0, 0, 5), (0, 0, -1))], [(5, 1), (6, -1)])
@@ -254,9 +254,9 @@ class Operations(unittest.TestCase):
         found = line(rest, (0, 0, -5), (0, 0, 1))
         self.assertEqual([entry[:2] for entry in found], [(-math.inf, 1), (4, -1)])
 
-    def test_from_a_face(self):
-        """From the hollow of a difference: the start is no crossing ahead, the other side of the
-        hollow is.
+    def test_rays_from_a_face(self):
+        """From the surface of a cavity: the start is not a crossing ahead, the other side of the
+        cavity is.
         """
         solid = Solid(DIFFERENCE, [Ball(np.diag([2.0, 2, 2, 1])), Ball(np.eye(4))])
         code = 1
@@ -265,7 +265,7 @@ class Operations(unittest.TestCase):
 
 
 class Starts(unittest.TestCase):
-    def test_grazing_rays_do_not_meet_what_they_left(self):
+    def test_grazing_rays_do_not_hit_their_start_again(self):
         """Starts that single precision moved off the surface, in directions within 1e-7 of the
         tangent plane.
         """
@@ -289,7 +289,7 @@ class Starts(unittest.TestCase):
             facet = np.ones(count, dtype=np.int64)
             found = host.nearest(p, d, (np.zeros(count, dtype=np.int64), facet))
             self.assertEqual(int(np.isfinite(found.t).sum()), 0)
-            # Without the start, many of them do.
+            # If the start is unknown, many of them re-hit the surface.
             blind = host.nearest(p, d, (np.ones(count, dtype=np.int64), facet))
             self.assertGreater(int(np.isfinite(blind.t).sum()), count // 10)
 
@@ -302,9 +302,9 @@ class Shading(Case):
         _, answer = self.render(camera + shape('type = "sphere"'))
         self.assertEqual((answer["twin"], answer["hosted"]), ("native", []))
 
-    def test_open_cylinders_are_mitsubas(self):
-        """Unless an instance stretches them; their points are those of double precision, also far
-        away and mirrored.
+    def test_open_cylinders_are_native(self):
+        """Open cylinders are native unless an instance stretches them. Their hit points have double
+        precision, also far away and mirrored.
         """
         placed = "transform = [{ scale = -0.5 }, { rotate = { axis = [1, 2, 0], degrees = 50 } }]"
         tube = shape('type = "cylinder"\ncaps = false\nradius = 0.8\nz = [-1, 2]', placed)
@@ -313,8 +313,8 @@ class Shading(Case):
         scene += LAMP.format([20, 60, 10])
         found, answer = self.render(scene + tube)
         self.assertEqual((answer["twin"], answer["hosted"], answer["rehits"]), ("native", [], 0))
-        copies = tube.replace("[[shape]]", "[[group.g.shape]]") + shape('type = "instance"\ngroup = "g"', "transform = { scale = [1, 1, {}] }")
-        expected, answer = self.render(scene + copies.replace("{}", "1.000000002"))
+        instances = tube.replace("[[shape]]", "[[group.g.shape]]") + shape('type = "instance"\ngroup = "g"', "transform = { scale = [1, 1, {}] }")
+        expected, answer = self.render(scene + instances.replace("{}", "1.000000002"))
         self.assertEqual([entry["type"] for entry in answer["hosted"]], ["cylinder"])
         self.assertGreater((found["depth.Z"] > 0).sum(), 100)
         for name, values in expected.items():
@@ -323,8 +323,7 @@ class Shading(Case):
             self.assertLessEqual(off.sum(), 2, name)
 
     def test_an_ellipsoid_of_equal_radii_is_a_sphere(self):
-        """Glass with absorption, with a shadow: the same picture, up to the rounding of Mitsuba's
-        sphere.
+        """Absorbing glass with a shadow: the same image, up to the rounding of Mitsuba's sphere.
         """
         scene = film(24, 24) + (
             '[camera]\ntype = "perspective"\nlook_at = { origin = [0, 3, 4], target = [0, 0.5, 0] }\n'
@@ -340,8 +339,8 @@ class Shading(Case):
             self.assertLess(np.sort(difference.ravel())[-3], 3e-5)
 
     def test_glass_slab(self):
-        """A cap in, a cap out: at right angles 4 % are reflected at each; what is absorbed is
-        exp(-a t).
+        """In through one cap and out through the other: each reflects 4 % at normal incidence; the
+        transmittance between them is exp(-a t).
         """
         slab = shape('type = "cylinder"\nz = [0, 2]', 'material = { type = "dielectric", absorption = 0.5 }')
         found = self.value('[integrator]\ntype = "whitted"\nmax_depth = 40\n' + looking((0.2, 0.1, 9), (0.2, 0.1, 0)) + SKY + slab)
@@ -352,8 +351,7 @@ class Shading(Case):
         self.near(found, sky * (through + back), rel=1e-5)
 
     def test_shadows(self):
-        """A ring hides the lamp from the floor below its tube, not below its hole; one of glass
-        lets a part through.
+        """A torus casts a shadow below its tube, not below its hole; one of glass transmits a part.
         """
         floor = shape('type = "rectangle"', "transform = { scale = 9 }\nmaterial = { type = \"matte\" }")
         ring = 'type = "torus"\nmajor_radius = 2\nminor_radius = 0.5'
@@ -368,7 +366,7 @@ class Shading(Case):
         self.near(value, 0.96 * 0.96 / math.pi, rel=1e-5)
 
     def test_ties(self):
-        """At equal distance the lower number is seen, where no rule says otherwise."""
+        """At equal distance the shape with the lower number wins, if no other rule applies."""
         flat = shape('type = "rectangle"')
         # Caps of quadrics are not covered by the rule for coincident surfaces.
         cap = shape('type = "quadric"\ncoefficients = [1, 1, 0, 0, 0, 0, 0, 0, 0, -1]\nbox = [[-2, -2, -1], [2, 2, 0]]')
@@ -377,7 +375,7 @@ class Shading(Case):
         self.assertEqual(self.nodes(camera + cap + flat)[0]["primitive"], 6)
 
     def test_stretched_and_sheared(self):
-        """Instances that shear a disk and a plane: numbers stay those of the object."""
+        """Instances that shear a disk and a plane do not change texture coordinates."""
         shear = "transform = { matrix = [[1, 0.5, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]] }"
         for kind, at in (("disk", (0.5, 0.25)), ("plane", (0.4, 0.6))):
             scene = f'[[group.g.shape]]\ntype = "{kind}"\n[[shape]]\ntype = "instance"\ngroup = "g"\n{shear}\n'
@@ -385,8 +383,7 @@ class Shading(Case):
             node = self.nodes(looking((x, y, 5), (x, y, 0)) + scene)[0]
             self.near(node["t"], 5)
             self.near(node["uv"], (0.5, 0) if kind == "disk" else at, atol=1e-6)
-        # (1.2, 0.8) is that of (0.8, 0.8), outside of the unit disk; Mitsuba's own would not be
-        # there either, but (0.9, 0) is.
+        # (1.2, 0.8) is the image of (0.8, 0.8), which is outside of the unit disk.
         self.assertEqual(self.nodes(looking((1.2, 0.8, 5), (1.2, 0.8, 0)) + scene.replace("plane", "disk"))[0]["shape"], -1)
         self.assertEqual(Flat(np.eye(4), "disk").bounds()[1], 1 + 1e-9)
 

@@ -1,4 +1,4 @@
-"""Which files are taken for a usable libLLVM."""
+"""Which files are accepted as a usable libLLVM."""
 
 import os
 import tempfile

@@ -1,4 +1,4 @@
-"""Metals, panes, what glows, and what is made of other materials (model §8)."""
+"""Metals, thin dielectrics, emissive and composite materials (model §8)."""
 
 import math
 import unittest
@@ -21,7 +21,7 @@ def floor(text):
 
 
 def pane(height, text):
-    """An endless plane at a height that looks up."""
+    """An infinite plane at a height, facing up."""
     turn = "{ rotate = { axis = [1, 0, 0], degrees = -90 } }"
     return f'[[shape]]\ntype = "plane"\ntransform = [{turn}, {{ translate = [0, {height}, 0] }}]\nmaterial = {{ {text} }}\n'
 
@@ -59,7 +59,7 @@ class Panes(Case):
         self.near(by_path["T"]["throughput"], np.array([1, 0.5, 0]) * 0.96 / 1.04)
 
     def test_a_ray_stays_in_its_medium(self):
-        """In a box of absorbing glass, the way behind a pane absorbs as well."""
+        """In a box of absorbing glass, the segment behind a pane absorbs as well."""
         text = 'type = "dielectric", interior_ior = 1, exterior_ior = 1, absorption = [0, 0.5, 2]'
         box = f'[[shape]]\ntype = "box"\nmaterial = {{ {text} }}\n'
         clear = pane(0, 'type = "thin_dielectric", interior_ior = 1')
@@ -67,7 +67,7 @@ class Panes(Case):
 
 
 class Emission(Case):
-    def test_it_glows_and_lights_nothing(self):
+    def test_it_is_visible_and_lights_nothing(self):
         glow = pane(1, 'type = "emissive", radiance = [1, 2, 3]')
         self.near(self.value(HEAD + SKY + POINT + glow), [1, 2, 3])
         self.near(self.value(HEAD + POINT + pane(-1, 'type = "emissive", radiance = 5') + floor('type = "matte"')), self.value(HEAD + POINT + FLOOR))
@@ -86,7 +86,7 @@ class Emission(Case):
 
     def test_a_material_must_not_contain_itself(self):
         shared = '[material.a]\ntype = "emissive"\nmaterial = "b"\n[material.b]\ntype = "emissive"\nmaterial = "a"\n'
-        self.refuse(HEAD + FLOOR + 'material = "a"\n' + shared, "scene", "part of itself")
+        self.refuse(HEAD + FLOOR + 'material = "a"\n' + shared, "scene", "contains itself")
 
 
 class Composites(Case):
@@ -112,7 +112,7 @@ class Composites(Case):
         off = '[integrator]\ntype = "whitted"\nshadows = "none"\n'
         self.near(self.value(side + off + lamp + FLOOR + net), bare)
 
-    def test_what_refracts_has_no_holes(self):
+    def test_refractive_materials_cannot_have_holes(self):
         self.refuse(HEAD + floor('type = "mask", material = { type = "dielectric" }'), "scene", "holes")
         self.refuse(HEAD + floor('type = "mask"'), "scene", "material")
 
@@ -131,16 +131,16 @@ class Composites(Case):
         self.near(self.value(HEAD + SKY + floor(text)), [3, 3, 3])
         under = floor(text).replace("degrees = -90", "degrees = 90")
         self.near(self.value(HEAD + SKY + under), [1, 2, 4])
-        # The front is a pane in the medium that the ray is in, the back glass that ends it.
+        # The front is a pane inside the ray's medium; the back is glass, which ends that medium.
         text = 'type = "two_sided", front = { type = "thin_dielectric", interior_ior = 1 }, back = { type = "dielectric", interior_ior = 1 }'
         self.near(self.value(HEAD + SKY + floor(text)), [1, 2, 4])
 
 
 class Detail(Case):
-    """Other normals: straight from above onto the floor, n_s = y."""
+    """Replaced normals, seen straight from above on a floor with n_s = y."""
 
     def mirrored(self, text):
-        """Where a ray goes that comes from straight above."""
+        """The direction in which a ray from straight above is reflected."""
         ball = '[[shape]]\ntype = "sphere"\nradius = 50\nmaterial = { type = "emissive" }\n'
         nodes = self.nodes(HEAD + floor(text) + ball)
         self.assertEqual([node["path"] for node in nodes], ["", "R"])
@@ -153,7 +153,7 @@ class Detail(Case):
         self.near(self.mirrored(text.format("[0.5, 0.8, 0.9]")), [0, 0.28, -0.96], rel=1e-5, atol=1e-5)
         around = text.format("[0.8, 0.5, 0.9], axis = [0, 0, -2]")
         self.near(self.mirrored(around), [0.96, 0.28, 0], rel=1e-5, atol=1e-5)
-        # One that looks away is not taken.
+        # A normal that faces away from the viewer is ignored.
         self.near(self.mirrored(text.format("[0.5, 0.5, 0]")), [0, 1, 0], rel=1e-5, atol=1e-5)
 
     def test_a_slope_is_a_normal(self):
@@ -178,7 +178,7 @@ class Detail(Case):
         self.near(self.mirrored(text.format('[0.5, 0.75, 0.5], space = "tangent"')), [0, 0.6, -0.8], rel=1e-5, atol=1e-5)
         self.near(self.mirrored(text.format(f"{own}, axis = [0, 0, -2]")), [0.8, 0.6, 0], rel=1e-5, atol=1e-5)
         self.near(self.mirrored(text.format(f"{own}, tangent = [0, 7, 3]")), [0, 0.6, 0.8], rel=1e-5, atol=1e-5)
-        # None, one that looks away, and none that is left.
+        # No offset, a normal that faces away, and a zero normal.
         for colour in ("0.5", "[0.5, 0, 0.5], scale = 2", "[0.5, 0, 0.5]"):
             self.near(self.mirrored(text.format(colour)), [0, 1, 0], rel=1e-5, atol=1e-5)
         for more in ("step = 1", "axis = [0, 1, 0]", "height = 1"):
@@ -196,7 +196,7 @@ class Glossy(Case):
     BALL = '[[shape]]\ntype = "sphere"\nradius = 50\nmaterial = { type = "emissive" }\n'
 
     def directions(self, text, scene=HEAD):
-        """Where the rays go that come of one from straight above."""
+        """The directions of the reflections of a ray from straight above."""
         nodes = self.nodes(scene + floor(text) + self.BALL)
         paths = [node["path"] for node in nodes if node["path"] not in ("", "T")]
         self.assertEqual(paths, [f"R{number:02}" for number in range(len(paths))])
@@ -213,7 +213,7 @@ class Glossy(Case):
         self.near(found, expected, rel=1e-5, atol=1e-5)
         for node in nodes[1:]:
             self.near(node["throughput"], [0.25, 0.125, 0])
-        # About another normal, and by their share.
+        # About a replaced normal, and weighted by the opacity.
         text = 'type = "{}", {}material = {{ type = "glossy", exponent = 7, samples = 2 }}'
         found, nodes = self.directions(text.format("mask", "opacity = 0.5, "))
         self.near(found, expected, rel=1e-5, atol=1e-5)
@@ -221,22 +221,22 @@ class Glossy(Case):
         found, _ = self.directions(text.format("normal_map", "map = [0.8, 0.5, 0.9], "))
         self.near(found @ [0.96, 0.28, 0], [cosine] * 4, rel=1e-5)
 
-    def test_one_is_a_mirror(self):
+    def test_one_sample_is_a_mirror(self):
         nodes = self.nodes(OBLIQUE + floor('type = "glossy", samples = 1, reflectance = 0.5') + self.BALL)
         mirrored = self.nodes(OBLIQUE + floor('type = "mirror", reflectance = 0.5') + self.BALL)
         self.assertEqual([node["path"] for node in nodes], ["", "R"])
         self.near(nodes[1]["p"], mirrored[1]["p"], rel=1e-5, atol=1e-5)
         self.near(nodes[1]["throughput"], [0.5] * 3)
 
-    def test_what_goes_into_the_surface_is_lost(self):
-        """From 45 degrees, with a lobe so broad that the outermost direction goes down."""
+    def test_directions_below_the_surface_are_dropped(self):
+        """At 45 degrees, with a lobe so broad that some directions point below the surface."""
         scene = OBLIQUE + '[integrator]\ntype = "whitted"\nmax_depth = 2\n' + SKY + floor('type = "glossy", samples = 8, exponent = 0.5')
         there = len(self.nodes(scene)) - 1
         self.assertTrue(40 < there < 64, there)
         self.near(self.value(scene), np.array([1, 2, 4]) * there / 64)
 
-    def test_beside_a_mirror(self):
-        """All lanes together give what each tree alone adds up to."""
+    def test_together_with_a_mirror(self):
+        """An image equals the sums over the trees of its pixels."""
         look = '[camera]\ntype = "perspective"\nlook_at = { origin = [0, 2, 6], target = [0, 0.5, 0] }\n[integrator]\ntype = "whitted"\nmax_depth = 2\n'
         ball = '[[shape]]\ntype = "sphere"\nradius = 1\nmaterial = { type = "mirror", reflectance = 0.9 }\n'
         glossy = '{ type = "glossy", samples = 2, reflectance = [0.3, 0.4, 0.5] }'
@@ -249,7 +249,7 @@ class Glossy(Case):
             sum_ = np.sum([np.multiply(node["throughput"], node["local"]) for node in nodes], axis=0)
             self.near([channels[name][y, x] for name in "RGB"], sum_, rel=1e-5)
 
-    def test_sides_of_their_own(self):
+    def test_two_sided(self):
         text = 'type = "two_sided", front = {{ type = "{}" }}, back = {{ type = "{}" }}'
         found, _ = self.directions(text.format("glossy", "mirror"))
         self.assertEqual(len(found), 16)
@@ -268,9 +268,9 @@ class Glossy(Case):
 
 class FilteredShadows(Case):
     def lit(self, shape, more=""):
-        """What arrives on a floor from straight above, of what would."""
+        """The transmittance of light onto a floor from straight above."""
         lamp = '[[light]]\ntype = "point"\nposition = [0, 4, 0]\nintensity = 10\n'
-        # From the side, below what stands in the way of the light.
+        # Seen from the side, below the shape that attenuates the light.
         side = film() + '[camera]\ntype = "perspective"\nlook_at = { origin = [3, 0.3, 0], target = [0, 0, 0] }\n'
         filtered = '[integrator]\ntype = "whitted"\nshadows = "filtered"\n'
         self.assertEqual(list(self.value(side + lamp + FLOOR + shape)), [0, 0, 0])
@@ -284,12 +284,12 @@ class FilteredShadows(Case):
         self.near(self.lit(pane(1, 'type = "thin_dielectric", tint = [1, 0.5, 0]')), np.array([1, 0.5, 0]) * 0.96 / 1.04, rel=1e-5)
         self.near(self.lit(pane(1, 'type = "emissive", material = { type = "thin_dielectric" }')), [0.96 / 1.04] * 3, rel=1e-5)
 
-    def test_the_cut(self):
+    def test_the_transmittance_threshold(self):
         panes = [pane(1 + number, 'type = "whitted", k_refr = 0.1') for number in range(3)]
         self.near(self.lit(panes[0] + panes[1]), [0.01] * 3, rel=1e-5)
         self.assertEqual(list(self.lit("".join(panes))), [0, 0, 0])
 
-    def test_what_is_opaque_hides(self):
+    def test_opaque_surfaces_block_light(self):
         self.assertEqual(list(self.lit(pane(1, 'type = "thin_dielectric"') + pane(2, 'type = "mirror"'))), [0, 0, 0])
 
 

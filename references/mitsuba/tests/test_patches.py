@@ -1,5 +1,5 @@
-"""Bezier patches (model §9): where they are, their normals, and that the error of their triangles
-falls with the square of the level.
+"""Bezier patches (model §9): positions, normals, and the error of their triangles, which falls
+with the square of the level.
 """
 
 import math
@@ -51,7 +51,7 @@ class Patches(Case):
     def errors(self, level):
         """Root mean squares, of depths in metres and of unit normals."""
         with mock.patch.object(patches, "LEVEL", level), mock.patch.object(patches, "LEAST_LEVEL", 1):
-            # Built scenes are kept by their text.
+            # Built scenes are cached by their text.
             channels, _ = self.render(above(self.size, [shape(wave(), f"# {level}\n")]))
         centres = (np.arange(self.size) + 0.5) / self.size * 2 - 1
         depth, turned = [], []
@@ -73,8 +73,10 @@ class Patches(Case):
             self.assertGreater(slope, 1.8)
             self.assertLess(slope, 2.2)
 
-    def test_the_setting_of_vertices_moves_the_error(self):
-        """The harness learns from it how inexact the reference is: about as much as it is."""
+    def test_the_setting_vertices_varies_the_error(self):
+        """The harness uses this setting to estimate the discretisation error of the reference: the
+        estimate is close to the actual error.
+        """
         channels, _ = self.render(above(self.size, [shape(wave())]))
         centres = (np.arange(self.size) + 0.5) / self.size * 2 - 1
         exactly = np.array([[3 - exact(x, y)[0] for x in centres] for y in -centres])
@@ -94,7 +96,7 @@ class Patches(Case):
         self.near(channels["uv.V"], np.broadcast_to(1 - centres[:, None], (self.size, self.size)), atol=1e-5)
         self.assertEqual(set(np.unique(channels["primitive_id.I"])), {1})
 
-    def test_a_collapsed_edge_has_the_normal_that_it_tends_to(self):
+    def test_a_collapsed_edge_has_the_limit_normal(self):
         arc = [(1.0, 0.0), (1.0, 0.552), (0.552, 1.0), (0.0, 1.0)]
         for tip in (1.0, 0.7):
             rows = [(0.0, 1.0), (0.6, tip), (1.0, 0.55), (1.0, 0.0)]
@@ -107,7 +109,7 @@ class Patches(Case):
             ):
                 np.testing.assert_allclose(patches.normals(points, u, v), patches.normals(points, near_u, near_v), atol=1e-5)
 
-    def test_what_is_no_patch_is_refused(self):
+    def test_invalid_patches_are_refused(self):
         for keys, word in (
             ("", "points"),
             ("points = [[0, 0, 0]]\n", "points"),

@@ -1,4 +1,4 @@
-"""Mitsuba's own answers to single questions."""
+"""Mitsuba's own results for single queries."""
 
 import math
 import unittest
@@ -35,7 +35,7 @@ class Probes(Case):
         self.assertEqual((total["reflectance"], total["cosine"]), ([1], [0]))
 
     def test_camera(self):
-        # Straight down, and a quarter of the view to the right of it.
+        # Straight down, and a quarter of the image width to the right.
         directions = self.ask("camera", BALL, positions=[[0.5, 0.5], [0.75, 0.5]])["directions"]
         slant = math.atan(0.5)
         for found, expected in zip(directions, ([0, -1, 0], [math.sin(slant), -math.cos(slant), 0])):

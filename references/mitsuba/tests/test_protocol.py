@@ -1,4 +1,4 @@
-"""Serve mode as a child process, and the commands for people."""
+"""Serve mode as a child process, and the command line."""
 
 import json
 import os
@@ -53,7 +53,7 @@ class Serve(unittest.TestCase):
         self.assertEqual((answers[12]["nodes"][0]["shape"], answers[12]["nodes"][0]["t"]), (-1, "inf"))
 
     def test_without_llvm(self):
-        """A missing library is an answer with what to do, not a crash."""
+        """A missing library gives an answer with instructions, not a crash."""
         with tempfile.TemporaryDirectory() as empty:
             code = (
                 "import sys; from whitstone_mitsuba import llvm; llvm.candidates = lambda: iter([]);"

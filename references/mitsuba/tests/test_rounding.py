@@ -1,4 +1,4 @@
-"""The numbers of meshes rounded otherwise: by at most one unit in the last place, and nothing else
+"""Stochastic rounding of mesh vertices: by at most one unit in the last place, and nothing else
 changes.
 """
 
@@ -20,20 +20,21 @@ class Rounding(Case):
         near, other = rounding.nearest(exact), rounding.by_hash(5)(exact)
         self.assertEqual(other.dtype, np.float32)
         moved = near != other
-        # The nearest is at 0 to 1/2 of the gap, and left as often.
+        # A number is 0 to 1/2 of the gap away from the nearest float. This share is the
+        # probability that it is rounded to the other one.
         self.assertTrue(0.23 < moved.mean() < 0.27, moved.mean())
         gap = np.spacing(np.abs(near))
         self.assertLess(abs(((other - exact) / gap).mean()), 0.02)
-        # The number lies between the two, which are neighbours.
+        # The number lies between the two, which are adjacent floats.
         self.assertTrue(((near.astype(float) < exact) == (other.astype(float) > exact))[moved].all())
         np.testing.assert_array_equal(np.nextafter(near, other)[moved], other[moved])
         np.testing.assert_array_equal(rounding.by_hash(5)(exact[::-1])[::-1], other)
-        # Twice the chance that one is up and the other down, 1/6.
+        # Twice the probability that one is rounded up and the other down, 1/6.
         self.assertTrue(0.3 < (rounding.by_hash(6)(exact) != other).mean() < 0.37)
         held = exact.astype(np.float32).astype(float)
         np.testing.assert_array_equal(rounding.by_hash(5)(held), held)
 
-    def test_only_what_is_not_held_exactly_varies(self):
+    def test_only_inexact_numbers_vary(self):
         turned = "transform = { rotate = { axis = [1, 2, 3], degrees = 31 } }\n"
         for kind, steps, varies in (("box", turned, True), ("box", "", False), ("sphere", turned, False), ("rectangle", turned, False)):
             scene = film(8, 8) + DOWN + LIGHT + f'[[shape]]\ntype = "{kind}"\n{steps}'

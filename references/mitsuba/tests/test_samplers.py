@@ -1,4 +1,4 @@
-"""Where samples lie: model §5, in closed forms and in numbers that the tracer's own tests have too.
+"""Sample positions (model §5): closed forms, and numbers that the tracer's own tests contain too.
 """
 
 import unittest
@@ -35,12 +35,12 @@ class Samplers(Case):
                 self.assertEqual(len(np.unique(boxes, axis=0)), 64)
 
     def test_each_cell_has_one_stratified_sample(self):
-        for at in positions("type=stratified n=5", [(0, 0), (65535, 7)]):
+        for at in positions("type=stratified samples_per_axis=5", [(0, 0), (65535, 7)]):
             cells = np.floor(at * 5)
             np.testing.assert_array_equal(cells, [(k % 5, k // 5) for k in range(25)])
 
     def test_the_hash_wraps(self):
-        # By hand, in whole numbers without an end.
+        # By hand, in integers of arbitrary size.
         def m(x):
             x &= 0xFFFFFFFF
             x ^= x >> 16
@@ -53,9 +53,9 @@ class Samplers(Case):
         p = m(m(m(seed) + j) + i)
         h = m(p + s)
         expected = [(0 + m(h + 1) / SIDE) / 3, (2 + m(h + 2) / SIDE) / 3]
-        found = positions(f"type=stratified n=3 seed={seed}", [(i, j)])[0, s]
+        found = positions(f"type=stratified samples_per_axis=3 seed={seed}", [(i, j)])[0, s]
         self.assertEqual(found.tolist(), expected)
-        # As the tracer's own test has them.
+        # The same numbers as in the tracer's own test.
         self.assertEqual(found.tolist(), [0.20647533028386533, 0.8268316030347099])
 
         def reverse(x):
@@ -73,13 +73,13 @@ class Samplers(Case):
         self.assertEqual(found.tolist(), expected)
         self.assertEqual((found * SIDE).tolist(), [3596272196, 1078120820])
 
-    def test_a_picture_is_the_mean_over_its_own_positions(self):
+    def test_an_image_is_the_mean_over_its_positions(self):
         # The brightness of the floor under a directional light is that of its texture: stripes,
         # each as wide as half a pixel.
         light = '[[light]]\ntype = "directional"\ndirection = [0, -1, 0]\nirradiance = 3.141592653589793\n'
         floor = FLOOR + 'material = { type = "matte", reflectance = { type = "checker", a = 1, b = 0, scale = [0.3, 0.001] } }\n'
         size = 4
-        for kind in ("type=stratified n=3 seed=2", "type=sobol samples=9 seed=2"):
+        for kind in ("type=stratified samples_per_axis=3 seed=2", "type=sobol samples=9 seed=2"):
             table = "[sampler]\n" + "\n".join(
                 f'type = "{value}"' if key == "type" else f"{key} = {value}" for key, value in (item.split("=") for item in kind.split())
             )
@@ -94,19 +94,19 @@ class Samplers(Case):
             np.testing.assert_allclose(values, even.mean(axis=1), atol=1e-6)
 
     def test_a_pixel_takes_more_samples_where_they_differ(self):
-        # Stripes of the width of several pixels, crossed by others: some pixels show one thing,
+        # Stripes of the width of several pixels, crossed by others: some pixels show one colour,
         # some an edge.
         light = '[[light]]\ntype = "directional"\ndirection = [0, -1, 0]\nirradiance = 3.141592653589793\n'
         floor = FLOOR + 'material = { type = "matte", reflectance = { type = "checker", a = 1, b = 0, scale = [0.31, 0.17] } }\n'
         size, most, first, threshold = 8, 50, 3, 0.02
-        table = f'[sampler]\ntype = "adaptive"\nsamples = {most}\nfirst = {first}\nthreshold = {threshold}\nseed = 5\n'
+        table = f'[sampler]\ntype = "adaptive"\nsamples = {most}\ninitial_samples = {first}\nthreshold = {threshold}\nseed = 5\n'
         pixels = [[x, y] for y in range(size) for x in range(size)]
         scene = film(size, size) + DOWN + table + light + floor
         found = np.array(self.ask("probe", scene, pixels=pixels, settings=[{}])["values"][0])[:, 0]
 
         at = (positions(f"type=sobol samples={most} seed=5", pixels) + np.array(pixels)[:, None, :]) / size * 10 - 5
         shown = (np.floor(0.31 * at[:, :, 0]) + np.floor(-0.17 * at[:, :, 1])) % 2 == 0
-        # The model's rule, a pixel after another.
+        # The model's rule, applied pixel by pixel.
         expected, numbers = [], []
         for number, (x, y) in enumerate(pixels):
             beside = [j * size + i for i, j in pixels if max(abs(i - x), abs(j - y)) == 1]
@@ -117,7 +117,7 @@ class Samplers(Case):
             expected.append(shown[number, :n].mean())
             numbers.append(n)
         np.testing.assert_allclose(found, expected, atol=1e-6)
-        # 3 where nothing is near, 12 where something is, 48 and all where it is seen.
+        # 3 samples in uniform regions, 12 next to an edge, 48 on an edge.
         self.assertEqual(set(numbers), {3, 12, 48})
 
 

@@ -49,17 +49,16 @@ class Lights(Case):
         wide = "cutoff_angle = 60\nbeam_width = 10\n"
         self.near(self.spot(30, wide), 0.6, rel=1e-5)
 
-    def test_background_is_seen_and_lights_nothing(self):
+    def test_background_is_visible_and_lights_nothing(self):
         scene = HEAD + '[[light]]\ntype = "background"\nradiance = [1, 2, 3]\n' * 2
         self.assertEqual(list(self.value(scene)), [2, 4, 6])
         self.assertEqual(list(self.value(scene + FLOOR)), [0, 0, 0])
 
     def test_area(self):
-        """A surface that faces down at height 4: the sum over its points, of which there are four.
-        """
+        """An area light at height 4 that faces down: the sum over its four sample points."""
         turn = "{ rotate = { axis = [1, 0, 0], degrees = 90 } }"
         light = '[[light]]\ntype = "area"\nshape = "{}"\nradiance = [1, 2, 3]\nsamples = 2\ntransform = [{}{}, {{ translate = [0, 4, 0] }}]\n'
-        # Half a metre beside the middle each way; of the normal, cosine 4/d at both ends.
+        # Each point is half a metre off the centre along both axes; both cosines are 4/d.
         d2 = 16 + 0.5
         expected = 0.5 / math.pi * 4 * (4 / 4) * 16 / d2**2
         self.near(self.value(HEAD + light.format("rectangle", "", turn) + FLOOR), [expected * n for n in (1, 2, 3)])
@@ -67,7 +66,7 @@ class Lights(Case):
         # A disk of twice the size, by its radii.
         expected = sum(0.5 / math.pi * 2 * (4 * math.pi / 4) * 16 / (16 + 4 * v) ** 2 for v in (0.25, 0.75))
         self.near(self.value(HEAD + light.format("disk", "{ scale = 2 }, ", turn) + FLOOR), [expected * n for n in (1, 2, 3)])
-        # Of a sphere about (0, 4, 0) only the points below count: two, at the height 4 - 0.5.
+        # On a sphere about (0, 4, 0) only the two lower points count, at height 4 - 0.5.
         r2 = 0.75
         d2 = r2 + 3.5**2
         cosine = (0.5 * 3.5 - r2) / math.sqrt(d2)
@@ -88,25 +87,24 @@ class Lights(Case):
 
             write("square.obj", text)
             scene = HEAD + light.format("square.obj", "") + FLOOR
-            # Both centroids are (2/3, 4, 2/3) away from the middle, of opposite sides: the cosine
-            # is 4/d at both ends.
+            # The centroids are at (1/3, 4, -1/3) and (-1/3, 4, 1/3): both cosines are 4/d.
             d2 = 16 + (1 / 3) ** 2 + (1 / 3) ** 2
             expected = 0.5 / math.pi * 4 * 16 / d2**2
             self.near(self.value(scene, base=base), [expected * n for n in (1, 2, 3)])
-            # Mirrored in its own plane, outside stays outside; turned over, it is dark.
+            # Mirrored in its own plane, the front stays in front; turned over, it is dark.
             mirrored = light.format("square.obj", "transform = { scale = [-1, 1, 1] }")
             self.near(self.value(HEAD + mirrored + FLOOR, base=base), [expected * n for n in (1, 2, 3)])
             write("up.obj", text.replace("1 2 3 4", "4 3 2 1"))
             self.assertEqual(list(self.value(HEAD + light.format("up.obj", "") + FLOOR, base=base)), [0, 0, 0])
-            # In nine parts a triangle: in thirds of a side from (-1, -1) along (1, 0) and (1, 1),
-            # and along (1, 1) and (0, 1).
+            # Nine parts per triangle: steps of a third of a side from (-1, -1) along (1, 0) and
+            # (1, 1), and along (1, 1) and (0, 1).
             parts = [(s, t) for s in (1, 4, 7) for t in (1, 4, 7) if s + t <= 8] + [(2, 2), (5, 2), (2, 5)]
             places = [(-1 + 2 * (s + t) / 9, -1 + 2 * t / 9) for s, t in parts] + [(-1 + 2 * s / 9, -1 + 2 * (s + t) / 9) for s, t in parts]
             expected = 0.5 / math.pi * 4 / 18 * sum(16 / (16 + x * x + z * z) ** 2 for x, z in places)
             fine = light.format("square.obj", "samples = 3")
             self.near(self.value(HEAD + fine + FLOOR, base=base), [expected * n for n in (1, 2, 3)])
             write("line.obj", "v 0 0 0\nv 1 0 0\nf 1 2 2\n")
-            self.refuse(HEAD + light.format("line.obj", "") + FLOOR, "scene", "no triangle has an area", base=base)
+            self.refuse(HEAD + light.format("line.obj", "") + FLOOR, "scene", "every triangle is degenerate", base=base)
             self.refuse(HEAD + light.format("none.obj", "") + FLOOR, "scene", "cannot be read", base=base)
             write("many.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "f 1 2 3\n" * 1025)
             self.refuse(HEAD + light.format("many.obj", "samples = 2") + FLOOR, "scene", "4096", base=base)
@@ -119,8 +117,8 @@ class Lights(Case):
         return self.value(look + light + "\n" + FLOOR)
 
     def test_projector(self):
-        # A screen at 2 m: a quarter of the intensity, everywhere; 90 degrees are 4 m of it.
-        white = "fov = 90\nslide = 1\nintensity = [1, 2, 3]"
+        # A screen at 2 m receives a quarter of the intensity everywhere; 90 degrees are 4 m wide.
+        white = "fov = 90\nimage = 1\nintensity = [1, 2, 3]"
         for x, z in ((0, 0), (1.99, 0), (-1.9, 1.9)):
             self.near(self.projector(white, x, z), [0.5 / math.pi / 4 * n for n in (1, 2, 3)], rel=1e-5)
         for x, z in ((2.01, 0), (0, -2.01)):
@@ -129,25 +127,25 @@ class Lights(Case):
         wide = white + "\naspect = 2"
         self.near(self.projector(wide, 1.99, 0.99), [0.5 / math.pi / 4 * n for n in (1, 2, 3)], rel=1e-5)
         self.assertEqual(list(self.projector(wide, 0, 1.01)), [0, 0, 0])
-        # The quarters of the slide: the right upper one is +x, -z.
-        quarters = "fov = 90\nintensity = 1\nslide = { type = \"checker\", a = [1, 2, 3], b = 0, scale = 2 }"
+        # The quadrants of the slide: the upper right one is at +x, -z.
+        quarters = "fov = 90\nintensity = 1\nimage = { type = \"checker\", a = [1, 2, 3], b = 0, scale = 2 }"
         lit, dark = [0.5 / math.pi / 4 * n for n in (1, 2, 3)], [0, 0, 0]
         for x, z, expected in ((1, -1, lit), (-1, 1, lit), (1, 1, dark), (-1, -1, dark)):
             self.near(self.projector(quarters, x, z), expected, rel=1e-5)
-        # Three columns: which way is right.
+        # Three columns, which show the orientation.
         columns = quarters.replace("scale = 2", "scale = [1.5, 1]")
         self.near(self.projector(columns, 1, 0.5), dark)
         self.near(self.projector(columns, -1, 0.5), lit, rel=1e-5)
-        # A solid texture finds the slide in the plane z = 0.
-        solid = "fov = 90\nintensity = 1\nslide = { type = \"checker\", a = [1, 2, 3], b = 0, scale = [1.5, 1], mapping = { projection = \"planar\" } }"
+        # A solid texture is looked up in the plane z = 0 of the slide.
+        solid = "fov = 90\nintensity = 1\nimage = { type = \"checker\", a = [1, 2, 3], b = 0, scale = [1.5, 1], mapping = { projection = \"planar\" } }"
         self.near(self.projector(solid, 1, 0.5), dark)
         self.near(self.projector(solid, -1, 0.5), lit, rel=1e-5)
-        light = '[[light]]\ntype = "projector"\nposition = [0, 2, 0]\ntarget = [0, 0, 0]\nslide = 1\nintensity = 1\n'
+        light = '[[light]]\ntype = "projector"\nposition = [0, 2, 0]\ntarget = [0, 0, 0]\nimage = 1\nintensity = 1\n'
         self.refuse(HEAD + light + FLOOR, "scene", "parallel")
         self.refuse(HEAD + light + "aspect = 0\nup = [1, 0, 0]\n" + FLOOR, "scene", "0.001 to 1000")
 
     def test_environment(self):
-        """Colours by direction, seen directly and in a mirror, and as light."""
+        """Colours by direction: seen directly, in a mirror, and as illumination."""
         sky = '[[light]]\ntype = "environment"\nradiance = { type = "checker", a = [1, 2, 3], b = [4, 5, 6], scale = [4, 2] }\n'
         for target, expected in (([1, 0.5, -0.2], [4, 5, 6]), ([-1, -0.5, 0.2], [1, 2, 3])):
             look = f'[camera]\ntype = "perspective"\nlook_at = {{ origin = [0, 0, 0], target = {target} }}\n'
@@ -157,7 +155,7 @@ class Lights(Case):
         mirror = 'look_at = { origin = [-1, 0.5, 0.2], target = [0, 0, 0] }'
         look = f'[camera]\ntype = "perspective"\n{mirror}\n'
         self.near(self.value(film() + look + sky + material('type = "mirror", reflectance = 0.5')), [2, 2.5, 3])
-        # An even sky: pi times its radiance, times 1/pi and the reflectance.
+        # A uniform sky: pi times its radiance, times the reflectance / pi.
         even = '[[light]]\ntype = "environment"\nradiance = [1, 2, 3]\nsamples = 16\n'
         self.near(self.value(HEAD + even + FLOOR), [0.5 * number for number in (1, 2, 3)], rel=1e-2)
         # y > 0 is b at u in cells 1, 3 only: half of the upper sky.
@@ -167,7 +165,7 @@ class Lights(Case):
         self.assertEqual(list(self.value(HEAD + black + FLOOR)), [0.0, 0.0, 0.0])
 
     def test_sky_light(self):
-        """The energy of a cell, cut through or not, and the closed form of its centroid."""
+        """The energy of a cell, divided between regions or not, and its centroid in closed form."""
         hemisphere = lambda uv, d: np.where(d[:, 1:2] > 0, [[1.0, 2.0, 4.0]], [[0.0, 0.0, 0.0]])
         for n in (1, 3, 8):
             directions, irradiances = sky.directions(n, 1, hemisphere)
@@ -187,7 +185,7 @@ class Lights(Case):
         np.testing.assert_allclose([u * 1024, v * 512], [np.full(len(u), 700.5), np.full(len(v), 300.5)], atol=0.5)
         np.testing.assert_allclose(irradiances.sum(axis=0), (np.sin(np.pi * (301 / 512 - 0.5)) - np.sin(np.pi * (300 / 512 - 0.5))) * 2 * np.pi / 1024, rtol=1e-12)
 
-    def test_precise_lookups_are_those_of_bitmaps(self):
+    def test_precise_lookups_agree_with_bitmaps(self):
         pixels = np.random.default_rng(1).random((6, 4, 3), dtype=np.float32)
         uv = np.random.default_rng(2).uniform(-0.2, 1.2, (200, 2))
         for kind in ("nearest", "bilinear"):
@@ -197,7 +195,7 @@ class Lights(Case):
                 np.testing.assert_allclose(image.precise(uv), found, atol=1e-5)
 
     def test_faces(self):
-        """Six pictures of 2 x 2 texels, each texel its own colour, looked at through their middles.
+        """Six images of 2 x 2 texels, each texel with its own colour, viewed through texel centres.
         """
         forward = {"px": (1, 0, 0), "nx": (-1, 0, 0), "py": (0, 1, 0), "ny": (0, -1, 0), "pz": (0, 0, 1), "nz": (0, 0, -1)}
         upward = {"py": (0, 0, 1), "ny": (0, 0, -1)}
@@ -216,7 +214,7 @@ class Lights(Case):
                 right = np.cross(axis, up)
                 for column in (0, 1):
                     for row in (0, 1):
-                        # The middle of a texel is half way from the middle of the face.
+                        # A texel centre is halfway between the centre and the edge of the face.
                         target = (np.array(axis) + (column - 0.5) * right + (0.5 - row) * up).tolist()
                         helper = [0.3, 0.5, 0.7]
                         look = f'[camera]\ntype = "perspective"\nlook_at = {{ origin = [0, 0, 0], target = {target}, up = {helper} }}\n'
@@ -226,7 +224,7 @@ class Lights(Case):
             self.refuse(film() + look + sky.replace('faces.nz.file = "nz.exr"\n', ""), "scene", "faces.nz", "required", base=base)
             for name, height, width in (("wide", 2, 4), ("large", 4, 4)):
                 write(f"{name}.exr", height, width, 0)
-                self.refuse(film() + look + sky.replace("ny.exr", f"{name}.exr"), "scene", "square pictures of one size", base=base)
+                self.refuse(film() + look + sky.replace("ny.exr", f"{name}.exr"), "scene", "square images of equal size", base=base)
             self.refuse(film() + look + sky + "radiance = 1\n", "scene", "either", base=base)
 
     def test_ambient(self):

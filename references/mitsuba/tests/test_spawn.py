@@ -1,4 +1,4 @@
-"""Rays that leave a surface: none meets it again, and the driver agrees with Mitsuba's own `direct`
+"""Rays that leave a surface: none hits it again, and the driver agrees with Mitsuba's own `direct`
 at any size and distance.
 """
 
@@ -21,7 +21,7 @@ SHAPES = {
 
 
 def scene(shape, size, ratio, more=""):
-    """A shape of this size that fills the view from `ratio` times its size away, in the light of
+    """A shape of this size, seen from `ratio` times its size away so that it fills the view, lit by
     one lamp.
     """
     eye = [size * ratio * x for x in (0.48, 0.6, 0.64)]
@@ -46,14 +46,14 @@ class Spawn(Case):
                         text = scene(shape, size, ratio)
                         direct = self.ask("check", text, ASSETS)["direct"]
                         self.assertGreater(direct["pixels"], 1000)
-                        # Of a disk that is 100 m wide and far away, stock Mitsuba itself shadows
+                        # For a disk that is 100 m wide and far away, stock Mitsuba itself shadows
                         # some points by the disk.
                         own_fault = shape == "disk" and size == 1e2 and ratio >= 100
                         self.assertLessEqual(direct["over_1e3"], (3e-3 if own_fault else 1e-3) * direct["pixels"])
                         self.assertEqual(self.render(text, ASSETS)[1]["rehits"], 0)
 
     def test_a_wide_disk_is_lit_where_stock_mitsuba_shadows_it(self):
-        """All of its face is turned to the lamp, so every pixel that shows it must be lit."""
+        """The disk faces the lamp, so every pixel that shows it must be lit."""
         channels, answer = self.render(scene("disk", 1e2, 100).replace('aovs = []', 'aovs = ["shape_id"]'))
         seen = channels["shape_id.I"] == 0
         self.assertGreater(seen.sum(), 1000)
@@ -70,7 +70,7 @@ class Spawn(Case):
 
     def test_rehits_that_remain_are_counted(self):
         """With an offset far too small for the coordinates, doubling it does not help, and the
-        driver says so.
+        driver reports it.
         """
         tiny = {"k": 1e-9}
         self.assertGreater(self.render(scene("rectangle", 1e2, 30), setting=tiny)[1]["rehits"], 0)

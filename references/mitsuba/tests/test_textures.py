@@ -1,4 +1,4 @@
-"""Textures (model §10), read off a unit rectangle lit by ambient light."""
+"""Textures (model §10), seen on a unit rectangle in ambient light."""
 
 import itertools
 import json
@@ -47,7 +47,7 @@ class Textures(Case):
         self.near(found, np.where(even, 1, 0.25))
 
     def test_mappings(self):
-        """Cells of a checker by the place in the world, on the square from -1 to 1 at z = 0."""
+        """Cells of a checker by world-space position, on the square from -1 to 1 at z = 0."""
         j, i = np.mgrid[0:8, 0:8]
         x, y = (i + 0.5) / 4 - 1, 1 - (j + 0.5) / 4
         turn = np.arctan2(y, x) / (2 * np.pi) % 1
@@ -65,12 +65,13 @@ class Textures(Case):
         self.refuse(scene(1, 1, '{ type = "checker", mapping = { projection = "round" } }'), "scene", "mapping.projection")
 
     def test_triplanar(self):
-        """Lines that only the projection along x shows, on a plane that is turned in texture space.
+        """Lines that are visible only in the projection along x, on a plane that is rotated in
+        texture space.
         """
         s3 = 3**0.5
         for more, sharpness, scale in (("", 4, 1), (", sharpness = 1", 1, 1), (", sharpness = 2", 2, 2)):
-            # By 60 degrees around y: N is (sin 60, 0, cos 60), then by the inverse transpose of the
-            # scale along z.
+            # Rotated by 60 degrees around y: N is (sin 60, 0, cos 60), then transformed by the
+            # inverse transpose of the scale along z.
             steps = f"[{{ rotate = {{ axis = [0, 1, 0], degrees = 60 }} }}, {{ scale = [1, 1, {scale}] }}]"
             text = f'mapping = {{ projection = "triplanar", transform = {steps}{more} }}'
             lines = f'{{ type = "grid_lines", a = 0, b = 1, width = [0.5, 0], {text} }}'
@@ -79,7 +80,7 @@ class Textures(Case):
             x, y = (i + 0.5) / 4 - 1, 1 - (j + 0.5) / 4
             w_x, w_z = (s3 / 2) ** sharpness, (0.5 / scale) ** sharpness
             line = lambda u: np.abs(u - np.round(u)) < 0.25
-            # Along x the first coordinate is y, along z it is x, which the turn has halved.
+            # Along x the first coordinate is y, along z it is x, which the rotation has halved.
             self.near(found, (w_x * line(y) + w_z * line(0.5 * x)) / (w_x + w_z), rel=1e-5, atol=1e-6)
         self.refuse(scene(1, 1, '{ type = "checker", mapping = { sharpness = 2 } }'), "scene", "mapping.sharpness")
 
@@ -93,7 +94,7 @@ class Textures(Case):
         self.near(found, self.texels / 255.0, rel=1e-5, atol=2e-6)
 
     def test_filters_and_wraps(self):
-        """Against the model's formulas, at positions off the centres and off the image."""
+        """Compared with the model's formulas, at positions off texel centres and off the image."""
         maps = {
             "repeat": lambda i, n: i % n,
             "clamp": lambda i, n: np.clip(i, 0, n - 1),
@@ -138,7 +139,7 @@ class Textures(Case):
         u, v = (i + 0.5) / 16, 1 - (j + 0.5) / 16
         for width, wide in (("0.3", (0.3, 0.3)), ("[0, 0.6]", (0, 0.6))):
             text = f'{{ type = "grid_lines", a = 0.9, b = 0.1, width = {width}, scale = [3, 2], offset = [0.1, 0.2] }}'
-            # The distance from the nearest whole number.
+            # The distance from the nearest integer.
             x, y = 3 * u + 0.1, 2 * v + 0.2
             line = (np.abs(x - np.round(x)) < wide[0] / 2) | (np.abs(y - np.round(y)) < wide[1] / 2)
             self.near(self.grey(16, 16, text), np.where(line, 0.1, 0.9))
@@ -157,7 +158,7 @@ class Textures(Case):
         self.near(self.grey(16, 16, '{ type = "rings", scale = 3, offset = 0.1 }'), alike(cell(3 * np.abs(x) + 0.1)))
         turned = "mapping = { transform = { rotate = { axis = [1, 0, 0], degrees = 90 } } }"
         self.near(self.grey(16, 16, f'{{ type = "rings", scale = 3, {turned} }}'), alike(cell(3 * np.hypot(x, y))))
-        self.refuse(scene(1, 1, '{ type = "rings", scale = 0 }'), "scene", "scale", "above 0")
+        self.refuse(scene(1, 1, '{ type = "rings", scale = 0 }'), "scene", "scale", "> 0")
 
     def test_gradient(self):
         j, i = np.mgrid[0:16, 0:16]
@@ -184,8 +185,8 @@ class Textures(Case):
             self.refuse(scene(1, 1, f'{{ type = "gradient", {text} }}'), "scene", *words)
 
     def test_noise(self):
-        """The value that Perlin's program is known for; what noise is at whole numbers; kinds that
-        are each other's special cases.
+        """The known value of Perlin's program, noise at integers, and kinds that are special cases
+        of each other.
         """
         known = '{ type = "noise", a = 0, b = 1, mapping = { transform = { translate = [3.14, 42, 7] } } }'
         self.near(self.grey(1, 1, known), np.full((1, 1), 0.5 + 0.5 * 0.13691995878400012), rel=1e-6)
@@ -211,7 +212,7 @@ class Textures(Case):
         self.refuse(scene(1, 1, '{ type = "noise", kind = "fbm", lacunarity = 1e50 }'), "scene", "1e100")
 
     def test_worley(self):
-        """Against whole numbers of any size, point by point, over more cells than needed."""
+        """Compared with integers of arbitrary size, point by point, over more cells than needed."""
 
         def m(x):
             x = (x ^ x >> 16) * 0x7FEB352D % 2**32
@@ -257,7 +258,7 @@ class Textures(Case):
             self.refuse(scene(1, 1, f'{{ type = "solid", size = [2, 1, 1]{bad} }}'), "scene", "expected", base=self.base)
 
     def test_seams(self):
-        """The cheapest path among all, and none that is cheaper."""
+        """The result is the cheapest of all paths."""
         random = np.random.default_rng(3)
         for _ in range(20):
             d = random.integers(0, 9, (5, 3))
@@ -268,8 +269,8 @@ class Textures(Case):
             self.assertEqual(sum(d[k, found[k]] for k in range(5)), cost)
 
     def test_synthesized(self):
-        """A sample no larger than a block is laid side by side, cut where it differs least; larger
-        ones are pieces of themselves.
+        """A sample no larger than a block is repeated, with seams where it differs least; the
+        result for a larger sample consists of pieces of it.
         """
         sample = np.random.default_rng(8).integers(0, 256, (4, 4, 3), dtype=np.uint8)
         mi.Bitmap(sample).write(os.path.join(self.base, "s.png"))
@@ -290,7 +291,7 @@ class Textures(Case):
             self.refuse(scene(1, 1, text.format("m.png", *bad)), "scene", "expected", base=self.base)
 
     def test_alpha(self):
-        """It is no colour: never decoded, and colours are not multiplied by it."""
+        """Alpha is never decoded, and colours are not multiplied by it."""
         random = np.random.default_rng(11)
         eight = random.integers(0, 256, (3, 4, 4), dtype=np.uint8)
         mi.Bitmap(eight).write(os.path.join(self.base, "8.png"))
@@ -308,10 +309,10 @@ class Textures(Case):
         self.refuse(scene(1, 1, text.format("8.png", 'alpha", color_space = "linear')), "scene", "color_space", base=self.base)
 
     def test_synthesized_and_optimized(self):
-        """One iteration by the words of the model, with whole numbers and loops."""
+        """One iteration by the model's definition, with integers and loops."""
         random = np.random.default_rng(10)
         sample = random.integers(0, 256, (7, 8, 3))
-        # Each piece of this one is there four times.
+        # Each piece of this sample occurs four times.
         for sample in (sample, np.tile(random.integers(0, 256, (4, 4, 3)), (3, 3, 1))):
             picture = random.integers(0, 256, (11, 9, 3))
             found = [[[] for _ in range(9)] for _ in range(11)]
@@ -327,7 +328,7 @@ class Textures(Case):
             # Pieces in small tables, one row of them at a time.
             with unittest.mock.patch.object(quilting, "MOST_NUMBERS", 1):
                 np.testing.assert_array_equal(quilting.optimized(picture, sample, 5, 1), means)
-        # All pieces are equally near: the first one counts, along both axes and from table to
+        # All pieces have equal distances: the first one wins, along both axes and from table to
         # table.
         halves = np.repeat([126, 130], (5, 6)).repeat(3).reshape(1, 11, 3).repeat(9, axis=0)
         for sample, numbers in itertools.product((halves, halves.transpose(1, 0, 2)), (1, 1 << 23)):
@@ -347,8 +348,8 @@ class Textures(Case):
         self.near(self.value(scene(1, 1, '"t"') + shared), [0.1, 0.2, 0.3])
         self.refuse(scene(1, 1, '"u"') + shared, "scene", "'u'", "known: t")
         exr.write(os.path.join(self.base, "bright.exr"), {"Y": np.full((2, 2), 3, dtype=np.float32)})
-        # The model leaves the upper end of textures that vary open; of colours it does not, nor the
-        # lower end.
+        # The model leaves the upper bound of varying textures open. It bounds colours on both sides
+        # and varying textures from below.
         self.value(scene(1, 1, '{ type = "image", file = "bright.exr" }'), base=self.base)
         self.value(scene(1, 1, '{ type = "checker", a = 2 }'))
         self.refuse(scene(1, 1, '{ type = "constant", value = 2 }'), "scene", "from 0 to 1")

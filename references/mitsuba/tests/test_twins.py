@@ -1,4 +1,4 @@
-"""Twins of plugins from outside."""
+"""Twins of out-of-tree plugins."""
 
 import os
 import tempfile
@@ -38,10 +38,10 @@ class Twins(Case):
         twins.load([EXAMPLE])
         with self.assertRaises(DriverError) as raised:
             twins.load([EXAMPLE])
-        self.assertIn("is there already", str(raised.exception))
+        self.assertIn("already exists", str(raised.exception))
         self.assertIn("superquadric.py", str(raised.exception))
 
-    def test_what_cannot_be_run_is_named(self):
+    def test_a_file_that_cannot_be_run_is_named(self):
         with tempfile.TemporaryDirectory() as folder:
             path = os.path.join(folder, "broken.py")
             with open(path, "w", encoding="utf-8") as file:

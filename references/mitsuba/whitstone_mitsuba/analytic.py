@@ -97,7 +97,7 @@ def _form(fields: Fields) -> np.ndarray:
     """The symmetric 4x4 matrix of a quadric."""
     usual = np.diag([1.0, 1.0, 1.0, -1.0])
     if fields.has("matrix") == fields.has("coefficients"):
-        fields.error(None, "expected exactly one of matrix, coefficients")
+        fields.error(None, "expected exactly one of `matrix`, `coefficients`")
         fields.take("matrix")
         fields.take("coefficients")
         return usual
@@ -113,7 +113,7 @@ def _form(fields: Fields) -> np.ndarray:
     others = form.copy()
     others[3, 3] = 0
     if not np.any(others):
-        fields.error(None, "all coefficients but the constant one are 0")
+        fields.error(None, "all coefficients except the constant one are 0")
         return usual
     if not _real(form):
         fields.error(None, "the quadric has no real points")
@@ -148,7 +148,7 @@ def _torus(fields: Fields, place: Any, base: Folder) -> Surface:
     major = fields.number("major_radius", 1.0, _positive, "a radius > 0")
     minor = fields.number("minor_radius", 0.25, _positive, "a radius > 0")
     if not minor < major:
-        fields.error("minor_radius", f"must be less than major_radius, found {minor} and {major}")
+        fields.error("minor_radius", f"must be less than `major_radius` = {major}, found {minor}")
         major, minor = 1.0, 0.25
     return surfaces.Torus(place.world, major, minor)
 
@@ -213,7 +213,7 @@ def _polygon(fields: Fields, place: Any, base: Folder) -> Surface:
         fields.error("vertices", "must lie in a plane")
     found = surfaces.Polygon(place.world, vertices, normal)
     if edges_meet(vertices[:, [(found.axis + 1) % 3, (found.axis + 2) % 3]]):
-        fields.error("vertices", "edges must meet only where one ends and the next begins")
+        fields.error("vertices", "edges must not intersect except at their common vertices")
     return found
 
 
@@ -260,7 +260,7 @@ class Csg:
             fields.error("operands", f"expected a list of 2 to {MAX_OPERANDS} shapes")
             return nothing
         if depth > MAX_NESTING:
-            fields.error("operands", f"csg is nested more than {MAX_NESTING} deep")
+            fields.error("operands", f"operands are nested more than {MAX_NESTING} deep")
             return nothing
         where = f"{fields.where}.operands"
         found = [self.operand(Fields(table, f"{where}[{n}]", fields.errors), place, base, depth) for n, table in enumerate(tables)]
@@ -277,7 +277,7 @@ class Csg:
             return surface
         if kind not in known:
             if kind is not None:
-                fields.error("type", f"{kind!r} is no solid; {nearest(kind, known)}")
+                fields.error("type", f"{kind!r} is not a closed shape; {nearest(kind, known)}")
             return surface
         if kind == "csg":
             surface = self.read(fields, place, base, depth + 1)
@@ -297,5 +297,5 @@ class Csg:
             surface = READERS[kind](fields, place, base)
         fields.close()
         if not surface.closed:
-            fields.error("caps", "an operand must be closed: caps = true")
+            fields.error("caps", "an operand must be closed: set `caps = true`")
         return surface

@@ -10,7 +10,7 @@ from typing import Any, Sequence
 import numpy as np
 
 from .runtime import dr, mi
-from .shaders import Way
+from .shaders import Branch
 
 # The table index of the surroundings, outside of all bodies.
 NONE = 64
@@ -18,9 +18,9 @@ NONE = 64
 
 @dataclass
 class Face:
-    """A face as rays hit it."""
+    """An interface at the hit points of rays."""
 
-    # The bodies in front and behind, one bit each.
+    # The bodies that contain the ray in front of the face and behind it, one bit each.
     before: Any
     behind: Any
     passed: Any
@@ -29,22 +29,22 @@ class Face:
     # Absorption behind the face.
     absorption: Any
 
-    def branch(self, letter: str, si: Any) -> Way:
+    def branch(self, letter: str, si: Any) -> Branch:
         """The delta branch of a kind; its weight is 0 where it does not exist."""
         r, cos_t, _, eta_ti = mi.fresnel(dr.abs(si.wi.z), self.eta)
         if letter == "R":
-            return Way(mi.Color3f(dr.select(self.passed, 0, r)), mi.reflect(si.wi))
+            return Branch(mi.Color3f(dr.select(self.passed, 0, r)), mi.reflect(si.wi))
         # `cos_t` holds for a viewer above.
         bent = mi.Vector3f(-eta_ti * si.wi.x, -eta_ti * si.wi.y, dr.select(si.wi.z < 0, -cos_t, cos_t))
         total = cos_t == 0
         weight = dr.select(self.passed, 1, dr.select(total, 0, (1 - r) * eta_ti * eta_ti))
         wo = dr.select(self.passed, -si.wi, bent)
-        return Way(mi.Color3f(weight), wo, self.passed, self.absorption, self.absorption, self.eta)
+        return Branch(mi.Color3f(weight), wo, self.passed, self.absorption, self.absorption, self.eta)
 
-    def shadow(self, si: Any) -> Way:
+    def shadow(self, si: Any) -> Branch:
         """Transmittance of a filtered shadow ray, as seen from the side with the lower index."""
         r = mi.fresnel(dr.abs(si.wi.z), dr.maximum(self.eta, 1 / self.eta))[0]
-        return Way(mi.Color3f(dr.select(self.passed, 1, 1 - r)), None, self.passed, self.absorption, self.absorption)
+        return Branch(mi.Color3f(dr.select(self.passed, 1, 1 - r)), None, self.passed, self.absorption, self.absorption)
 
 
 class Bodies:

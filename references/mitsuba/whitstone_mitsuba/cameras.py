@@ -87,11 +87,11 @@ class Camera:
 
     def hosted(self) -> Hosted:
         if self.kind == "environment":
-            return self.kind, "Mitsuba has no sensor that looks all around"
+            return self.kind, "Mitsuba has no panoramic sensor"
         if not self.native():
-            return self.kind, "a window with pixels that are not square, or a lens behind one that is not centred, has no native sensor"
+            return self.kind, "Mitsuba has no sensor for non-square pixels, nor for a lens behind an off-centre window"
         if self.near != 0:
-            return self.kind, "the driver moves the starts of the rays to the near limit"
+            return self.kind, "the driver moves ray origins to the near limit: Mitsuba clips at a plane only"
         return None
 
     def plugin(self) -> dict:
@@ -104,7 +104,7 @@ class Camera:
         matrix[:3, :3] = self.axes * [-1, 1, -1]
         matrix[:3, 3] = self.origin
         if self.kind == "environment":
-            raise Unsupported("camera: Mitsuba has no sensor that looks all around")
+            raise Unsupported("camera: Mitsuba has no panoramic sensor")
         sensor: dict = {"type": "thinlens" if self.lens is not None else self.kind, "near_clip": NEAR, "far_clip": FAR}
         if self.lens is not None:
             sensor.update(aperture_radius=self.lens.aperture, focus_distance=self.lens.focus)
@@ -228,12 +228,12 @@ def read(table: Any, width: int, height: int, errors: List[str], unsupported: Li
     if errors:
         return None
     if not np.linalg.norm(backwards) > 0:
-        look.error("target", "must differ from the origin")
+        look.error("target", "must differ from `origin`")
         return None
     w = backwards / np.linalg.norm(backwards)
     u = np.cross(up, w)
     if np.linalg.norm(u) <= 1e-12 * np.linalg.norm(up):
-        look.error("up", "must not be parallel to the view")
+        look.error("up", "must not be parallel to the view direction")
         return None
     u /= np.linalg.norm(u)
     return Camera(kind, origin, np.column_stack([u, np.cross(w, u), w]), window, width, height, near, spherical, lens)
@@ -246,7 +246,7 @@ def _window(fields: Fields, kind: str, width: int, height: int) -> Tuple[float, 
         for key in (size_key, "fov_axis"):
             if fields.has(key) and (key != "fov_axis" or kind in WINDOWED):
                 fields.take(key)
-                fields.error(key, "cannot be given together with window")
+                fields.error(key, "cannot be given together with `window`")
         inner = Fields(fields.take("window"), fields.where + ".window", fields.errors)
         left, right, bottom, top = (inner.number(key, REQUIRED) for key in "lrbt")
         distance = inner.number("d", 1.0, lambda d: d > 0, "a distance > 0") if kind in WINDOWED else 1.0

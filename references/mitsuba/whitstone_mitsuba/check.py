@@ -40,7 +40,7 @@ class NotApplicable(Exception):
 
 def _native_only(built: Built) -> None:
     if built.host is not None:
-        raise NotApplicable("Mitsuba's own scene lacks the shapes that the driver intersects by itself")
+        raise NotApplicable("Mitsuba's scene lacks the hosted shapes, which the driver intersects")
 
 
 def _compare(ours: np.ndarray, theirs: np.ndarray) -> Dict[str, Any]:
@@ -79,15 +79,15 @@ def _direct(built: Built, setting: Setting) -> Dict[str, Any]:
     _native_only(built)
     used = document.used()
     if any(document.materials[number].parts or document.materials[number].type == "emissive" for number in used):
-        raise NotApplicable("materials made of others, and those that glow, are the driver's alone")
+        raise NotApplicable("only the driver evaluates composite and emissive materials")
     if any(built.shaders[number].passes(document.integrator.filtered) for number in used):
-        raise NotApplicable("Mitsuba's shadows are opaque")
+        raise NotApplicable("Mitsuba's shadow rays are blocked by every surface; some surfaces of this scene let them pass")
     if not any(document.materials[number].smooth for number in used):
-        raise NotApplicable("no surface reflects the lights")
+        raise NotApplicable("no surface has a local term")
     if not document.lights.lamps:
-        raise NotApplicable("no light has a direction")
+        raise NotApplicable("no light has a direction: the scene has ambient light or a background only")
     if not document.integrator.shadows:
-        raise NotApplicable('shadows = "none": Mitsuba always has them')
+        raise NotApplicable('`shadows = "none"`: Mitsuba always traces shadow rays')
     bare = copy.copy(built)
     bare.document = replace(document, integrator=replace(document.integrator, follow=False))
     bare.ambient_light = mi.Color3f(dr.opaque(mi.Float, 0.0))
@@ -100,8 +100,8 @@ def _direct(built: Built, setting: Setting) -> Dict[str, Any]:
     material = level.hits.material.numpy()[: rays.real]
     lit = smooth[np.minimum(material, len(document.materials))]
     if not lit.any():
-        raise NotApplicable("no pixel shows a surface that reflects the lights")
-    theirs = np.zeros((rays.real, 3), dtype=np.float32)  # accumulated in the order of the driver
+        raise NotApplicable("no pixel shows a surface with a local term")
+    theirs = np.zeros((rays.real, 3), dtype=np.float32)  # summed in the driver's order
     # One emitter at a time: of several, the integrator would choose one at random.
     for emitter in built.emitters:
         scene, _ = load_shapes(document, built.bsdfs, setting, {"zz_emitter": emitter})
@@ -116,16 +116,16 @@ def _path(built: Built, setting: Setting) -> Dict[str, Any]:
     others: List[str] = sorted(kinds - {"mirror"})
     if others:
         raise NotApplicable(
-            f"path follows one branch a hit and lights diffuse surfaces indirectly: only mirrors agree, here is {', '.join(others)}"
+            f"`path` follows one branch per hit and adds indirect light, so it agrees on mirrors only; this scene has {', '.join(others)}"
         )
     if not kinds:
-        raise NotApplicable("there is no surface")
+        raise NotApplicable("the scene has no surfaces")
     if not document.integrator.follow:
-        raise NotApplicable("the integrator follows no branches")
+        raise NotApplicable("the integrator traces no specular rays")
     if document.lights.environments:
-        raise NotApplicable("an environment is the driver's alone")
+        raise NotApplicable("only the driver evaluates environments")
     if max(document.lights.background) == 0:
-        raise NotApplicable("there is no background to be seen in the mirrors")
+        raise NotApplicable("the scene has no background for the mirrors to reflect")
     bare = copy.copy(built)
     # Mitsuba returns black beyond the last bounce, and has no contribution threshold.
     bare.document = replace(document, integrator=replace(document.integrator, limit_background=False, min_contribution=0.0))

@@ -14,34 +14,37 @@ from typing import List, Optional
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="whitstone_mitsuba", description="Mitsuba 3 as a deterministic Whitted tracer.")
     commands = parser.add_subparsers(dest="op", required=True)
-    serve = commands.add_parser("serve", help="answer JSON requests, one a line, on standard input")
-    serve.add_argument("--twin", action="append", default=[], metavar="FILE", help="twins of plugins from outside: see twins.py")
-    commands.add_parser("hello", help="versions and the machine")
+    serve = commands.add_parser("serve", help="answer JSON requests from standard input, one per line")
+    serve.add_argument(
+        "--twin", action="append", default=[], metavar="FILE", help="Python file with twins of out-of-tree plugins (see `twins.py`); may be repeated"
+    )
+    commands.add_parser("hello", help="print versions and a description of the machine")
 
     def add(name: str, text: str, setting: bool = True) -> argparse.ArgumentParser:
         command = commands.add_parser(name, help=text, description=text)
         command.add_argument("scene", help="a flattened scene document (TOML)")
-        command.add_argument("--threads", type=int, default=0, help="0: all (default)")
-        command.add_argument("--k", type=float, default=4.0, help="spawn offset, in units of 2^-24 (1 + max abs of p)")
-        command.add_argument("--not-robust", action="store_true", help="without embree_use_robust_intersections")
+        command.add_argument("--threads", type=int, default=0, help="number of threads; 0 means all (default)")
+        unit = "2^-24 (s + max abs of p), where s is the largest coordinate of the shape, at most 1 m"
+        command.add_argument("--k", type=float, default=4.0, help=f"spawn offset, in units of {unit}")
+        command.add_argument("--not-robust", action="store_true", help="disable Mitsuba's `embree_use_robust_intersections`")
         command.add_argument("--dx", type=float, default=0.0, help="shift of every sample, in pixels")
         command.add_argument("--dy", type=float, default=0.0, help="shift of every sample, in pixels, downward")
         command.add_argument("--ulps", type=float, default=0.0, help="perturbation of every ray, in units of 2^-24")
-        command.add_argument("--largest", action="store_true", help="perturb by units of the largest component of each vector")
-        command.add_argument("--vertices", action="store_true", help="round the numbers of meshes down or up, by the seed")
-        command.add_argument("--seed", type=int, default=0, help="of the perturbation and of the rounding")
+        command.add_argument("--largest", action="store_true", help="perturb relative to the largest component of each vector")
+        command.add_argument("--vertices", action="store_true", help="round mesh vertices stochastically, by the seed")
+        command.add_argument("--seed", type=int, default=0, help="seed of the perturbation and of the rounding")
         return command
 
-    add("render", "trace the scene into an EXR file").add_argument("-o", "--out", required=True)
-    stock = add("stock", "render by Mitsuba's own direct or path integrator into an EXR file, with layers of its noise")
+    add("render", "render the scene to an EXR file").add_argument("-o", "--out", required=True)
+    stock = add("stock", "render with Mitsuba's own `direct` or `path` integrator to an EXR file, with layers for the variance")
     stock.add_argument("-o", "--out", required=True)
-    stock.add_argument("--repeats", type=int, default=64, help="samples of each camera ray")
-    add("probe", "values of some pixels").add_argument("pixels", nargs="+", metavar="X,Y")
-    tree = add("tree", "the ray tree of one sample of a pixel")
+    stock.add_argument("--repeats", type=int, default=64, help="number of samples per camera ray")
+    add("probe", "print the values of some pixels").add_argument("pixels", nargs="+", metavar="X,Y")
+    tree = add("tree", "print the ray tree of one sample of a pixel")
     tree.add_argument("pixel", metavar="X,Y")
     tree.add_argument("--sample", type=int, default=0)
-    add("check", "the driver against Mitsuba's own direct and path integrators")
-    timing = add("time", "warm run times of the driver and of Mitsuba's path")
+    add("check", "compare the driver with Mitsuba's own `direct` and `path` integrators")
+    timing = add("time", "measure run times of the driver and of Mitsuba's `path`, after warm-up")
     timing.add_argument("--repeats", type=int, default=3)
     timing.add_argument("--path-depth", type=int)
     return parser

@@ -88,7 +88,7 @@ class Found:
     """Changes by shape index, the reported pairs, and the planes with their gaps."""
 
     changes: Dict[int, Change] = field(default_factory=dict)
-    told: List[dict] = field(default_factory=list)
+    reported: List[dict] = field(default_factory=list)
     # Normal, a point, and the total width of the gaps in metres.
     planes: List[Tuple[np.ndarray, np.ndarray, float]] = field(default_factory=list)
 
@@ -570,12 +570,12 @@ def find(shapes: Sequence[Any]) -> Found:
     classes = _Classes()
     why = _flat(flats, dict(outlines), classes) if len(flats.shape) > 0 else None
     if why is not None:
-        return Found(told=[{"not_examined": why}])
+        return Found(reported=[{"not_examined": why}])
     _curved(outlines, classes)
     found = classes.all()
     closed = {node.shape: shapes[node.shape].outline.closed() for nodes, _ in found for node in nodes}
     moves: Dict[int, List[Tuple[Node, float]]] = {}
-    told: Dict[Tuple[int, int, str], dict] = {}
+    reported: Dict[Tuple[int, int, str], dict] = {}
     planes = []
     for nodes, pairs in found:
         levels, gap = _levels(nodes, pairs, shapes, closed), _gap(pairs, shapes)
@@ -587,6 +587,6 @@ def find(shapes: Sequence[Any]) -> Found:
             planes.append((face.normal, face.corners[0], gap * len(nodes)))
         for one, other in pairs:
             pair = sorted((shapes[one.shape].path[0], shapes[other.shape].path[0]))
-            told.setdefault((*pair, one.form), {"shapes": pair, "form": one.form, "gap": None if levels is None else gap})
+            reported.setdefault((*pair, one.form), {"shapes": pair, "form": one.form, "gap": None if levels is None else gap})
     changes = {place: _change(shapes[place].type, shapes[place].world, shapes[place].outline, mine) for place, mine in moves.items()}
-    return Found(changes, [told[key] for key in sorted(told)], planes)
+    return Found(changes, [reported[key] for key in sorted(reported)], planes)

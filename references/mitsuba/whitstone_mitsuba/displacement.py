@@ -89,5 +89,5 @@ def read(fields: Fields, library: Any, has_uv: bool) -> Heights:
     scale, offset = inner.number("scale", 1.0), inner.number("offset", 0.0)
     inner.close()
     if hasattr(height, "mapping") and height.mapping.projection == "uv" and not has_uv:
-        inner.error("height", "lies by (u, v), and the mesh has no texture coordinates")
+        inner.error("height", "is mapped by (u, v), but the mesh has no texture coordinates")
     return lambda points, normals, uvs: scale * (heights(height, points, normals, uvs) - offset)

@@ -89,42 +89,46 @@ class Document:
                 found[shape.type] = {"type": shape.type, "twin": "hosted", "reason": shape.reason}
         textures = [texture for number in used for texture in (*self.materials[number].textures.values(), self.materials[number].ambient)]
         if any(getattr(texture, "quilted", False) for texture in textures):
-            reason = "the picture is quilted in Python; Mitsuba looks it up"
+            reason = "the driver synthesizes the image in Python; Mitsuba looks it up"
             found["synthesized"] = {"type": "synthesized", "twin": "hosted", "reason": reason}
         covering = [texture for texture in textures if getattr(texture, "covers", False)]
         for name in sorted({texture.filter for texture in covering}):
-            reason = "ray differentials, levels and means are computed in Python: Mitsuba's bitmaps have no levels"
+            reason = "ray differentials, mipmap levels and filtered values are computed in Python: Mitsuba's bitmaps have no mipmaps"
             found[name] = {"type": name, "twin": "hosted", "reason": reason}
         if any(getattr(texture, "folded", False) and not texture.covers for texture in textures):
-            reason = "Mitsuba wraps both axes of a bitmap alike: the other one is folded in Python"
+            reason = "Mitsuba's bitmaps have one wrap mode for both axes: the second mode is applied in Python"
             found["wrap"] = {"type": "wrap", "twin": "hosted", "reason": reason}
         if any(isinstance(texture, patterns.HOSTED) for texture in textures):
-            reason = "a texture that Mitsuba lacks: its formula is computed in Python"
+            reason = "Mitsuba lacks this texture: its formula is computed in Python"
             found["pattern"] = {"type": "pattern", "twin": "hosted", "reason": reason}
         own = [texture for texture in textures if hasattr(texture, "mapping") and not isinstance(texture, patterns.HOSTED)]
         if any(not texture.mapping.usual() and not getattr(texture, "covers", False) for texture in own):
-            reason = "where a texture lies is computed in Python; Mitsuba's own textures look at (u, v) only"
+            reason = "the texture mapping is computed in Python: Mitsuba's own textures use (u, v) only"
             found["mapping"] = {"type": "mapping", "twin": "hosted", "reason": reason}
         camera = self.camera.hosted()
         if camera is not None:
             found[camera[0]] = {"type": camera[0], "twin": "formula", "reason": camera[1]}
         if self.lights.environments:
-            reason = "the driver looks up the texture in the direction: Mitsuba's own emitter knows pictures only, and lights by chance"
+            reason = "the driver looks up the texture by direction: Mitsuba's own emitter takes images only, and is sampled at random"
             found["environment"] = {"type": "environment", "twin": "formula", "reason": reason}
         if self.integrator.gouraud:
-            found["rasterizer"] = {"type": "rasterizer", "twin": "formula", "reason": "the driver interpolates the colours of vertices"}
+            found["rasterizer"] = {"type": "rasterizer", "twin": "formula", "reason": "the driver interpolates the colours of vertices (Gouraud shading)"}
         if self.lights.ambients and any(self.materials[number].ambient is not None for number in used):
             reason = "Mitsuba has no ambient term: the driver multiplies the reflectance by the ambient radiance"
             found["ambient"] = {"type": "ambient", "twin": "formula", "reason": reason}
         if any(self.materials[number].interior != (0, 0, 0) or self.materials[number].exterior != (0, 0, 0) for number in used):
-            reason = "exp(-a t) is computed by the driver: Mitsuba's media need a volume integrator"
+            reason = "the driver computes exp(-a t): Mitsuba's media need a volume integrator"
             found["absorption"] = {"type": "absorption", "twin": "formula", "reason": reason}
         return list(found.values())
 
     def twin(self) -> str:
-        """The least independent kind of twin in use: native, hosted or formula."""
-        kinds = {entry["twin"] for entry in self.hosted()}
-        return next((kind for kind in ("formula", "hosted") if kind in kinds), "native")
+        return twin_of(self.hosted())
+
+
+def twin_of(hosted: List[dict]) -> str:
+    """The least independent kind of twin in use: native, hosted or formula."""
+    kinds = {entry["twin"] for entry in hosted}
+    return next((kind for kind in ("formula", "hosted") if kind in kinds), "native")
 
 
 def _film(table: Any, errors: List[str]) -> Tuple[int, int, Tuple[str, ...]]:
@@ -134,7 +138,7 @@ def _film(table: Any, errors: List[str]) -> Tuple[int, int, Tuple[str, ...]]:
         fields.error(None, f"at most 2^28 pixels in all, found {width} x {height}")
     names = fields.take("aovs", [])
     if not isinstance(names, list) or any(name not in AOVS for name in names):
-        fields.error("aovs", f"expected a list out of {', '.join(AOVS)}, found {names!r}")
+        fields.error("aovs", f"expected a list of names from {', '.join(AOVS)}, found {names!r}")
         names = []
     fields.close()
     return width, height, tuple(name for name in AOVS if name in names)
@@ -157,7 +161,7 @@ def _integrator(table: Any, errors: List[str], unsupported: List[str]) -> Option
         limit = fields.choice("at_max_depth", "background", ("background", "black")) == "background"
     gouraud = kind == "rasterizer" and fields.choice("interpolation", "phong", ("phong", "gouraud")) == "gouraud"
     if gouraud and shadows:
-        fields.error("interpolation", 'colours of vertices have no shadows: add shadows = "none"')
+        fields.error("interpolation", 'Gouraud shading has no shadows: add `shadows = "none"`')
     fields.close()
     return Integrator(kind == "whitted", depth, cut, limit, shadows, gouraud, filtered)
 
@@ -166,18 +170,18 @@ def _only_triangles(tables: Any, camera: Optional[cameras.Camera], errors: List[
     """Checks that a rasterizer can render the scene."""
     kinds = {table.get("type") for table in tables if isinstance(table, dict)} - {"triangle", "mesh", "heightfield"}
     if kinds:
-        errors.append(f"integrator: a rasterizer shows triangles only, found {', '.join(sorted(map(str, kinds)))}")
+        errors.append(f"integrator: a rasterizer renders triangles only, found {', '.join(sorted(map(str, kinds)))}")
     if camera is not None and camera.kind not in ("perspective", "orthographic"):
-        errors.append(f"integrator: a rasterizer needs a camera with straight lines and no lens, found {camera.kind}")
+        errors.append(f"integrator: a rasterizer needs a perspective or orthographic camera, found {camera.kind}")
 
 
-def _ending(integrator: Integrator, all_materials: List[materials.Material], shape_list: List[shapes.Shape], errors: List[str]) -> None:
+def _check_ray_count(integrator: Integrator, all_materials: List[materials.Material], shape_list: List[shapes.Shape], errors: List[str]) -> None:
     """Checks that glossy reflections in glossy surfaces do not produce too many rays."""
     for number in sorted({shape.material for shape in shape_list}):
         spread = all_materials[number].spread if number < len(all_materials) else 1
         bounces = integrator.bounces(spread) if spread > 1 else 0
         if spread**bounces > 2**24:
-            errors.append(f"material: a camera ray may become {spread}^{bounces} rays by what is glossy, more than 2^24")
+            errors.append(f"material: glossy reflections may split a camera ray into {spread}^{bounces} rays, more than 2^24")
 
 
 def _shared(value: Any, name: str, errors: List[str]) -> dict:
@@ -208,7 +212,7 @@ def parse(text: str, base: str) -> Document:
     if isinstance(root.get("integrator"), dict) and root["integrator"].get("type") == "rasterizer":
         _only_triangles(root.get("shape", []), camera, errors)
         if integrator is not None and integrator.gouraud and camera is not None and (camera.kind != "perspective" or camera.near != 0):
-            errors.append("integrator.interpolation: colours of vertices need a perspective camera without a near limit")
+            errors.append("integrator.interpolation: Gouraud shading needs a perspective camera without a near limit")
     texture_reader = textures.Textures(_shared(root.get("texture", {}), "texture", errors), folder, errors, unsupported)
     lamps = lights.read(root.get("light", []), texture_reader, folder, errors, unsupported)
     material_reader = materials.Materials(_shared(root.get("material", {}), "material", errors), texture_reader, errors, unsupported)
@@ -216,7 +220,7 @@ def parse(text: str, base: str) -> Document:
     shape_list, found = shapes.read(root, groups, material_reader, texture_reader, folder, errors, unsupported)
     covered = False
     if integrator is not None:
-        _ending(integrator, material_reader.all, shape_list, errors)
+        _check_ray_count(integrator, material_reader.all, shape_list, errors)
     if not errors and not unsupported:
         covered = footprints.used(material_reader.all, shape_list)
         unsupported += footprints.unsupported(material_reader.all, shape_list)
@@ -230,4 +234,4 @@ def parse(text: str, base: str) -> Document:
         places = [(lamp, lamp.place()) for lamp in lamps.lamps]
         margins = tuple(lamp if place is None else replace(lamp, margin=found.margin(place)) for lamp, place in places)
         lamps = replace(lamps, lamps=margins)
-    return Document(width, height, aovs, samplers.Samples.all(sampler, camera.lens_points()), camera, integrator, lamps, tuple(material_reader.all), tuple(shape_list), folder, covered, tuple(found.told))
+    return Document(width, height, aovs, samplers.Samples.all(sampler, camera.lens_points()), camera, integrator, lamps, tuple(material_reader.all), tuple(shape_list), folder, covered, tuple(found.reported))

@@ -22,7 +22,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from . import footprints, gouraud, shadows, spawn
-from .lanes import Counts, Sums, TooDeep, mix, pad, way_name
+from .lanes import Counts, Sums, TooDeep, mix, pad, branch_name
 from .runtime import ULP, dr, mi
 from .samplers import Samples
 from .scene import NOTHING, Built, geometry
@@ -64,7 +64,7 @@ class Rays:
     real: int = 0
     # Ray differentials, (n, 2, 2, 3) float64 in NumPy: see `footprints`. None in documents without
     # textures that need them.
-    spread: Optional[np.ndarray] = None
+    differentials: Optional[np.ndarray] = None
 
     def arrays(self) -> List[Any]:
         return [
@@ -75,8 +75,8 @@ class Rays:
     def gather(self, indices: np.ndarray) -> "Rays":
         """A subset of the rays, in the order of `indices`."""
         lanes = pad(indices)
-        spread = None if self.spread is None else self.spread[lanes.numpy()]
-        taken = Rays(*[dr.gather(type(array), array, lanes) for array in self.arrays()], real=len(indices), spread=spread)
+        differentials = None if self.differentials is None else self.differentials[lanes.numpy()]
+        taken = Rays(*[dr.gather(type(array), array, lanes) for array in self.arrays()], real=len(indices), differentials=differentials)
         dr.eval(taken.arrays())
         return taken
 
@@ -94,8 +94,8 @@ class Rays:
 
         joined = Rays(*[join(list(arrays)) for arrays in zip(*[part.arrays() for part in parts])])
         dr.eval(joined.arrays())
-        if parts[0].spread is not None:
-            joined.spread = np.concatenate([part.spread for part in parts])
+        if parts[0].differentials is not None:
+            joined.differentials = np.concatenate([part.differentials for part in parts])
         return joined
 
 
@@ -174,7 +174,7 @@ class Tracer:
         self._budget: float = math.inf
 
     # ---- pixels
-    # --------------------------------------------------------------------------------------------------
+    # ----------------------------------------------------------------------------------------------
 
     def pixels(self, x: np.ndarray, y: np.ndarray, setting: np.ndarray) -> np.ndarray:
         """(n, 3) float32: values of pixels (x[i], y[i]) under settings[setting[i]], as the mean
@@ -196,9 +196,9 @@ class Tracer:
         lens = max(samples.lens, 1)
         # The first samples of all pixels and their neighbours, each pixel once per setting.
         offsets = np.array([(i, j) for j in (-1, 0, 1) for i in (-1, 0, 1)])
-        beside_x, beside_y = x[:, None] + offsets[:, 0], y[:, None] + offsets[:, 1]
-        there = (beside_x >= 0) & (beside_x < width) & (beside_y >= 0) & (beside_y < height)
-        key = (setting[:, None].astype(np.int64) * height + beside_y) * width + beside_x
+        near_x, near_y = x[:, None] + offsets[:, 0], y[:, None] + offsets[:, 1]
+        there = (near_x >= 0) & (near_x < width) & (near_y >= 0) & (near_y < height)
+        key = (setting[:, None].astype(np.int64) * height + near_y) * width + near_x
         unique, place = np.unique(key[there], return_inverse=True)
         taken = samples.refinement.first
         found = self._sums(unique % width, unique // width % height, unique // width // height, samples.between(0, taken * lens))
@@ -213,9 +213,9 @@ class Tracer:
         active = np.arange(len(x))
         while True:
             most = taken == samples.sampler.count
-            goes_on = (not most) & samples.refinement.goes_on(taken * lens, state.ranges(), near[active])
-            values[active[~goes_on]] = state.total[~goes_on] / (taken * lens)
-            active, state = active[goes_on], state.of(goes_on)
+            unfinished = (not most) & samples.refinement.applies(taken * lens, state.ranges(), near[active])
+            values[active[~unfinished]] = state.total[~unfinished] / (taken * lens)
+            active, state = active[unfinished], state.of(unfinished)
             if len(active) == 0:
                 return values
             until = min(2 * taken, samples.sampler.count)
@@ -271,7 +271,7 @@ class Tracer:
         key = mix(mi.UInt32(pixel.astype(np.uint32)) + mix(mi.UInt32(number.astype(np.uint32))))
         rays = Rays(
             o, d, mi.Color3f(dr.full(mi.Float, 1, width)), dr.zeros(mi.Color3f, width), key, dr.full(mi.UInt32, 1, width),
-            mi.UInt32(which.astype(np.uint32)), *spawn.nowhere(width), dr.zeros(mi.UInt64, width), real=count,
+            mi.UInt32(which.astype(np.uint32)), *spawn.no_surface(width), dr.zeros(mi.UInt64, width), real=count,
         )  # fmt: skip
         # Every lane needs its own memory: arrays that repeat one value are another kind of kernel
         # input.
@@ -281,11 +281,11 @@ class Tracer:
         dr.eval(rays.arrays())
         if self.document.footprints:
             distance = 1 / math.sqrt(self.document.samples.at_first())
-            rays.spread = footprints.of_camera(self.document.camera, raster_x, raster_y, None if points is None else point, distance)
+            rays.differentials = footprints.of_camera(self.document.camera, raster_x, raster_y, None if points is None else point, distance)
         return rays
 
     # ---- rays
-    # ----------------------------------------------------------------------------------------------------
+    # ----------------------------------------------------------------------------------------------
 
     def trace(self, rays: Rays, depth: int) -> Any:
         """Radiance along each ray (Color3f, evaluated)."""
@@ -341,7 +341,7 @@ class Tracer:
         hits = self.intersect(rays)
         self.counts.closest += rays.real
         level = Level(rays, hits, hits.local, hits.transmittance)
-        if rays.spread is not None:
+        if rays.differentials is not None:
             level.footprint = self.built.surfaces.meet(rays, hits)
         # Group lanes by material: a stable sort of their numbers.
         numbers = hits.material.numpy()[: max(rays.real, 1)]
@@ -597,7 +597,7 @@ class Tracer:
         return spawn.Met(valid, pi.t, shape, facet)
 
     # ---- branches
-    # ------------------------------------------------------------------------------------------------
+    # ----------------------------------------------------------------------------------------------
 
     def _branches(self, level: Level, groups: Dict[int, np.ndarray], depth: int) -> Optional[Rays]:
         """The delta branches of a level: links from children to parents, and the rays of the next
@@ -624,7 +624,7 @@ class Tracer:
                     continue
                 parts.append(rays)
                 weights.append(weight)
-                name = way_name(letter, material.spread, which)
+                name = branch_name(letter, material.spread, which)
                 found.setdefault(name, []).append((lanes[kept], kept + offset))
                 offset += dr.width(keep)
         if not parts:
@@ -661,13 +661,13 @@ class Tracer:
         side = -dr.dot(n_g, dr.gather(mi.Vector3f, rays.d, lanes))
         inside = dr.gather(mi.UInt64, rays.inside, lanes)
         if self.document.materials[number].priority is None:
-            way = self.built.shaders[number].branch(letter, si, which)
+            found = self.built.shaders[number].branch(letter, si, which)
         else:
             face = self.built.bodies.face(dr.gather(mi.UInt32, hits.shape, lanes), inside, side > 0)
-            way = face.branch(letter, si)
+            found = face.branch(letter, si)
             inside = face.before if letter == "R" else face.behind
-        weight = way.weight
-        direction = mi.Vector3f(si.to_world(way.wo))
+        weight = found.weight
+        direction = mi.Vector3f(si.to_world(found.wo))
         leaving = dr.dot(n_g, direction) * side
         throughput = dr.gather(mi.Color3f, hits.throughput, lanes) * weight
         strength = dr.max(throughput)
@@ -675,9 +675,9 @@ class Tracer:
         # One entry per lane, even if all are equal.
         weight = dr.select(keep, weight, 0)
         medium = dr.gather(mi.Color3f, rays.medium, lanes)
-        if letter == "T" and way.straight is not True:
-            entered = dr.select(side > 0, way.inside, way.outside)
-            medium = dr.select(way.straight, medium, entered)
+        if letter == "T" and found.straight is not True:
+            entered = dr.select(side > 0, found.inside, found.outside)
+            medium = dr.select(found.straight, medium, entered)
         setting = dr.gather(mi.UInt32, rays.setting, lanes)
         key = dr.gather(mi.UInt32, rays.key, lanes)
         path = mix(dr.gather(mi.UInt32, rays.path, lanes) * 4 + dr.opaque(mi.UInt32, _BRANCH_NUMBERS[letter] + 4 * which))
@@ -687,11 +687,11 @@ class Tracer:
         spawned = Rays(o, direction, throughput, medium, key, path, setting, left.shape, left.facet, left.within, left.push, inside)
         dr.eval(spawned.arrays(), weight, keep)
         if level.footprint is not None:
-            spawned.spread = footprints.branch(level, lanes.numpy(), letter, way)
+            spawned.differentials = footprints.branch(level, lanes.numpy(), letter, found)
         return spawned, weight, keep
 
     # ---- numbers
-    # -------------------------------------------------------------------------------------------------
+    # ----------------------------------------------------------------------------------------------
 
     def leave(self, p: Any, n_g: Any, direction: Any, shape: Any, facet: Any, setting: Any) -> spawn.Spawned:
         """The origin of a ray in this direction: `spawn.leave` with the setting's K."""

@@ -69,7 +69,7 @@ class Fields:
         """The plugin's `type`; None (and an error) if it is missing or not a string."""
         value = self.take("type", REQUIRED)
         if value is not None and not isinstance(value, str):
-            self.error("type", f"expected a text, found {value!r}")
+            self.error("type", f"expected a string, found {value!r}")
             return None
         return value
 
@@ -111,7 +111,7 @@ class Fields:
         if value is None:
             return ""
         if not isinstance(value, str) or not value:
-            self.error(key, f"expected a text, found {value!r}")
+            self.error(key, f"expected a string, found {value!r}")
             return ""
         return value
 

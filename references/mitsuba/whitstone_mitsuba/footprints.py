@@ -37,7 +37,7 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 # ---- documents
-# -------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 
 
 def _textures(materials: Sequence[Any], number: int) -> Iterator[Any]:
@@ -68,14 +68,14 @@ def unsupported(materials: Sequence[Any], shapes: Sequence[Any]) -> List[str]:
         if not material.branches and not _filtered(materials, shape.material):
             continue
         if shape.type not in SHAPES or shape.surface is not None:
-            found.append(f"shape {shape.number}: no twin for footprints on a shape of type {shape.type!r}: its derivatives are not known here")
-        if material.detailed and material.branches:
-            found.append(f"shape {shape.number}: no twin for footprints behind a normal_map or bump: the derivatives of their normals are not known here")
+            found.append(f"shape {shape.number}: no twin for footprints on a shape of type {shape.type!r}: the driver lacks its derivatives")
+        if material.normal_mapped and material.branches:
+            found.append(f"shape {shape.number}: no twin for footprints behind a normal_map or bump: the driver lacks the derivatives of their normals")
     return sorted(set(found))
 
 
 # ---- cameras
-# ---------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 
 
 def _normalised(q: np.ndarray, change: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
@@ -121,7 +121,7 @@ def of_camera(camera: Camera, x: np.ndarray, y: np.ndarray, point: Any, distance
 
 
 # ---- surfaces
-# --------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 
 
 @dataclass
@@ -176,7 +176,7 @@ class Surfaces:
         t = np.where(valid, np.array(hits.t, dtype=np.float64), 0.0)
         cosine = _dot(d, n_g)
         cosine = np.copysign(np.maximum(np.abs(cosine), GRAZING), cosine)
-        moved = rays.spread[:, :, 0] + t[:, None, None] * rays.spread[:, :, 1]
+        moved = rays.differentials[:, :, 0] + t[:, None, None] * rays.differentials[:, :, 1]
         step = moved - (_dot(moved, n_g[:, None]) / cosine[:, None]) * d[:, None]
         step[~valid] = 0
         found = Footprint(step, np.zeros((len(valid), 2, 2)), np.zeros((len(valid), 2, 3)))
@@ -252,29 +252,29 @@ def sphere_step(q: np.ndarray, step: np.ndarray) -> np.ndarray:
 
 
 # ---- branches
-# --------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 
 
-def branch(level: Any, lanes: np.ndarray, letter: str, way: Any) -> np.ndarray:
+def branch(level: Any, lanes: np.ndarray, letter: str, specular: Any) -> np.ndarray:
     """(n, 2, 2, 3): the differentials of a branch at some lanes."""
     rays, hits, footprint = level.rays, level.hits, level.footprint
     v, n_g, n = -_rows(rays.d)[lanes], _rows(hits.n_g)[lanes], _rows(hits.n_s)[lanes]
     inside = _dot(v, n_g) < 0
     n = np.where(inside, -n, n)[:, None]
     normal = np.where(inside[:, :, None], -footprint.normal[lanes], footprint.normal[lanes])
-    view, v = -rays.spread[lanes, :, 1], v[:, None]
+    view, v = -rays.differentials[lanes, :, 1], v[:, None]
     cosine, change = _dot(n, v), _dot(normal, v) + _dot(n, view)
     if letter == "R":
         found = 2 * change * n + 2 * cosine * normal - view
-    elif way.straight is True:
+    elif specular.straight is True:
         found = -view
     else:
         # n_i/n_t.
-        eta = 1 / np.broadcast_to(np.array(way.eta, dtype=np.float64), (len(lanes),))[:, None, None]
+        eta = 1 / np.broadcast_to(np.array(specular.eta, dtype=np.float64), (len(lanes),))[:, None, None]
         with np.errstate(all="ignore"):
             behind = np.sqrt(1 - eta**2 * (1 - cosine**2))
             found = (eta * change - eta**2 * cosine * change / behind) * n + (eta * cosine - behind) * normal - eta * view
-        straight = np.broadcast_to(np.array(way.straight, dtype=bool), (len(lanes),))
+        straight = np.broadcast_to(np.array(specular.straight, dtype=bool), (len(lanes),))
         found = np.where(straight[:, None, None], -view, found)
     with np.errstate(all="ignore"):
         length = np.linalg.norm(found, axis=-1, keepdims=True)

@@ -52,10 +52,10 @@ class Host:
         self.hosts = mi.UInt32(hosts)
 
     # ---- rays
-    # ----------------------------------------------------------------------------------------------------
+    # ----------------------------------------------------------------------------------------------
 
-    def _near(self, number: int, o: np.ndarray, d: np.ndarray) -> np.ndarray:
-        """The lanes whose lines come near a shape."""
+    def _may_hit(self, number: int, o: np.ndarray, d: np.ndarray) -> np.ndarray:
+        """The lanes whose lines may hit a shape, by a test of its bounding sphere."""
         centre, radius = self.balls[number]
         if not np.isfinite(radius):
             return np.arange(o.shape[1])
@@ -99,7 +99,7 @@ class Host:
         count = o.shape[1]
         t, which, code = np.full(count, np.inf), np.full(count, -1), np.zeros(count, dtype=np.int64)
         for number in range(len(self.surfaces)):
-            lanes = self._near(number, o, d)
+            lanes = self._may_hit(number, o, d)
             if len(lanes) == 0:
                 continue
             at, part = self._hits(number, lanes, o, d, left)
@@ -120,7 +120,7 @@ class Host:
         return Found(t, p, n_g, n_s, uv, shape, primitive, code)
 
     # ---- Dr.Jit
-    # --------------------------------------------------------------------------------------------------
+    # ----------------------------------------------------------------------------------------------
 
     def combine(self, rays: Any, valid: Any, values: Sequence[Any]) -> Tuple[Any, List[Any]]:
         """(valid, values) with hosted surfaces where they are nearer than Mitsuba's.
@@ -144,14 +144,14 @@ class Host:
     def occluded(self, o: Any, d: Any, reach: Any, left: Any) -> Any:
         """Whether rays hit a hosted surface before `reach`."""
         dr.eval(o, d, reach, left.shape, left.facet)
-        origin, way, limit = _columns(o), _columns(d), np.array(reach, dtype=np.float64)
+        origin, direction, limit = _columns(o), _columns(d), np.array(reach, dtype=np.float64)
         shape, facet = np.array(left.shape, dtype=np.int64), np.array(left.facet, dtype=np.int64)
         blocked = np.zeros(origin.shape[1], dtype=bool)
         for first in range(0, len(blocked), CHUNK):
             span = slice(first, first + CHUNK)
-            some = origin[:, span], way[:, span]
+            some = origin[:, span], direction[:, span]
             for number in range(len(self.surfaces)):
-                lanes = self._near(number, *some)
+                lanes = self._may_hit(number, *some)
                 if len(lanes):
                     t, _ = self._hits(number, lanes, *some, (shape[span], facet[span]))
                     blocked[first + lanes] |= t < limit[span][lanes]
@@ -159,7 +159,7 @@ class Host:
 
     def leave(self, spawned: Any, p: Any, n_g: Any, direction: Any) -> None:
         """Moves the origins of rays that leave hosted surfaces onto them. The lowest bit of the
-        facet tells the side that they go to.
+        facet gives the side that they go to.
         """
         hosted = dr.gather(mi.UInt32, self.hosts, spawned.shape) == 1
         side = dr.select(dr.dot(n_g, direction) > 0, mi.UInt32(1), mi.UInt32(0))

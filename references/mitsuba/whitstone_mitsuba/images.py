@@ -38,7 +38,7 @@ def _pick_alpha(pixels: np.ndarray, names: list, path: str) -> np.ndarray:
 def codes(path: str) -> np.ndarray:
     """(height, width, 3) codes of an 8-bit file."""
     if not os.path.isfile(path):
-        raise SceneError(f"{path}: there is no such file")
+        raise SceneError(f"{path}: no such file")
     try:
         bitmap = mi.Bitmap(path)
         names = [field.name for field in bitmap.struct_()]
@@ -46,7 +46,7 @@ def codes(path: str) -> np.ndarray:
     except Exception as error:  # Mitsuba raises RuntimeError with its own text
         raise SceneError(f"{path}: cannot be read as an image: {error}") from error
     if pixels.dtype != np.uint8:
-        raise SceneError(f"{path}: expected 8 bits a channel")
+        raise SceneError(f"{path}: expected 8 bits per channel")
     return _pick_rgb(pixels, names, path).astype(np.int64)
 
 
@@ -58,7 +58,7 @@ def load(path: str, color_space: str, alpha: bool = False) -> np.ndarray:
     if extension not in EXTENSIONS:
         raise SceneError(f"{path}: expected an image file ending in {', '.join(EXTENSIONS)}")
     if not os.path.isfile(path):
-        raise SceneError(f"{path}: there is no such file")
+        raise SceneError(f"{path}: no such file")
     try:
         bitmap = mi.Bitmap(path)
         names = [field.name for field in bitmap.struct_()]
@@ -72,5 +72,5 @@ def load(path: str, color_space: str, alpha: bool = False) -> np.ndarray:
     if not alpha and (color_space == "srgb" or (color_space == "auto" and extension != ".exr")):
         values = srgb_to_linear(values)
     if not np.all(np.isfinite(values)):
-        raise SceneError(f"{path}: has texels that are not finite")
+        raise SceneError(f"{path}: has non-finite texels")
     return np.ascontiguousarray(values, dtype=np.float32)

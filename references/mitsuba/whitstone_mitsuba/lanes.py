@@ -10,7 +10,7 @@ import numpy as np
 from .runtime import mi
 
 
-def way_name(letter: str, spread: int, number: int) -> str:
+def branch_name(letter: str, spread: int, number: int) -> str:
     """The name of a branch in the paths of `tree`; several reflections have a two-digit number."""
     return f"{letter}{number:02}" if letter == "R" and spread > 1 else letter
 

@@ -4,7 +4,7 @@ Each lamp that has a direction becomes a Mitsuba emitter whose `sample_direction
 distance and irradiance. `falloff = "none"` has no native twin: the emitter is a Python plugin that
 cancels the inverse square of the native one. An area light is a set of native point lights, one per
 sample point, each multiplied by the cosine to its normal. A projector is Mitsuba's own with a white
-slide: it tells whether a point is in the frame, at which image position, and how much light
+slide: it determines whether a point is in the frame, at which image position, and how much light
 arrives. The driver looks up the slide there.
 """
 
@@ -145,10 +145,10 @@ class Lamp:
     def hosted(self) -> Hosted:
         """(plugin type, reason) if the twin is not native."""
         if self.normal is not None:
-            return self.type, "the points of a surface are Python emitters around native point lights"
+            return self.type, "the sample points are Python emitters around native point lights"
         if self.slide is not None:
-            return self.type, "the slide is looked up by a Python emitter around the native projector, which has frame and falloff"
-        return None if self.falloff else (self.type, 'falloff = "none" is a Python emitter around the native one')
+            return self.type, "a Python emitter looks up the slide; the native projector inside it gives frame and falloff"
+        return None if self.falloff else (self.type, '`falloff = "none"` is a Python emitter around the native one')
 
     def build(self) -> "mi.Emitter":
         inner = mi.load_dict(self.plugin)
@@ -260,7 +260,7 @@ def _faces(fields: Fields, base: Folder) -> Any:
         face.close()
         height, width = pixels.shape[:2]
         if width != height or (found and pixels.shape != found[0].pixels.shape):
-            face.error("file", f"expected square pictures of one size, found {width} x {height}")
+            face.error("file", f"expected square images of equal size, found {width} x {height}")
         if pixels.min() < 0:
             face.error("file", "expected values >= 0")
         found.append(textures.Image(pixels, "bilinear", ("clamp", "clamp"), (1.0, 1.0), (0.0, 0.0), mappings.Mapping("uv")))
@@ -273,7 +273,7 @@ def _environment(fields: Fields, index: int, reader: Any, base: Folder) -> Tuple
         radiance = _faces(fields, base)
         if fields.has("radiance"):
             fields.take("radiance")
-            fields.error("faces", "expected either radiance or faces")
+            fields.error("faces", "expected either `radiance` or `faces`, found both")
     else:
         radiance = reader.value(fields, "radiance", REQUIRED, 0.0, float("inf"))
     n = fields.integer("samples", 0, 0, 32)
@@ -368,7 +368,7 @@ def _projector(fields: Fields, index: int, reader: Any) -> Lamp:
     forward = _direction(fields, "target", target - position)
     right = np.cross(forward, upwards)
     if np.linalg.norm(right) <= 1e-12:
-        fields.error("up", "must not be parallel to the axis")
+        fields.error("up", "must not be parallel to the direction from position to target")
         right = np.array([1.0, 0.0, 0.0])
     right /= np.linalg.norm(right)
     matrix = np.eye(4)
@@ -407,7 +407,7 @@ def _mesh(fields: Fields, index: int, base: Folder) -> List[Lamp]:
         fields.error("file", str(error))
         return []
     if len(triangles.faces) * n * n > MOST_POINTS:
-        fields.error("samples", f"{len(triangles.faces)} triangles shine from more than {MOST_POINTS} points")
+        fields.error("samples", f"expected at most {MOST_POINTS} sample points, found {len(triangles.faces) * n * n}: {n * n} for each triangle")
         return []
     world = triangles.positions @ matrix[:3, :3].T + matrix[:3, 3]
     off = OFF_SURFACE * np.abs(world).max(initial=0.0)
@@ -426,7 +426,7 @@ def _mesh(fields: Fields, index: int, base: Folder) -> List[Lamp]:
             plugin = {"type": "point", "position": place.tolist(), "intensity": power}
             lamps.append(Lamp(index, plugin, True, True, "area", tuple(normal.tolist()), off))
     if not lamps:
-        fields.error("file", f"{name}: no triangle has an area")
+        fields.error("file", f"{name}: every triangle is degenerate")
     return lamps
 
 
@@ -450,7 +450,7 @@ def _area(fields: Fields, index: int, base: Folder) -> List[Lamp]:
     else:
         scale = transforms.similarity_scale(matrix)
         if scale is None:
-            fields.error("transform", "that of a sphere that shines must be a similarity")
+            fields.error("transform", "must be a similarity (rotation, reflection, translation, one scale for all axes) for a spherical light")
             scale = 1.0
         area = 4 * np.pi * scale**2
         points = np.column_stack([*(np.sqrt(1 - (1 - 2 * v) ** 2) * circle), 1 - 2 * v])
@@ -484,9 +484,9 @@ def read(tables: Any, reader: Any, base: Folder, errors: List[str], unsupported:
         if kind in LAMPS:
             lamps.append(LAMPS[kind](fields, index))
         elif kind == "environment":
-            radiance, shining = _environment(fields, index, reader, base)
+            radiance, sky_lamps = _environment(fields, index, reader, base)
             environments.append(radiance)
-            lamps.extend(shining)
+            lamps.extend(sky_lamps)
         elif kind == "area":
             lamps.extend(_area(fields, index, base))
         elif kind == "projector":

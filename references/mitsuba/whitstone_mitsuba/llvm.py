@@ -113,9 +113,9 @@ def find() -> Llvm:
         if version is not None:
             return Llvm(path, version)
         tried.append(path)
-    listing = "".join(f"\n  {path}" for path in tried) or "\n  (nothing was found to try)"
+    listing = "".join(f"\n  {path}" for path in tried) or "\n  (no candidates were found)"
     raise EnvironmentFailure(
-        f"no usable libLLVM (version {MINIMUM_MAJOR} or later) was found. Install a Rust toolchain (its own libLLVM serves) or a "
+        f"no usable libLLVM (version {MINIMUM_MAJOR} or later) was found. Install a Rust toolchain (it contains a suitable libLLVM) or a "
         f"system package such as libllvm19, or set {VARIABLE} to the library file. Tried:{listing}"
     )
 

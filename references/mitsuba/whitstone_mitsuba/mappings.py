@@ -88,7 +88,7 @@ def read(fields: Fields, usual: str) -> Mapping:
     matrix = transforms.read(inner.take("transform"), f"{inner.where}.transform", fields.errors)
     sharpness = 4.0
     if projection == "triplanar":
-        sharpness = inner.number("sharpness", 4.0, lambda number: number > 0, "a number above 0")
+        sharpness = inner.number("sharpness", 4.0, lambda number: number > 0, "a number > 0")
     inner.close()
     return Mapping(projection, matrix, sharpness)
 
@@ -104,9 +104,9 @@ class Mapped(mi.Texture):
         """(n, 3) colours at `place`, which has `p`, `uv` and `sh_frame.n` like `si`."""
 
         def at(points: np.ndarray) -> np.ndarray:
-            beside = mi.SurfaceInteraction3f(si)
-            beside.uv = mi.Point2f(np.ascontiguousarray(points[:, :2].T.astype(np.float32)))
-            return np.array(self.inner.eval(beside), dtype=np.float64).T
+            moved = mi.SurfaceInteraction3f(si)
+            moved.uv = mi.Point2f(np.ascontiguousarray(points[:, :2].T.astype(np.float32)))
+            return np.array(self.inner.eval(moved), dtype=np.float64).T
 
         return self.mapping.values(place, at)
 

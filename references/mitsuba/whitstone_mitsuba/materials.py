@@ -112,7 +112,7 @@ class Material:
     # Whether it can refract rays.
     refracts: bool = False
     # Whether it replaces the shading normal.
-    detailed: bool = False
+    normal_mapped: bool = False
     # For a normal map and a vector bump map: the tangent, or the axis that the tangent goes around.
     direction: Vector = (1.0, 0.0, 0.0)
     around: bool = False
@@ -120,7 +120,7 @@ class Material:
     tangent: bool = False
     # For a conductor: eta and k as colours.
     index: Tuple[Vector, Vector] = (BLACK, BLACK)
-    # For a prioritised dielectric.
+    # The priority of a dielectric; None if it has none.
     priority: Optional[int] = None
     # Maximum number of reflection rays per hit.
     spread: int = 1
@@ -128,13 +128,13 @@ class Material:
     def hosted(self) -> Optional[Tuple[str, str]]:
         """(plugin type, reason) if the twin is not native."""
         if self.type in ("phong", "blinn_phong", "whitted"):
-            return self.type, "its reflection formula is a Python BSDF; Mitsuba has none like it"
+            return self.type, "its reflection formula is a Python BSDF, which Mitsuba lacks"
         if self.type in COMPOSITES:
-            return self.type, "the driver adds it to what Mitsuba answers for its parts"
+            return self.type, "the driver combines the BSDFs of its parts, which Mitsuba evaluates"
         if self.type == "glossy":
-            return self.type, "the driver spreads what Mitsuba's mirror answers; Mitsuba's rough metals choose directions at random"
+            return self.type, "the driver chooses the directions around Mitsuba's mirror direction; Mitsuba's rough metals sample theirs at random"
         if self.priority is not None:
-            return "priority", "the driver knows which bodies a ray is in, and asks Mitsuba for Fresnel's equations only"
+            return "priority", "the driver tracks the media that a ray is in; Mitsuba only evaluates the Fresnel equations"
         return None
 
     def build(self) -> "mi.BSDF":
@@ -174,7 +174,7 @@ class Material:
         )
 
 
-def _lit(texture: Any) -> bool:
+def _is_nonzero(texture: Any) -> bool:
     """Whether a texture is not black everywhere."""
     return texture.range()[1] > 0
 
@@ -206,7 +206,7 @@ def _whitted(fields: Fields, textures: Textures) -> Material:
     k_refl = textures.value(fields, "k_refl", 0.0, 0.0, math.inf)
     k_refr = textures.value(fields, "k_refr", 0.0, 0.0, math.inf)
     ior, interior, exterior = _media(fields)
-    branches = (REFLECT,) * (_lit(k_refl) or _lit(k_refr)) + (TRANSMIT,) * _lit(k_refr)
+    branches = (REFLECT,) * (_is_nonzero(k_refl) or _is_nonzero(k_refr)) + (TRANSMIT,) * _is_nonzero(k_refr)
     return Material(
         "whitted",
         lobes.ambient,
@@ -216,7 +216,7 @@ def _whitted(fields: Fields, textures: Textures) -> Material:
         exterior,
         {**lobes.textures, "k_refl": k_refl, "k_refr": k_refr},
         {**lobes.numbers, **ior},
-        refracts=_lit(k_refr),
+        refracts=_is_nonzero(k_refr),
     )
 
 
@@ -236,7 +236,7 @@ def _dielectric(fields: Fields, textures: Textures) -> Material:
     ior, interior, exterior = _media(fields)
     priority = fields.integer("priority", None, 0, 65535) if fields.has("priority") else None
     if priority is not None and (ior["exterior_ior"] != 1 or exterior != BLACK):
-        fields.error("priority", "what is outside follows from the bodies around: exterior_ior must be 1, exterior_absorption 0")
+        fields.error("priority", "the medium outside follows from the surrounding bodies: `exterior_ior` must be 1, `exterior_absorption` 0")
     return Material("dielectric", None, (REFLECT, TRANSMIT), False, interior, exterior, {}, ior, refracts=True, priority=priority)
 
 
@@ -259,12 +259,12 @@ def _conductor(fields: Fields, textures: Textures) -> Material:
     tint = textures.value(fields, "tint", 1.0, 0.0, 1.0)
     if fields.has("metal"):
         if fields.has("eta") or fields.has("k"):
-            fields.error("metal", "a measured metal has its own eta and k")
+            fields.error("metal", "cannot be given together with `eta` or `k`")
         index = METALS[fields.choice("metal", None, tuple(METALS))]
     else:
         index = fields.color("eta", REQUIRED, 0.0, 1000.0), fields.color("k", REQUIRED, 0.0, 1000.0)
         if min(index[0]) <= 0:
-            fields.error("eta", f"expected components above 0, found {index[0]}")
+            fields.error("eta", f"expected components > 0, found {index[0]}")
     return Material("conductor", None, (REFLECT,), textures={"tint": tint}, index=index)
 
 
@@ -277,45 +277,45 @@ def _thin_dielectric(fields: Fields, textures: Textures) -> Material:
     return Material("thin_dielectric", None, (REFLECT, TRANSMIT), textures={"tint": tint}, numbers=ior)
 
 
-def _made_of(kind: str, parts: Sequence[Material], **more: Any) -> Material:
+def _composite_of(kind: str, parts: Sequence[Material], **more: Any) -> Material:
     """A composite material with the capabilities of all its parts."""
     branches = tuple(letter for letter in (REFLECT, TRANSMIT) if any(letter in part.branches for part in parts))
     return Material(kind, None, branches, any(part.smooth for part in parts), refracts=any(part.refracts for part in parts),
-        detailed=any(part.detailed for part in parts), spread=max([part.spread for part in parts], default=1), **more)
+        normal_mapped=any(part.normal_mapped for part in parts), spread=max([part.spread for part in parts], default=1), **more)
 
 
 def _emissive(fields: Fields, textures: Textures, parts: List[Material]) -> Material:
     radiance = textures.value(fields, "radiance", 1.0, 0.0, math.inf)
-    return replace(_made_of("emissive", parts, textures={"radiance": radiance}), smooth=True)
+    return replace(_composite_of("emissive", parts, textures={"radiance": radiance}), smooth=True)
 
 
 def _mask(fields: Fields, textures: Textures, parts: List[Material]) -> Material:
     if parts[0].refracts:
-        fields.error("material", "what refracts cannot have holes")
+        fields.error("material", "a material that refracts cannot have holes")
     opacity = textures.value(fields, "opacity", 0.5, 0.0, 1.0)
-    made = _made_of("mask", parts, textures={"opacity": opacity})
+    made = _composite_of("mask", parts, textures={"opacity": opacity})
     return replace(made, branches=made.branches if TRANSMIT in made.branches else (*made.branches, TRANSMIT))
 
 
 def _mix(fields: Fields, textures: Textures, parts: List[Material]) -> Material:
     if all(TRANSMIT in part.branches for part in parts) and any(part.refracts for part in parts):
-        fields.error("b", "both materials let rays through, and one of them refracts")
-    if all(REFLECT in part.branches for part in parts) and any(part.detailed for part in parts):
-        fields.error("b", "both materials reflect, by different normals")
+        fields.error("b", "both materials transmit rays, and at least one of them refracts")
+    if all(REFLECT in part.branches for part in parts) and any(part.normal_mapped for part in parts):
+        fields.error("b", "both materials reflect, and at least one of them replaces the normal")
     if all(REFLECT in part.branches for part in parts) and any(part.spread > 1 for part in parts):
-        fields.error("b", "both materials reflect, and one of them is glossy")
-    return _made_of("mix", parts, textures={"weight": textures.value(fields, "weight", 0.5, 0.0, 1.0)})
+        fields.error("b", "both materials reflect, and at least one of them is glossy")
+    return _composite_of("mix", parts, textures={"weight": textures.value(fields, "weight", 0.5, 0.0, 1.0)})
 
 
 def _two_sided(fields: Fields, textures: Textures, parts: List[Material]) -> Material:
-    return _made_of("two_sided", parts)
+    return _composite_of("two_sided", parts)
 
 
 def _tangent(fields: Fields) -> Tuple[Vector, bool]:
     """A unit vector, and whether the tangent goes around it."""
     around = fields.has("axis")
     if around and fields.has("tangent"):
-        fields.error("axis", "either the tangent or the axis that it goes around")
+        fields.error("axis", "cannot be given together with `tangent`")
         fields.take("tangent")
     direction = fields.vector("axis", REQUIRED) if around else fields.vector("tangent", (1.0, 0.0, 0.0))
     length = math.sqrt(sum(component**2 for component in direction))
@@ -328,18 +328,18 @@ def _tangent(fields: Fields) -> Tuple[Vector, bool]:
 def _normal_map(fields: Fields, textures: Textures, parts: List[Material]) -> Material:
     map_ = textures.value(fields, "map", REQUIRED, 0.0, math.inf)
     direction, around = _tangent(fields)
-    made = _made_of("normal_map", parts, textures={"map": map_})
-    return replace(made, detailed=True, direction=direction, around=around)
+    made = _composite_of("normal_map", parts, textures={"map": map_})
+    return replace(made, normal_mapped=True, direction=direction, around=around)
 
 
 def _bump_vectors(fields: Fields, textures: Textures, parts: List[Material]) -> Material:
     vectors = textures.value(fields, "vector_map", REQUIRED, 0.0, math.inf)
     scale = fields.number("scale", 1.0)
-    made = _made_of("bump", parts, textures={"vectors": vectors}, numbers={"scale": scale})
+    made = _composite_of("bump", parts, textures={"vectors": vectors}, numbers={"scale": scale})
     if fields.choice("space", "world", ("world", "tangent")) == "world":
-        return replace(made, detailed=True)
+        return replace(made, normal_mapped=True)
     direction, around = _tangent(fields)
-    return replace(made, detailed=True, direction=direction, around=around, tangent=True)
+    return replace(made, normal_mapped=True, direction=direction, around=around, tangent=True)
 
 
 def _bump(fields: Fields, textures: Textures, parts: List[Material]) -> Material:
@@ -347,11 +347,11 @@ def _bump(fields: Fields, textures: Textures, parts: List[Material]) -> Material
         return _bump_vectors(fields, textures, parts)
     height = textures.value(fields, "height", REQUIRED, 0.0, math.inf)
     if hasattr(height, "mapping") and height.mapping.projection == "uv":
-        fields.error("height", "must lie by the place in the world, not by (u, v)")
+        fields.error("height", "must be mapped by the world-space position, not by (u, v)")
     scale = fields.number("scale", 1.0)
-    step = fields.number("step", 1e-3, lambda value: value > 0, "a number above 0")
-    made = _made_of("bump", parts, textures={"height": height}, numbers={"scale": scale, "step": step})
-    return replace(made, detailed=True)
+    step = fields.number("step", 1e-3, lambda value: value > 0, "a number > 0")
+    made = _composite_of("bump", parts, textures={"height": height}, numbers={"scale": scale, "step": step})
+    return replace(made, normal_mapped=True)
 
 
 # Composite materials: reader, the keys of their parts, and whether these are optional.
@@ -402,7 +402,7 @@ class Materials:
             self._errors.append(f"{where}: no material is called {value!r}; {nearest(value, list(self._tables))}")
             return 0
         if value in self._open:
-            self._errors.append(f"{where}: the material {value!r} is a part of itself")
+            self._errors.append(f"{where}: the material {value!r} contains itself")
             return 0
         self._open.append(value)
         number = self._table(self._tables[value], f"material.{value}")
@@ -439,5 +439,5 @@ class Materials:
                 numbers.append(self.number(value, f"{fields.where}.{key}"))
         known = [self.all[number] if number < len(self.all) else Material("matte") for number in numbers]
         if any(part.priority is not None for part in known):
-            fields.error(None, "a material with a priority must be that of a shape, not a part of another one")
+            fields.error(None, "a material with a `priority` must belong to a shape directly, not be part of another material")
         return replace(reader(fields, self._textures, known), parts=tuple(numbers))

@@ -57,7 +57,7 @@ def _load(path: str, modified: int, size: int) -> Triangles:
     if len(triangles.faces) == 0:
         raise SceneError(f"{path}: has no faces")
     if triangles.faces.min() < 0 or triangles.faces.max() >= len(triangles.positions):
-        raise SceneError(f"{path}: a face names a vertex that does not exist")
+        raise SceneError(f"{path}: a face refers to a vertex that does not exist")
     if not np.all(np.isfinite(triangles.positions)):
         raise SceneError(f"{path}: has vertices that are not finite")
     return triangles
@@ -82,7 +82,7 @@ def _obj(data: bytes) -> Triangles:
                 if not 0 <= found[place] < len(pool):
                     raise ValueError(f"index {number} in a face is out of range")
         if found[0] < 0:
-            raise ValueError("a corner of a face has no vertex")
+            raise ValueError("a corner of a face has no vertex index")
         return found[0], found[1], found[2]
 
     for line in data.decode("utf-8", "replace").replace("\\\r\n", " ").replace("\\\n", " ").splitlines():
@@ -143,11 +143,11 @@ def _ply_header(data: bytes) -> Tuple[str, List[Tuple[str, int, List[Tuple[str, 
             form = words[1]
         elif words[:1] == ["element"]:
             if any(name == words[1] for name, _, _ in elements):
-                raise ValueError(f"the header names the element {words[1]} twice")
+                raise ValueError(f"the header declares the element {words[1]} twice")
             elements.append((words[1], int(words[2]), []))
         elif words[:1] == ["property"]:
             if any(entry[-1] == words[-1] for entry in elements[-1][2]):
-                raise ValueError(f"the header names the property {words[-1]} of {elements[-1][0]} twice")
+                raise ValueError(f"the header declares the property {words[-1]} of {elements[-1][0]} twice")
             elements[-1][2].append(tuple(words[1:]))
     if form not in ("ascii", "binary_little_endian", "binary_big_endian"):
         raise ValueError(f"unknown PLY format {form!r}")

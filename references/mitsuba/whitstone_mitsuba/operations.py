@@ -144,13 +144,15 @@ def stock_(request: Request) -> Answer:
     channels.update({f"variance.{letter}": image.variance[:, number] for number, letter in enumerate("RGB")})
     channels["samples.N"] = np.full(len(image.mean), image.repeats)
     _write(out, {name: plane.reshape(doc.height, doc.width) for name, plane in channels.items()})
+    # Its media replace the driver's formula.
+    hosted = [entry for entry in doc.hosted() if image.integrator != "volpathmis" or entry["type"] != "absorption"]
     return {
         "seconds": {"load": loaded - begin, "trace": traced - loaded},
         "integrator": image.integrator,
         "repeats": image.repeats,
         "samples": len(doc.samples),
-        "twin": doc.twin(),
-        "hosted": doc.hosted(),
+        "twin": document.twin_of(hosted),
+        "hosted": hosted,
     }
 
 

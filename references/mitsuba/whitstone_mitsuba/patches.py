@@ -20,7 +20,7 @@ from .meshes import Triangles
 LEVEL = 256
 # Upper bound on the triangles of one shape.
 TRIANGLES = 2**20
-# With fewer squares, a patch is no reference.
+# With fewer squares, the mesh is too coarse to be a reference.
 LEAST_LEVEL = 64
 
 MOST_PATCHES, MOST_VERTICES = 4096, 65536
@@ -51,7 +51,7 @@ def read(fields: Fields) -> np.ndarray:
     def index(value: Any) -> bool:
         return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < len(vertices or ())
 
-    patches = _rows(fields, "patches", index, MOST_PATCHES, 16, "numbers of vertices")
+    patches = _rows(fields, "patches", index, MOST_PATCHES, 16, "vertex indices")
     if points is not None and vertices is None and patches is None:
         return np.array(points).reshape(1, 4, 4, 3)
     if points is None and vertices is not None and patches is not None:

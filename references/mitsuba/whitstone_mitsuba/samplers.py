@@ -116,12 +116,12 @@ class Sobol:
 
 @dataclass(frozen=True)
 class Refinement:
-    """The rule by which pixels take more samples."""
+    """The rule that decides which pixels take more samples."""
 
     first: int
     threshold: float
 
-    def goes_on(self, taken: int, own: np.ndarray, near: np.ndarray) -> np.ndarray:
+    def applies(self, taken: int, own: np.ndarray, near: np.ndarray) -> np.ndarray:
         """Whether the error estimate is above the threshold. It uses the range of a pixel's
         samples, and that of its neighbours' first samples.
         """
@@ -130,7 +130,7 @@ class Refinement:
 
 @dataclass(frozen=True)
 class Adaptive(Sobol):
-    """Sobol' points, as many as a pixel needs."""
+    """Sobol' points with a number of samples that is adapted to each pixel."""
 
     refinement: Refinement
 

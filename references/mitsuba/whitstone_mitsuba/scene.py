@@ -38,10 +38,17 @@ _ANCHORS: Optional["mi.Scene"] = None
 _CYLINDERS: Optional["mi.Scene"] = None
 
 
-def load_shapes(document: Document, bsdfs: Sequence["mi.BSDF"], setting: Setting, extra: Optional[dict] = None) -> Any:
+def load_shapes(
+    document: Document,
+    bsdfs: Sequence["mi.BSDF"],
+    setting: Setting,
+    extra: Optional[dict] = None,
+    media: Optional[Sequence[shape_module.Media]] = None,
+) -> Any:
     """(scene, shapes in the document's order, with instances expanded, None for hosted ones).
 
-    `extra`: emitters or a sensor for the check against Mitsuba's integrators.
+    `extra`: emitters or a sensor for the check against Mitsuba's integrators. `media`: those of
+    each material, for its volume integrators; the driver itself needs none.
     """
     global _ANCHORS, _CYLINDERS
     if _ANCHORS is None:
@@ -49,7 +56,11 @@ def load_shapes(document: Document, bsdfs: Sequence["mi.BSDF"], setting: Setting
     if _CYLINDERS is None and any(shape.rules.axis is not None for shape in document.shapes):
         _CYLINDERS = mi.load_dict({"type": "scene", "a": {"type": "cylinder"}, "b": {"type": "cylinder"}}, parallel=False, optimize=False)
     rounded = rounding.of(setting.vertex_seed)
-    built = [None if shape.build is None else shape.build(bsdfs[shape.material], rounded) for shape in document.shapes]
+    sides = [shape_module.NO_MEDIA] * len(document.materials) if media is None else media
+    built = [
+        None if shape.build is None else shape.build(bsdfs[shape.material], rounded, sides[shape.material])
+        for shape in document.shapes
+    ]
     content = {f"shape{number:08d}": shape for number, shape in enumerate(built) if shape is not None}
     # Never optimised: merging would change the numbers of shapes and primitives.
     scene = mi.load_dict(
@@ -100,7 +111,7 @@ class Built:
         shapes.
         """
         if self.host is not None:
-            raise Unsupported(f"{what}: Mitsuba's own scene lacks the shapes that the driver intersects by itself")
+            raise Unsupported(f"{what}: Mitsuba's scene lacks the hosted shapes, which the driver intersects")
 
     def behind(self, directions: Any) -> Any:
         """Background radiance in unit directions."""

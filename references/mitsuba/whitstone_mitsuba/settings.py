@@ -44,7 +44,7 @@ class Setting:
             good = good and (key != "seed" or (isinstance(number, int) and 0 <= number < 2**32))
             good = good and (key not in ("k", "ulps") or number >= 0)
             if not good:
-                raise DriverError(f"setting.{key}: {number!r} is not possible")
+                raise DriverError(f"setting.{key}: {number!r} has the wrong type or is out of range")
         return Setting(**value)
 
     def to_json(self) -> dict:

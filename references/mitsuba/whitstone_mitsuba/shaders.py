@@ -27,7 +27,7 @@ def opaque_color(value: Sequence[float]) -> Any:
 
 
 @dataclass
-class Way:
+class Branch:
     """A delta branch or the transmittance of a shadow ray: the factor, and the media inside and
     outside of the body behind the surface.
     """
@@ -62,15 +62,15 @@ class Shader:
         """The factor of the irradiance from `wo`."""
         return _black()
 
-    def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Way]:
+    def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Branch]:
         """The delta branch of a kind; `number` selects one of several reflections. None if there is
         no such branch.
         """
         return None
 
-    def shadow(self, si: Any, filtered: bool) -> Way:
+    def shadow(self, si: Any, filtered: bool) -> Branch:
         """Transmittance of a shadow ray, which comes from `si.wi`."""
-        return Way(_black())
+        return Branch(_black())
 
     def passes(self, filtered: bool) -> bool:
         """Whether `shadow` can be other than black."""
@@ -98,28 +98,28 @@ class Leaf(Shader):
     def local(self, si: Any, wo: Any) -> Any:
         return self.bsdf.eval(mi.BSDFContext(), si, wo)
 
-    def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Way]:
+    def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Branch]:
         if letter not in self.material.branches or number > 0:
             return None
         context = mi.BSDFContext()
         context.type_mask = FLAGS[letter]
         sample, weight = self.bsdf.sample(context, si, mi.Float(0.5), mi.Point2f(0.5), True)
         straight = self.material.type == "thin_dielectric"
-        return Way(mi.Color3f(weight), sample.wo, straight, *self._media, sample.eta)
+        return Branch(mi.Color3f(weight), sample.wo, straight, *self._media, sample.eta)
 
-    def shadow(self, si: Any, filtered: bool) -> Way:
+    def shadow(self, si: Any, filtered: bool) -> Branch:
         if not self.passes(filtered):
-            return Way(_black())
+            return Branch(_black())
         cosine = dr.abs(mi.Frame3f.cos_theta(si.wi))
         if self.material.type == "thin_dielectric":
             r = mi.fresnel(cosine, self._eta)[0]
-            return Way(self._tint.eval(si) * ((1 - r) / (1 + r)))
+            return Branch(self._tint.eval(si) * ((1 - r) / (1 + r)))
         if self.material.type == "dielectric":
             # Seen from the side with the lower index, where there is no total internal reflection.
             weight = mi.Color3f(1 - mi.fresnel(cosine, self._upward)[0])
         else:
             weight = mi.Color3f(self._k_refr.eval(si))
-        return Way(weight, None, False, *self._media)
+        return Branch(weight, None, False, *self._media)
 
     def passes(self, filtered: bool) -> bool:
         return filtered and "T" in self.material.branches
@@ -157,7 +157,7 @@ class Glossy(Leaf):
         Leaf.__init__(self, material, bsdf)
         self.lobe = lobe(int(material.numbers["samples"]), material.numbers["exponent"])
 
-    def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Way]:
+    def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Branch]:
         mirrored = Leaf.branch(self, letter, si)
         if mirrored is None or number >= len(self.lobe):
             return None
@@ -170,7 +170,7 @@ class Glossy(Leaf):
         x = dr.normalize(x - dr.dot(x, r) * r)
         y = dr.cross(r, x)
         a, b, c = opaque_color(self.lobe[number])
-        return Way(mirrored.weight * dr.opaque(mi.Float, 1 / len(self.lobe)), si.to_local(a * x + b * y + c * r))
+        return Branch(mirrored.weight * dr.opaque(mi.Float, 1 / len(self.lobe)), si.to_local(a * x + b * y + c * r))
 
 
 class Emissive(Shader):
@@ -188,18 +188,18 @@ class Emissive(Shader):
     def local(self, si: Any, wo: Any) -> Any:
         return self.under.local(si, wo)
 
-    def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Way]:
+    def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Branch]:
         return self.under.branch(letter, si, number)
 
-    def shadow(self, si: Any, filtered: bool) -> Way:
+    def shadow(self, si: Any, filtered: bool) -> Branch:
         return self.under.shadow(si, filtered)
 
     def passes(self, filtered: bool) -> bool:
         return self.under.passes(filtered)
 
 
-def _straight(si: Any, weight: Any) -> Way:
-    return Way(weight, -si.wi)
+def _straight(si: Any, weight: Any) -> Branch:
+    return Branch(weight, -si.wi)
 
 
 class Mask(Shader):
@@ -220,16 +220,16 @@ class Mask(Shader):
     def local(self, si: Any, wo: Any) -> Any:
         return self._opacity(si) * self.inner.local(si, wo)
 
-    def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Way]:
-        opacity, way = self._opacity(si), self.inner.branch(letter, si, number)
+    def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Branch]:
+        opacity, branch = self._opacity(si), self.inner.branch(letter, si, number)
         if letter == "R":
-            return None if way is None else Way(opacity * way.weight, way.wo)
+            return None if branch is None else Branch(opacity * branch.weight, branch.wo)
         behind = 1 - opacity
-        return _straight(si, behind if way is None else behind + opacity * way.weight)
+        return _straight(si, behind if branch is None else behind + opacity * branch.weight)
 
-    def shadow(self, si: Any, filtered: bool) -> Way:
+    def shadow(self, si: Any, filtered: bool) -> Branch:
         opacity = self._opacity(si)
-        return Way(1 - opacity + opacity * self.inner.shadow(si, filtered).weight)
+        return Branch(1 - opacity + opacity * self.inner.shadow(si, filtered).weight)
 
     def passes(self, filtered: bool) -> bool:
         return True
@@ -254,23 +254,23 @@ class Mix(Shader):
     def local(self, si: Any, wo: Any) -> Any:
         return self._sum(si, [part.local(si, wo) for part in self.parts])
 
-    def _ways(self, si: Any, ways: Sequence[Optional[Way]]) -> Optional[Way]:
-        there = [way for way in ways if way is not None]
+    def _combine(self, si: Any, branches: Sequence[Optional[Branch]]) -> Optional[Branch]:
+        there = [branch for branch in branches if branch is not None]
         if not there:
             return None
         # Either both bend rays to the same direction, or only one of them bends rays.
-        bent = [way for way in there if way.straight is not True]
+        bent = [branch for branch in there if branch.straight is not True]
         chosen = (bent or there)[0]
-        weight = self._sum(si, [_black() if way is None else way.weight for way in ways])
-        return Way(weight, chosen.wo, chosen.straight, chosen.inside, chosen.outside, chosen.eta)
+        weight = self._sum(si, [_black() if branch is None else branch.weight for branch in branches])
+        return Branch(weight, chosen.wo, chosen.straight, chosen.inside, chosen.outside, chosen.eta)
 
-    def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Way]:
-        return self._ways(si, [part.branch(letter, si, number) for part in self.parts])
+    def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Branch]:
+        return self._combine(si, [part.branch(letter, si, number) for part in self.parts])
 
-    def shadow(self, si: Any, filtered: bool) -> Way:
+    def shadow(self, si: Any, filtered: bool) -> Branch:
         # The medium behind an opaque part does not count.
-        ways = [part.shadow(si, filtered) if part.passes(filtered) else None for part in self.parts]
-        return self._ways(si, ways) or Way(_black())
+        branches = [part.shadow(si, filtered) if part.passes(filtered) else None for part in self.parts]
+        return self._combine(si, branches) or Branch(_black())
 
     def passes(self, filtered: bool) -> bool:
         return any(part.passes(filtered) for part in self.parts)
@@ -295,35 +295,35 @@ class TwoSided(Shader):
     def local(self, si: Any, wo: Any) -> Any:
         return self._choose(si, [part.local(si, wo) for part in self.parts])
 
-    def _ways(self, si: Any, ways: Sequence[Optional[Way]]) -> Optional[Way]:
-        there = [way for way in ways if way is not None]
+    def _combine(self, si: Any, branches: Sequence[Optional[Branch]]) -> Optional[Branch]:
+        there = [branch for branch in branches if branch is not None]
         if not there:
             return None
         some = there[0]
 
         def both(read: Any, other: Any) -> Any:
-            values = [other if way is None or read(way) is None else read(way) for way in ways]
+            values = [other if branch is None or read(branch) is None else read(branch) for branch in branches]
             return self._choose(si, values)
 
-        wo = None if some.wo is None else both(lambda way: way.wo, some.wo)
+        wo = None if some.wo is None else both(lambda branch: branch.wo, some.wo)
         straight: Any = True
-        if any(way.straight is not True for way in there):
-            straight = both(lambda way: mi.Bool(way.straight), mi.Bool(True))
-        media = [both(lambda way, side=side: getattr(way, side), _black()) for side in ("inside", "outside")]
-        eta = both(lambda way: way.eta, mi.Float(1)) if any(way.eta is not None for way in there) else None
-        return Way(both(lambda way: way.weight, _black()), wo, straight, *media, eta)
+        if any(branch.straight is not True for branch in there):
+            straight = both(lambda branch: mi.Bool(branch.straight), mi.Bool(True))
+        media = [both(lambda branch, side=side: getattr(branch, side), _black()) for side in ("inside", "outside")]
+        eta = both(lambda branch: branch.eta, mi.Float(1)) if any(branch.eta is not None for branch in there) else None
+        return Branch(both(lambda branch: branch.weight, _black()), wo, straight, *media, eta)
 
-    def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Way]:
-        return self._ways(si, [part.branch(letter, si, number) for part in self.parts])
+    def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Branch]:
+        return self._combine(si, [part.branch(letter, si, number) for part in self.parts])
 
-    def shadow(self, si: Any, filtered: bool) -> Way:
-        return self._ways(si, [part.shadow(si, filtered) for part in self.parts]) or Way(_black())
+    def shadow(self, si: Any, filtered: bool) -> Branch:
+        return self._combine(si, [part.shadow(si, filtered) for part in self.parts]) or Branch(_black())
 
     def passes(self, filtered: bool) -> bool:
         return any(part.passes(filtered) for part in self.parts)
 
 
-class Detailed(Shader):
+class NormalMapped(Shader):
     """A material in a frame about another normal."""
 
     def __init__(self, inner: Shader) -> None:
@@ -354,25 +354,25 @@ class Detailed(Shader):
         turned = self._turned(si)
         return self.inner.local(turned, turned.to_local(si.to_world(wo)))
 
-    def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Way]:
+    def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Branch]:
         turned = self._turned(si)
-        way = self.inner.branch(letter, turned, number)
-        if way is None:
+        branch = self.inner.branch(letter, turned, number)
+        if branch is None:
             return None
-        return replace(way, wo=si.to_local(turned.to_world(way.wo)))
+        return replace(branch, wo=si.to_local(turned.to_world(branch.wo)))
 
-    def shadow(self, si: Any, filtered: bool) -> Way:
+    def shadow(self, si: Any, filtered: bool) -> Branch:
         return self.inner.shadow(self._turned(si), filtered)
 
     def passes(self, filtered: bool) -> bool:
         return self.inner.passes(filtered)
 
 
-class NormalMap(Detailed):
+class NormalMap(NormalMapped):
     """Normals encoded as colours."""
 
     def __init__(self, map_: Any, direction: Sequence[float], around: bool, inner: Shader) -> None:
-        Detailed.__init__(self, inner)
+        NormalMapped.__init__(self, inner)
         self.map, self.around = map_.build(), around
         self.direction = mi.Vector3f(opaque_color(direction))
 
@@ -408,11 +408,11 @@ class _Place:
     sh_frame: Any
 
 
-class Bump(Detailed):
+class Bump(NormalMapped):
     """A bump map: a height as a function of the world-space position."""
 
     def __init__(self, height: Any, scale: float, step: float, inner: Shader) -> None:
-        Detailed.__init__(self, inner)
+        NormalMapped.__init__(self, inner)
         self.height = height.build()
         # A constant has no slope and no mapping.
         self.flat = not hasattr(height, "mapping")

@@ -101,19 +101,19 @@ def through(tracer: Any, level: Any, lanes: Any, number: int, p: Any, n_g: Any, 
             # The ray enters the body if it comes from outside.
             enters = dr.dot(mi.Vector3f(si.n), si.to_world(si.wi)) > 0
             if tracer.document.materials[int(material)].priority is None:
-                way = shader.shadow(si, filtered)
+                found = shader.shadow(si, filtered)
             else:
                 shape, within = dr.gather(mi.UInt32, hits.shape, some), dr.gather(mi.UInt64, inside, some)
                 face = tracer.built.bodies.face(shape, within, enters)
-                way = face.shadow(si)
+                found = face.shadow(si)
                 dr.scatter(entered, face.behind, some)
             before = dr.gather(mi.Color3f, medium, some)
             segment = dr.exp(-before * dr.gather(mi.Float, hits.t, some))
-            rest = dr.gather(mi.Color3f, left, some) * segment * way.weight
+            rest = dr.gather(mi.Color3f, left, some) * segment * found.weight
             rest = dr.select(dr.max(rest) < dr.opaque(mi.Float, CUT), mi.Color3f(0), rest)
             after = before
-            if filtered and way.straight is not True:
-                after = dr.select(way.straight, before, dr.select(enters, way.inside, way.outside))
+            if filtered and found.straight is not True:
+                after = dr.select(found.straight, before, dr.select(enters, found.inside, found.outside))
             dr.scatter(kept, rest, some)
             dr.scatter(behind, after, some)
             dr.eval(kept, behind, entered)

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Callable, Dict, List, Optional, Tuple
+from types import MappingProxyType
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 import numpy as np
 
@@ -23,6 +24,8 @@ from .runtime import mi
 # Mitsuba has no infinite plane: a disk of this radius in metres replaces it. (A huge rectangle is a
 # mesh and loses rows at the horizon.)
 PLANE_RADIUS = 1e7
+
+NO_MEDIA: Mapping[str, Any] = MappingProxyType({})
 
 UV_NATIVE, UV_SPHERE, UV_PLANE = 0, 1, 2
 # Number of Mitsuba's triangles per primitive of the model; 0 if all triangles are one primitive.
@@ -58,8 +61,10 @@ class Rules:
     plane: Optional[np.ndarray] = None
 
 
-# (bsdf, rounding of the mesh data) -> Mitsuba shape
-Builder = Callable[["mi.BSDF", rounding.Rounding], "mi.Shape"]
+# The media of a shape by side: `interior` and `exterior`, absent where nothing absorbs.
+Media = Mapping[str, "mi.Medium"]
+# (bsdf, rounding of the mesh data, media) -> Mitsuba shape
+Builder = Callable[["mi.BSDF", rounding.Rounding, Media], "mi.Shape"]
 
 
 @dataclass(frozen=True)
@@ -125,6 +130,7 @@ def make_mesh(
     normals: Optional[np.ndarray],
     bsdf: Optional["mi.BSDF"],
     rounded: rounding.Rounding = rounding.nearest,
+    media: Media = NO_MEDIA,
 ) -> "mi.Mesh":
     """A Mitsuba mesh from arrays in world space. It always has uv, so that all meshes run the same
     two kernels.
@@ -133,6 +139,8 @@ def make_mesh(
     props["face_normals"] = normals is None
     if bsdf is not None:
         props["mesh_bsdf"] = bsdf
+    for side, medium in media.items():
+        props[side] = medium
     mesh = mi.Mesh("mesh", len(positions), len(faces), props, normals is not None, True)
     parameters = mi.traverse(mesh)
     parameters["vertex_positions"] = rounded(np.ravel(positions))
@@ -145,8 +153,8 @@ def make_mesh(
 
 
 def _native(plugin: str, matrix: np.ndarray, **keys: Any) -> Builder:
-    def build(bsdf: "mi.BSDF", _: rounding.Rounding) -> "mi.Shape":
-        return mi.load_dict({"type": plugin, "to_world": mi.ScalarTransform4f(matrix), "bsdf": bsdf, **keys})
+    def build(bsdf: "mi.BSDF", _: rounding.Rounding, media: Media = NO_MEDIA) -> "mi.Shape":
+        return mi.load_dict({"type": plugin, "to_world": mi.ScalarTransform4f(matrix), "bsdf": bsdf, **media, **keys})
 
     return build
 
@@ -160,8 +168,8 @@ class _Mesh:
     uvs: np.ndarray
     normals: Optional[np.ndarray]
 
-    def __call__(self, bsdf: "mi.BSDF", rounded: rounding.Rounding) -> "mi.Shape":
-        return make_mesh(self.positions, self.faces, self.uvs, self.normals, bsdf, rounded)
+    def __call__(self, bsdf: "mi.BSDF", rounded: rounding.Rounding, media: Media = NO_MEDIA) -> "mi.Shape":
+        return make_mesh(self.positions, self.faces, self.uvs, self.normals, bsdf, rounded, media)
 
 
 def _triangles(triangles: meshes.Triangles, place: Place, smooth: bool) -> Builder:
@@ -204,7 +212,7 @@ def _sphere(fields: Fields, place: Place, base: Folder) -> Tuple[Any, Any]:
     radius = fields.number("radius", 1.0, lambda metres: metres > 0, "a radius > 0")
     _similarity(fields, place)
     if place.stretched:
-        return surfaces.Ball(analytic.scaled(matrix, centre, radius)), "Mitsuba's spheres are round: this one is stretched by an instance"
+        return surfaces.Ball(analytic.scaled(matrix, centre, radius)), "Mitsuba's spheres cannot be stretched; an instance stretches this one"
     placed = matrix.copy()
     placed[:3, 3] = (matrix @ [*centre, 1.0])[:3]
     placed[:3, :3] *= radius
@@ -225,7 +233,7 @@ def _sheared(place: Place) -> bool:
     return bool(abs(first @ second) > 1e-9 * np.linalg.norm(first) * np.linalg.norm(second))
 
 
-_SHEARED = "Mitsuba's disks cannot be sheared, as an instance shears this one"
+_SHEARED = "Mitsuba's disks cannot be sheared; an instance shears this one"
 
 
 def _plane(fields: Fields, place: Place, base: Folder) -> Tuple[Any, Any]:
@@ -246,7 +254,7 @@ def _rectangle(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
 
 def _disk(fields: Fields, place: Place, base: Folder) -> Tuple[Any, Any]:
     matrix = place.world
-    if not transforms.alike(place.own[:3, :2]):
+    if not transforms.are_equal_and_perpendicular(place.own[:3, :2]):
         fields.error("transform", "must scale x and y equally")
     if _sheared(place):
         return surfaces.Flat(matrix, "disk"), _SHEARED
@@ -258,7 +266,7 @@ def _cylinder(fields: Fields, place: Place, base: Folder) -> Tuple[Any, Any]:
     found = analytic.cylinder(fields, place, base)
     scale = transforms.similarity_scale(place.world)
     if found.closed or scale is None:
-        return found, "Mitsuba's cylinders have no caps" if found.closed else "Mitsuba's cylinders are round: this one is stretched"
+        return found, "Mitsuba's cylinders have no caps" if found.closed else "Mitsuba's cylinders cannot be stretched; the transform of this one is not a similarity"
     radius, (low, high) = found.radii[0], found.z
     matrix = place.world
     ball = np.array([*matrix[:3, 3], radius * scale])
@@ -348,7 +356,7 @@ def _mesh_operand(fields: Fields, place: Place, base: Folder) -> Optional[Tuple[
     key = there.min(axis=1) * len(place_of) + there.max(axis=1)
     way = np.where(there[:, 0] < there[:, 1], 1, np.where(there[:, 0] > there[:, 1], -1, 0))
     if np.any(np.bincount(np.unique(key, return_inverse=True)[1].reshape(-1), weights=way) != 0):
-        fields.error("file", "the mesh is not closed: along an edge, triangles do not run as often in one direction as in the other")
+        fields.error("file", "the mesh is not closed: triangles must use every edge equally often in both directions")
         return None
     uvs = np.zeros((len(triangles.positions), 2)) if triangles.uvs is None else triangles.uvs
     normals = triangles.normals[triangles.faces] if smooth and triangles.normals is not None else None
@@ -376,12 +384,12 @@ def _patch(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
     points = patches.read(fields)
     level = patches.level(len(points))
     if level < patches.LEAST_LEVEL:
-        place.unsupported.append(f"{fields.where}: no twin for {len(points)} patches: their triangles would be too few or too many")
+        place.unsupported.append(f"{fields.where}: no twin for {len(points)} patches: within the limit on triangles, the mesh would be too coarse")
         points, level = points[:1], 1
 
-    def build(bsdf: "mi.BSDF", rounded: rounding.Rounding) -> "mi.Shape":
+    def build(bsdf: "mi.BSDF", rounded: rounding.Rounding, media: Media = NO_MEDIA) -> "mi.Shape":
         triangles = patches.tessellate(points, patches.spacing(level, rounded))
-        return _triangles(triangles, place, True)(bsdf, rounded)
+        return _triangles(triangles, place, True)(bsdf, rounded, media)
 
     return Rules(smooth=True, primitive=2 * level * level), build
 
@@ -419,7 +427,7 @@ MAX_BODIES = 64
 # Upper bound on the nesting depth of groups (model §9).
 MAX_NESTING = 16
 # Upper bound on the shape instances in one Mitsuba scene.
-MAX_COPIES = 4096
+MAX_INSTANCES = 4096
 
 
 class _Reader:
@@ -487,7 +495,7 @@ class _Reader:
             material = self.materials.number(fields.take("material"), f"{fields.where}.material")
             known = self.materials.all
             if where and material < len(known) and known[material].priority is not None:
-                fields.error("material", "a shape in a group must not have a priority: all copies would be one body")
+                fields.error("material", "a shape in a group must not have a `priority`: all instances would count as one body")
             place = Place(own, around, self.unsupported, self.textures)
             what, how = READERS[kind](fields, place, self.base)
             fields.close()
@@ -503,7 +511,7 @@ class _Reader:
             coincident.cut(what, change.caps)
         return what, how
 
-    def draw_apart(self) -> coincident.Found:
+    def separate_coincident(self) -> coincident.Found:
         """Rebuilds shapes whose surfaces coincide with others. Returns the findings."""
         outlined = [
             replace(shape, outline=coincident.outline(shape.type, shape.world, shape.surface or shape.rules, shape.build))
@@ -527,8 +535,8 @@ class _Reader:
             fields.error("group", f"{name!r} contains itself")
         elif len(self.open) == MAX_NESTING:
             fields.error("group", f"groups are nested more than {MAX_NESTING} deep")
-        elif len(self.shapes) > MAX_COPIES:
-            self.unsupported.append(f"{fields.where}: no twin for more than {MAX_COPIES} copies of shapes")
+        elif len(self.shapes) > MAX_INSTANCES:
+            self.unsupported.append(f"{fields.where}: no twin for more than {MAX_INSTANCES} instances of shapes")
         else:
             where = f"group.{name}."
             group = Fields(self.groups[name], where[:-1], self.errors)
@@ -560,5 +568,5 @@ def read(
     # Each instance of a table reports the same problems.
     for problems in (errors, unsupported):
         problems[:] = list(dict.fromkeys(problems))
-    found = coincident.Found() if errors or unsupported else reader.draw_apart()
+    found = coincident.Found() if errors or unsupported else reader.separate_coincident()
     return reader.shapes, found

@@ -56,7 +56,7 @@ class Spawned:
         return Spawned(*[dr.gather(type(array), array, lanes) for array in self.arrays()])
 
 
-def nowhere(width: int) -> Tuple[Any, Any, Any, Any]:
+def no_surface(width: int) -> Tuple[Any, Any, Any, Any]:
     """`shape`, `facet`, `within` and `push` of rays that start on no surface."""
     nothing = [dr.full(mi.UInt32, _NOTHING, width) for _ in range(2)]
     return (*nothing, dr.zeros(mi.Float, width), dr.zeros(mi.Vector3f, width))
@@ -128,8 +128,8 @@ class Balls:
         middle = -dr.dot(start, way) / dr.squared_norm(way)
         foot = start + way * middle
         half = dr.sqrt(dr.maximum(radius * radius - dr.squared_norm(foot), 0) / dr.squared_norm(way))
-        near, far, told = middle - half, middle + half, mi.Float64(t)
-        root = dr.select(dr.abs(near - told) <= dr.abs(far - told), near, far)
+        near, far, native = middle - half, middle + half, mi.Float64(t)
+        root = dr.select(dr.abs(near - native) <= dr.abs(far - native), near, far)
         n = dr.normalize(start + way * root)
         normal = mi.Vector3f(n)
         place = centre + n * radius

@@ -177,9 +177,9 @@ class Folded(mi.Texture):
                 # mirror image.
                 x = np.clip(x, 0.5 / count, 1 - 0.5 / count)
             places.append(x)
-        beside = mi.SurfaceInteraction3f(si)
-        beside.uv = mi.Point2f(np.ascontiguousarray(places, dtype=np.float32))
-        return self.inner.eval(beside, active)
+        moved = mi.SurfaceInteraction3f(si)
+        moved.uv = mi.Point2f(np.ascontiguousarray(places, dtype=np.float32))
+        return self.inner.eval(moved, active)
 
     def to_string(self) -> str:
         return f"Folded[{self.image.wrap}]"
@@ -254,7 +254,7 @@ def _filter(fields: Fields) -> Tuple[str, int]:
     """The filter of an image, and its maximum anisotropy."""
     found = fields.choice("filter", "bilinear", ("bilinear", "nearest", *footprints.FILTERS))
     if fields.has("max_anisotropy") and found != "ewa":
-        fields.error("max_anisotropy", 'only the filter "ewa" has this key')
+        fields.error("max_anisotropy", 'requires `filter = "ewa"`')
     return found, fields.integer("max_anisotropy", 16, 1, 64)
 
 
@@ -291,7 +291,7 @@ def _image(fields: Fields, base: Folder) -> Any:
     wrap = _wrap(fields)
     alpha = fields.choice("channel", "color", ("color", "alpha")) == "alpha"
     if alpha and fields.has("color_space"):
-        fields.error("color_space", "expected none beside an alpha channel")
+        fields.error("color_space", 'cannot be given together with `channel = "alpha"`')
     space = fields.choice("color_space", "auto", ("auto", "srgb", "linear"))
     scale = _pair(fields, "scale", (1.0, 1.0), True)
     offset = _pair(fields, "offset", (0.0, 0.0), False)
@@ -323,7 +323,7 @@ def _synthesized(fields: Fields, base: Folder) -> Any:
         size = [1, 1]
     block = fields.integer("block", 16, 2, 256)
     overlap = fields.integer("overlap", max(1, block // 4), 1, 128)
-    tolerance = fields.number("tolerance", 0.1, lambda number: number >= 0, "a number of at least 0")
+    tolerance = fields.number("tolerance", 0.1, lambda number: number >= 0, "a number >= 0")
     seed = fields.integer("seed", 0, 0, 2**32 - 1)
     side, iterations = _optimize(fields)
     filtering, most = _filter(fields)
@@ -338,7 +338,7 @@ def _synthesized(fields: Fields, base: Folder) -> Any:
         fields.error("file", str(error))
         return Constant((0.0, 0.0, 0.0))
     if block > min(sample.shape[:2]) or 2 * overlap > block:
-        fields.error("block", f"expected a block within the sample and an overlap of at most half, found {block} and {overlap}")
+        fields.error("block", f"expected a block no larger than the sample and an overlap of at most half the block, found {block} and {overlap}")
         return Constant((0.0, 0.0, 0.0))
     room = min(sample.shape[:2] + tuple(size))
     if side > room:
@@ -361,7 +361,7 @@ def _grid_lines(fields: Fields, base: Folder) -> patterns.GridLines:
 
 
 def _positive(fields: Fields, key: str, default: float) -> float:
-    return fields.number(key, default, lambda number: number > 0, "a number above 0")
+    return fields.number(key, default, lambda number: number > 0, "a number > 0")
 
 
 def _noise(fields: Fields, base: Folder) -> patterns.Noise:
@@ -377,7 +377,7 @@ def _noise(fields: Fields, base: Folder) -> patterns.Noise:
         if max(lacunarity ** (octaves - 1), sum(gain**k for k in range(octaves))) > 1e100:
             raise OverflowError
     except OverflowError:
-        fields.error(None, "the octaves grow above 1e100")
+        fields.error(None, "expected octaves that stay below 1e100; lower `lacunarity`, `gain` or `octaves`")
         lacunarity = gain = 1.0
     seed = fields.integer("seed", 0, 0, 2**32 - 1) if fields.has("seed") else None
     table = patterns.permutation(seed)
@@ -408,7 +408,7 @@ def _gradient(fields: Fields, base: Folder) -> patterns.Gradient:
     if fields.has("stops"):
         for key in ("a", "b"):
             if fields.has(key):
-                fields.error(key, "expected none of a gradient with stops")
+                fields.error(key, "cannot be given together with `stops`")
                 fields.take(key)
         raw = fields.take("stops")
         if not isinstance(raw, list) or not 2 <= len(raw) <= 64:
@@ -421,7 +421,7 @@ def _gradient(fields: Fields, base: Folder) -> patterns.Gradient:
         for stop in stops:
             stop.close()
         if any(before >= after for before, after in zip(places, places[1:])):
-            fields.error("stops", f"expected places in ascending order, found {places}")
+            fields.error("stops", f"expected positions `at` in ascending order, found {places}")
         places, colors = places or (0.0,), colors or ((0.0, 0.0, 0.0),)
     else:
         places, colors = (0.0, 1.0), (fields.color("a", 0.8), fields.color("b", 0.2))
@@ -441,7 +441,7 @@ def _solid(fields: Fields, base: Folder) -> patterns.Solid:
         channels = 1
     kind = fields.choice("format", "u8", ("u8", "f32")) if fields.has("file") else "u8"
     if fields.has("values") == fields.has("file"):
-        fields.error(None, "expected either values or file")
+        fields.error(None, "expected either `values` or `file`")
     numbers = np.zeros(0)
     if fields.has("file"):
         name = base.path(fields.string("file", REQUIRED))
@@ -456,7 +456,7 @@ def _solid(fields: Fields, base: Folder) -> patterns.Solid:
             numbers = np.array(values, dtype=np.float64)
     shape = (size[2], size[1], size[0], channels)
     if numbers.size != np.prod(shape) or not np.all(np.isfinite(numbers)) or np.any(numbers < 0):
-        fields.error(None, f"expected {np.prod(shape)} finite numbers of at least 0")
+        fields.error(None, f"expected {np.prod(shape)} finite numbers >= 0")
         shape, numbers = (1, 1, 1, 1), np.zeros(1)
     voxels = np.broadcast_to(numbers.reshape(shape), shape[:3] + (3,))
     filtering = fields.choice("filter", "trilinear", ("trilinear", "nearest"))

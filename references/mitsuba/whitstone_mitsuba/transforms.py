@@ -76,7 +76,7 @@ def read(value: Any, where: str, errors: List[str]) -> np.ndarray:
     return matrix
 
 
-def alike(columns: np.ndarray) -> bool:
+def are_equal_and_perpendicular(columns: np.ndarray) -> bool:
     """Whether columns are equally long and perpendicular, to a relative 1e-9 (model §9: lengths,
     not their squares).
     """
@@ -90,7 +90,7 @@ def similarity_scale(matrix: np.ndarray) -> Optional[float]:
     other transforms.
     """
     linear = matrix[:3, :3]
-    return float(np.linalg.norm(linear[:, 0])) if alike(linear) else None
+    return float(np.linalg.norm(linear[:, 0])) if are_equal_and_perpendicular(linear) else None
 
 
 def mirrors(matrix: np.ndarray) -> bool:

@@ -25,12 +25,12 @@ from .errors import DriverError
 
 Reader = Callable[..., Any]
 
-FROM_OUTSIDE = "a shape of a plugin from outside: its own twin intersects it in double precision"
+OUT_OF_TREE = "an out-of-tree shape: its Python twin intersects it in double precision"
 
 
 def _add(readers: Dict[str, Any], family: str, kind: str, reader: Reader) -> None:
     if kind in readers:
-        raise DriverError(f"a twin for a {family} of type {kind!r} is there already")
+        raise DriverError(f"a twin for a {family} of type {kind!r} already exists")
     readers[kind] = reader
 
 
@@ -41,7 +41,7 @@ def shape(kind: str) -> Callable[[Reader], Reader]:
 
     def add(reader: Reader) -> Reader:
         def read(fields: Any, place: Any, base: Any) -> Tuple[Any, str]:
-            return reader(fields, place, base), FROM_OUTSIDE
+            return reader(fields, place, base), OUT_OF_TREE
 
         _add(shapes.READERS, "shape", kind, read)
         return reader
@@ -77,7 +77,7 @@ def load(paths: Sequence[str]) -> None:
         name = f"whitstone_twin_{number}_{os.path.splitext(os.path.basename(path))[0]}"
         spec = importlib.util.spec_from_file_location(name, path)
         if spec is None or spec.loader is None:
-            raise DriverError(f"{path}: a twin is a Python file")
+            raise DriverError(f"{path}: expected a Python file with twins")
         try:
             spec.loader.exec_module(importlib.util.module_from_spec(spec))
         except Exception as error:  # anything that an out-of-tree file may raise

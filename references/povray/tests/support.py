@@ -1,4 +1,4 @@
-"""What all tests share: the package on the path, and requests in short."""
+"""Shared by all tests: puts the package on the path, and shortens requests."""
 
 import json
 import os
@@ -11,7 +11,7 @@ sys.path.insert(0, ROOT)
 
 from whitstone_povray import operations  # noqa: E402
 
-# One exposure: half a unit in the last place of half precision, and POV-Ray's own single precision
+# One exposure: half a unit in the last place of half precision, plus POV-Ray's own single precision
 # of colours.
 EPS = 2.0**-11
 

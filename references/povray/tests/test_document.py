@@ -22,7 +22,7 @@ class Documents(Case):
             HEAD.replace("fov = 90", "fov = 9\nwindow = { l = 0, r = 1, b = 0, t = 1 }"): ("together with window",),
             HEAD.replace("fov = 90", "window = { l = 1, r = 1, b = 0, t = 1 }"): ("l < r",),
             HEAD.replace("up = [0, 0, -1]", "up = [0, 1, 0]"): ("parallel",),
-            HEAD + "[sampler]\nn = 2\n": ("sampler.type", "required"),
+            HEAD + "[sampler]\nsamples_per_axis = 2\n": ("sampler.type", "required"),
             HEAD + '[integrator]\ntype = "appel"\nmax_depth = 1\n': ("max_depth", "unknown key"),
             HEAD + '[[light]]\ntype = "point"\nposition = [0, 0, 0]\nintensity = -1\n': ("light[0].intensity",),
             HEAD + FLOOR + 'material = "gold"\n': ("'gold'",),

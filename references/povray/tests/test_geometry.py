@@ -1,4 +1,4 @@
-"""Cameras, shapes, textures and groups: what is seen where (model §4, §5, §9, §10)."""
+"""Positions in images of cameras, shapes, textures and groups (model §4, §5, §9, §10)."""
 
 import os
 import tempfile
@@ -17,7 +17,7 @@ CELLS = 'material = { type = "matte", reflectance = { type = "checker", a = 1, b
 @with_povray
 class Cameras(Case):
     def spot(self, camera, x, y, width=8, height=4, **setting):
-        """Whether each pixel sees a ball of a tenth at a point of the plane z = 0."""
+        """Whether each pixel sees a ball of radius 0.1 at a point of the plane z = 0."""
         ball = f'[[shape]]\ntype = "sphere"\ncenter = [{x}, {y}, 0]\nradius = 0.1\n' + SEEN
         pixels = [(i, j) for j in range(height) for i in range(width)]
         found = self.values(film(width, height) + camera + WHITE + ball, pixels, **setting)
@@ -39,8 +39,8 @@ class Cameras(Case):
         self.assertEqual(self.spot(ortho + "window = { l = 0, r = 4, b = 0, t = 4 }\n", 0.75, 3.5), [(1, 0)])
 
     def test_lenses(self):
-        # In focus halfway to the ball, so it is seen moved by as much as the point of the lens is:
-        # here by a pixel, half a metre.
+        # The focal plane is halfway to the ball, so the ball appears shifted by as much as the lens
+        # sample: here by a pixel, half a metre.
         look = 'look_at = { origin = [0, 0, 2], target = [0, 0, 0] }\nfov = 90\nfocus_distance = 1\n'
         lens = f'[camera]\ntype = "thin_lens"\n{look}aperture = {2**0.5}\nlens_samples = 2\n'
         ball = '[[shape]]\ntype = "sphere"\ncenter = [-0.25, 0.25, 0]\nradius = 0.1\n' + SEEN
@@ -60,7 +60,7 @@ class Cameras(Case):
         self.assertEqual(self.spot(ortho, 1.25, 0.75, dx=1.0), [(5, 0)])
         self.assertEqual(self.spot(ortho, 1.25, 0.25, dy=1.0), [(6, 0)])
 
-    def test_guards_and_exposure_change_nothing_that_is_seen(self):
+    def test_thresholds_and_exposure_do_not_change_the_image(self):
         scene = film() + DOWN + WHITE + '[[shape]]\ntype = "sphere"\nmaterial = { type = "matte", reflectance = 0.3 }\n'
         nominal = self.values(scene)[0][0]
         for setting in ({"k": 64}, {"exposure": 1.3}):
@@ -72,7 +72,8 @@ class Cameras(Case):
 @with_povray
 class Shapes(Case):
     def seen(self, shape, points, more=""):
-        """What is at points of the plane, seen from above: the image is two metres wide and high.
+        """Checks the values at points of the plane, seen from above: the image is two metres wide
+        and high.
         """
         camera = '[camera]\ntype = "orthographic"\nlook_at = { origin = [0, 0, 9], target = [0, 0, 0] }\nwidth = 2\n'
         size = 200
@@ -113,7 +114,7 @@ class Shapes(Case):
             self.refuse(film() + DOWN + '[[shape]]\ntype = "torus"\n' + keys, "scene", "minor_radius" if "minor" in keys else "similarity")
 
     def test_polygon(self):
-        # An L; u = x and v = y.
+        # An L-shaped polygon; u = x and v = y.
         corners = "vertices = [[-0.9, -0.9, 0], [0.9, -0.9, 0], [0.9, 0, 0], [0, 0, 0], [0, 0.9, 0], [-0.9, 0.9, 0]]\n"
         points = [(-0.5, 0.5), (0.5, 0.5), (-0.5, -0.5), (0.5, -0.5), (0.95, -0.5)]
         self.check('type = "polygon"\n' + corners, points, [0.25, 0, 1, 0.25, 0], "[1, 1]")
@@ -164,7 +165,7 @@ class Shapes(Case):
         sphere = 'type = "quadric"\ncoefficients = [1, 1, 1, 0, 0, 0, 0, 0, 0, -0.81]\nbox = [[-1, -1, -1], [1, 1, 0.1]]\n'
         self.check(sphere, quarters + [(0.8, 0.8)], [1, 0.25, 1, 0.25, 0], "[2, 2]")
 
-    def test_where_quadrics_are(self):
+    def test_positions_of_quadrics(self):
         # x^2 - y^2 >= 0.25, seen along z.
         points = [(0.7, 0.1), (0.4, 0.1), (-0.7, 0.1), (0.7, 0.6), (0.1, 0.7)]
         walls = '[[shape]]\ntype = "quadric"\ncoefficients = [-1, 1, 0, 0, 0, 0, 0, 0, 0, 0.25]\n'
@@ -192,7 +193,7 @@ class Shapes(Case):
         self.assertEqual(found, [[1, 1, 1, 1], [0, 1, 0, 1]])
         plane = '{ type = "plane", transform = [{ rotate = { axis = [0, 1, 0], degrees = 70 } }, { translate = [0.1, 0, 0] }] }'
         bored = [joined % ("difference", ball % (0.9, 0), cut) for cut in (ball % (0.6, 0.3), plane)]
-        # The bore is lit like the outside. The plane leaves what is on its positive side.
+        # The hole is lit like the outside. The difference with the plane keeps its positive side.
         self.assertEqual(self.seen(bored[0], [(-0.5, 0.0), (0.3, 0.0), (0.85, 0.4)]), [1, 1, 0])
         self.assertEqual(self.seen(bored[1], [(-0.5, 0.0), (-0.25, 0.0), (-0.2, 0.0), (0.3, 0.0)]), [0, 0, 1, 1])
         pipe = '{ type = "cylinder", radius = 0.3 }'
@@ -203,7 +204,7 @@ class Shapes(Case):
 
     def test_meshes_and_level_sets_in_csg(self):
         joined = '[[shape]]\ntype = "csg"\noperation = "difference"\noperands = [%s, %s]\ntransform = { translate = [0.2, 0, 0] }\n' + SEEN
-        # Where the plane cuts the tetrahedron, x + y <= 0 in the whole, which is moved.
+        # Where the plane cuts the tetrahedron, x + y <= 0 in the space of the csg, which is moved.
         corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
         with tempfile.TemporaryDirectory() as folder:
             path = os.path.join(folder, "corner.obj")
@@ -219,7 +220,7 @@ class Shapes(Case):
         grid = '{ type = "isosurface", size = [3, 3, 3], values = [%s] }' % ", ".join("1" if i == 13 else "0" for i in range(27))
         self.assertEqual(self.seen(joined % (grid, pipe), [(0.2, 0.0), (0.5, 0.0), (0.75, 0.0)]), [0, 1, 0])
 
-    def test_what_csg_refuses(self):
+    def test_invalid_operands_are_refused(self):
         joined = film() + DOWN + '[[shape]]\ntype = "csg"\noperation = "union"\noperands = [%s, { type = "sphere" }]\n'
         for operand in ('{ type = "disk" }', '{ type = "cylinder", caps = false }', '{ type = "sphere", material = "m" }'):
             self.refuse(joined % operand, "scene", "operands[0]")
@@ -234,7 +235,7 @@ class Meshes(unittest.TestCase):
         none = [None] * len(faces)
         return meshes.Mesh([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], [], [], faces, none, none)
 
-    def test_what_is_open_or_inside_out_is_not_closed(self):
+    def test_open_and_inverted_meshes_are_not_closed(self):
         self.assertTrue(meshes.closed(self.tetrahedron()))
         self.assertFalse(meshes.closed(self.tetrahedron(2)))
         self.assertFalse(meshes.closed(self.tetrahedron(0, 1, 2, 3)))
@@ -242,7 +243,7 @@ class Meshes(unittest.TestCase):
         part = meshes.Mesh(whole.positions, [], [], whole.faces[:3], whole.normal_faces[:3], whole.uv_faces[:3])
         self.assertFalse(meshes.closed(part))
 
-    def test_vertices_are_rounded_to_a_neighbour_equal_ones_alike(self):
+    def test_vertices_are_rounded_to_a_neighbour_and_equal_ones_equally(self):
         values = [k / 10 for k in range(-50, 50)]
         changed = 0
         for seed in range(4):
@@ -257,9 +258,9 @@ class Meshes(unittest.TestCase):
 
 @with_povray
 class Faults(Case):
-    """The reference is no judge if it does not see a change."""
+    """A reference is useful only if small changes affect its images."""
 
-    def test_a_small_change_is_seen(self):
+    def test_a_small_change_affects_the_image(self):
         light = '[[light]]\ntype = "point"\nposition = [3, 4, 0]\nintensity = 25\n'
         ball = '[[shape]]\ntype = "sphere"\nradius = 1\ncenter = [%s, 0, 0]\nmaterial = { type = "matte", reflectance = %s }\n'
         scene = film() + DOWN + light

@@ -22,7 +22,7 @@ class Halves(unittest.TestCase):
             found = half(value)
             low, high = halves.bracket(found)
             self.assertTrue(low <= value <= high, (value, found, low, high))
-            # And nothing more: just outside is another half.
+            # The range is tight: just outside of it, numbers round to another half.
             width = high - low
             self.assertNotEqual(half(low - 1e-3 * width), found)
             self.assertNotEqual(half(high + 1e-3 * width), found)
@@ -41,7 +41,7 @@ class Halves(unittest.TestCase):
             value = 2.0 ** numbers.uniform(-8, 3)
             colors = [(half(value * exposure),) * 3 for exposure in exposures]
             worst = max(worst, abs(tracing._bracketed(colors, exposures, 0) / value - 1))
-        # One alone is off by up to 2^-11.
+        # A single exposure is off by up to 2^-11.
         self.assertLessEqual(worst, 2.0**-14)
 
 

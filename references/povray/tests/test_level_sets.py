@@ -20,31 +20,33 @@ class LevelSets(Case):
         size = 400
         sheet = f'[[shape]]\ntype = "rectangle"\ntransform = [{{ scale = 3 }}, {{ translate = [0, 0, {above}] }}]\nmaterial = {{ type = "matte", reflectance = 0.5 }}\n'
         scene = film(size, size) + CAMERA + WHITE + f"[[shape]]\n{shape}\n" + (sheet if above is not None else "")
-        # Materials stand before the tables of fields.
+        # The material precedes the tables of fields.
         scene = scene.replace("SEEN", SEEN)
         pixels = [(int((x + 2) / 4 * size), int((2 - y) / 4 * size)) for x, y in points]
         return [value[0] > 0.75 for value in self.values(scene, pixels)]
 
     def test_interpolation_is_trilinear(self):
-        # The density is 1/2 + (xy - z)/4: the level 1/2 is the saddle z = xy, inside is below it.
+        # The density is 1/2 + (xy - z)/4: the iso value 1/2 gives the saddle z = xy; inside is
+        # below it.
         values = [0.5 + (x * y - z) / 4 for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)]
         shape = f'type = "isosurface"\nSEEN\nsize = [2, 2, 2]\nvalues = {values}\n'
         points = [(0.6, 0.6), (-0.6, -0.6), (0.6, -0.6), (0.45, 0.5), (0.9, 0.25)]
         self.assertEqual(self.seen(shape, points), [True] * 5)
         self.assertEqual(self.seen(shape, points, above=0.25), [True, True, False, False, False])
         self.assertEqual(self.seen(shape, points, above=0.22), [True, True, False, True, True])
-        # The box is no surface.
+        # The box itself is not a surface.
         self.assertEqual(self.seen(shape, [(1.05, 0)]), [False])
 
     def test_more_cells(self):
         # Along z the densities 0, 1, 1, 3: greater than 1.001 from just behind the third value on,
-        # at z = 1/3. At level 1 POV-Ray would look for roots in all of the plateau, for minutes.
+        # at z = 1/3. With iso value 1 POV-Ray would search the whole plateau for roots, for
+        # minutes.
         values = [v for v in (0, 1, 1, 3) for _ in range(4)]
-        shape = f'type = "isosurface"\nSEEN\nsize = [2, 2, 4]\nlevel = 1.001\nvalues = {values}\n'
+        shape = f'type = "isosurface"\nSEEN\nsize = [2, 2, 4]\niso_value = 1.001\nvalues = {values}\n'
         self.assertEqual(self.seen(shape, [(0.1, 0.2)], above=0.32), [True])
         self.assertEqual(self.seen(shape, [(0.1, 0.2)], above=0.35), [False])
-        # Along x, level 1.5 of 0, 1, 2: from x = 1/2 on; a wall, turned to the viewer.
-        shape = 'type = "isosurface"\nSEEN\nsize = [3, 2, 2]\nlevel = 1.5\nvalues = [0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2]\n'
+        # Along x, iso value 1.5 of 0, 1, 2: from x = 1/2 on; a wall, rotated to face the viewer.
+        shape = 'type = "isosurface"\nSEEN\nsize = [3, 2, 2]\niso_value = 1.5\nvalues = [0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2]\n'
         shape += "transform = { rotate = { axis = [0, 1, 0], degrees = 90 } }\n"
         self.assertEqual(self.seen(shape, [(0, 0)], above=-0.49), [False])
         self.assertEqual(self.seen(shape, [(0, 0)], above=-0.51), [True])
@@ -57,7 +59,7 @@ class LevelSets(Case):
         self.assertEqual(self.seen(field("{ sphere = { radius = 0.5 } }"), [(0.49, 0), (0.51, 0)]), [True, False])
         ring = field("{ torus = { major = 1, minor = 0.25 } }")
         self.assertEqual(self.seen(ring, [(0, 0), (0.74, 0), (0.76, 0), (0, 1.24), (0, 1.26)]), [False, False, True, True, False])
-        # A seam of width k adds k/4 where both are as far.
+        # A blend of width k adds k/4 where both distances are equal.
         for k, expected in ((0.38, False), (0.42, True)):
             balls = ", ".join(f"{{ translate = {{ by = [{x}, 0, 0], of = {{ sphere = {{ radius = 0.4 }} }} }} }}" for x in (-0.5, 0.5))
             self.assertEqual(self.seen(field(f"{{ smooth_union = {{ k = {k}, of = [{balls}] }} }}"), [(0, 0)]), [expected])
@@ -76,7 +78,7 @@ class LevelSets(Case):
         cut = field("{ plane = { normal = [0, 0, 2], offset = 0.5 } }", "bounds = { min = [-1, -1, -1], max = [0.5, 1, 1] }\n")
         self.assertEqual(self.seen(cut, [(0.4, 0.9), (0.6, 0)]), [True, False])
 
-    def test_metaballs_by_both_objects(self):
+    def test_metaballs_as_blob_and_as_isosurface(self):
         # (1 - r²)² = 1/4.
         ball = "{ metaballs = { threshold = 0.25, balls = [{ center = [0, 0, 0], radius = 1 }] } }"
         edge = math.sqrt(0.5)
@@ -88,8 +90,8 @@ class LevelSets(Case):
         # z^8: a ball of radius 2^(1/8).
         ball = 'type = "fractal"\nSEEN\nkind = "julia"\nc = [0, 0, 0, 0]\ndepth = 3\n'
         self.assertEqual(self.seen(ball, [(1.08, 0), (0, -1.08), (1.1, 0)]), [True, True, False])
-        # More iterations take POV-Ray minutes a pixel. With c = -1 the set is round about the x
-        # axis: seen from above is what it holds at any distance from it.
+        # More iterations take POV-Ray minutes per pixel. With c = -1 the set is rotationally
+        # symmetric about the x axis, so the view from above shows its whole profile.
         c, depth = -1, 3
         solid = f'type = "fractal"\nSEEN\nkind = "julia"\nc = [{c}, 0, 0, 0]\ndepth = {depth}\n'
 
@@ -112,14 +114,14 @@ class LevelSets(Case):
         self.assertEqual(self.seen(over, [(0, 0)], above=1.98), [True])
         self.assertEqual(self.seen(over, [(0, 0)], above=2.02), [False])
 
-    def test_what_is_wrong_is_told(self):
+    def test_errors_are_reported(self):
         def scene(text):
             return film() + CAMERA + f"[[shape]]\n{text}\n"
 
         self.refuse(scene('type = "isosurface"\nsize = [2, 2, 2]\nvalues = [1]'), "scene", "expected 8")
-        self.refuse(scene('type = "isosurface"\nsize = [2, 2, 2]'), "scene", "one of values")
+        self.refuse(scene('type = "isosurface"\nsize = [2, 2, 2]'), "scene", "one of `values`")
         self.refuse(scene('type = "implicit"\nfield = { shpere = {} }'), "scene", "no such field")
-        self.refuse(scene('type = "implicit"\nfield = { plane = { normal = [0, 0, 1] } }'), "scene", "without end")
+        self.refuse(scene('type = "implicit"\nfield = { plane = { normal = [0, 0, 1] } }'), "scene", "unbounded")
         self.refuse(scene('type = "fractal"\nkind = "julia"\nc = [2, 1, 0, 0]'), "scene", "at most 2 long")
         self.refuse(scene('type = "fractal"\nkind = "mandelbulb"\nc = [0, 0, 0, 0]'), "scene", "unknown key")
         self.refuse(scene('type = "fractal"\nkind = "mandelbulb"\ndepth = 20'), "unsupported", "iterations")

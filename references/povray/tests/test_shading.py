@@ -25,7 +25,7 @@ class Lights(Case):
         self.near(self.floor(POINT), [0.5 / math.pi * 0.8 * number for number in (1, 2, 3)])
         self.near(self.floor(POINT + 'falloff = "none"\n'), [0.5 / math.pi * 0.8 * number for number in (25, 50, 75)])
 
-    def test_point_from_near(self):
+    def test_a_near_point_light(self):
         for height in (1e-3, 1e-2):
             light = f'[[light]]\ntype = "point"\nposition = [0, {height}, 0]\nintensity = {height**2}\n'
             self.near(self.floor(light), 0.5 / math.pi)
@@ -35,7 +35,7 @@ class Lights(Case):
             light = f'[[light]]\ntype = "point"\nposition = [0, 1, 0]\nintensity = {intensity}\n'
             self.near(self.floor(light), 0.5 / math.pi * intensity, atol=0)
 
-    def test_sunlight_is_blocked_from_afar(self):
+    def test_distant_objects_block_directional_light(self):
         sun = '[[light]]\ntype = "directional"\ndirection = [0, -1, 0]\nirradiance = 1\n'
         block = '[[shape]]\ntype = "box"\ntransform = [{ scale = 100 }, { translate = [0, 3000, 0] }]\n'
         self.near(self.floor(sun), 0.5 / math.pi)
@@ -85,7 +85,7 @@ class Materials(Case):
         self.assertEqual(self.values(HEAD + limited + SKY + material('type = "mirror"'))[0], [0, 0, 0])
 
     def test_mirror_with_a_texture(self):
-        # At the origin, a checker shows a, and a ramp from 0 to 1 shows what its offset says.
+        # At the origin, a checker shows a, and a ramp from 0 to 1 shows the colour at its offset.
         for text, expected in (
             ('{ type = "checker", a = [0.5, 0.25, 0.1], b = 0.9, offset = [0.5, 0.5] }', [0.5, 0.5, 0.3]),
             ('{ type = "gradient", a = [0, 1, 0], b = [1, 0, 0.5], offset = 0.25 }', [0.25, 1.5, 0.375]),
@@ -96,7 +96,7 @@ class Materials(Case):
 
     def test_conductor(self):
         def formula(eta, k, c):
-            # As the model writes it.
+            # The model's formula.
             s2 = 1 - c * c
             d = eta * eta - k * k - s2
             big = math.sqrt(d * d + 4 * eta * eta * k * k)
@@ -131,20 +131,21 @@ class Materials(Case):
         return self.values(HEAD + BLACK_LIMIT + f"max_depth = {depth}\n" + ambient + box + inner)[0]
 
     def test_dielectric(self):
-        # A white box inside a box of glass: what enters is (1 - R)/n^2 of it.
+        # A white box inside a box of glass: the share that enters is (1 - R)/n^2.
         inner = '[[shape]]\ntype = "box"\ntransform = { scale = 0.5 }\nmaterial = { type = "matte", reflectance = 1 }\n'
         self.near(self.glass('type = "dielectric", interior_ior = 1.5', inner), 0.96 / 1.5**2)
-        # The way is half a metre. Indices count by their ratio.
+        # The path is half a metre long. Only the ratio of the indices matters.
         keys = 'type = "dielectric", interior_ior = 3, exterior_ior = 2, absorption = [0, 1, 2]'
         self.near(self.glass(keys, inner), [0.96 / 1.5**2 * math.exp(-0.5 * a) for a in (0, 1, 2)])
-        # Reflected inside and absorbed on both ways: three branches to come back to the white box.
+        # Reflected inside and absorbed on both segments: the light returns to the white box after
+        # three branches.
         more = 0.96 / 1.5**2 * math.exp(-0.5)
         self.near(self.glass('type = "dielectric", absorption = 1', inner, 3), more)
 
     def test_whitted(self):
         inner = '[[shape]]\ntype = "box"\ntransform = { scale = 0.5 }\nmaterial = { type = "matte", reflectance = 1 }\n'
         keys = 'type = "whitted", k_d = 0.2, k_refr = [0.8, 0.6, 0.4]'
-        # The ambient term k_d and what is behind, which is not scaled by the index.
+        # The ambient term k_d, and the radiance from behind, which is not scaled by the index.
         self.near(self.glass(keys, inner), [1.0, 0.8, 0.6])
 
     def test_total_internal_reflection(self):
@@ -161,18 +162,18 @@ class Materials(Case):
         def seen(keys, depth=2):
             return self.values(scene % (depth, keys))[0]
 
-        # In by k_refr; then all that is left is reflected, with k_refl + k_refr.
+        # In with k_refr; then total internal reflection, with k_refl + k_refr.
         for reflected, passed in ((0.3, 0.3), (0.5, 0.5), (0.6, 0.8), (0.0, 0.5)):
             keys = f'type = "whitted", k_refl = {reflected}, k_refr = {passed}'
             self.near(seen(keys), passed * (reflected + passed))
             self.near(seen(keys, 1), 0)
         keys = 'type = "whitted", k_refl = [0.1, 0.2, 0.3], k_refr = [0.1, 0.3, 0.6]'
         self.near(seen(keys), [0.02, 0.15, 0.54])
-        # The local term is there as well, at both hits.
+        # The local term is added at both hits.
         self.near(seen('type = "whitted", k_d = 0.1, k_refl = 0.3, k_refr = 0.3'), 0.1 + 0.3 * (0.1 + 0.6))
-        # Indices count by their ratio.
+        # Only the ratio of the indices matters.
         self.near(seen('type = "whitted", k_refl = 0.2, k_refr = 0.4, interior_ior = 1.8, exterior_ior = 1.2'), 0.4 * 0.6)
-        # Of a dielectric it is 1.
+        # For a dielectric the weight is 1.
         reflected = (math.cos(math.radians(45)), math.sqrt(1 - 0.5 / 2.25))
         r_s = (reflected[0] - 1.5 * reflected[1]) / (reflected[0] + 1.5 * reflected[1])
         r_p = (1.5 * reflected[0] - reflected[1]) / (1.5 * reflected[0] + reflected[1])
@@ -190,7 +191,7 @@ class Materials(Case):
         )  # fmt: skip
         self.near(self.values(scene)[0], 0.7)
 
-    def test_glass_is_refused_where_povray_would_count_media(self):
+    def test_overlapping_glass_and_cameras_in_glass_are_refused(self):
         glass = '[[shape]]\ntype = "sphere"\nradius = %s\ncenter = [%s, 0, 0]\nmaterial = { type = "whitted", k_refr = 1 }\n'
         scene = HEAD + BLACK_LIMIT
 
@@ -207,7 +208,7 @@ class Materials(Case):
         box = '[[shape]]\ntype = "box"\ntransform = { translate = [%s, 0, 0] }\nmaterial = { type = "dielectric" }\n'
         refused(scene + box % 0 + box % 2, "shape[1]", "touch")
         self.values(scene + box % 0 + box % 2.01)
-        # Boxes around them overlap, they do not.
+        # Their bounding boxes overlap, the spheres do not.
         self.values(scene + glass % (1, 0) + glass.replace("0, 0]", "1.5, 0]") % (1, 1.5))
 
     def test_glass_casts_an_opaque_shadow(self):

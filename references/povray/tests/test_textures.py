@@ -1,5 +1,5 @@
-"""Textures and mappings against the model's formulas (model §10), on a wall that ambient light
-shows.
+"""Textures and mappings compared with the model's formulas (model §10), on a wall in ambient
+light.
 """
 
 import math
@@ -8,7 +8,7 @@ import unittest
 from support import Case, film, with_povray
 
 SIZE = 12
-# Along -z at the square from -1 to 1, which is turned a little out of z = 0.
+# Along -z at the square from -1 to 1, which is rotated a little out of z = 0.
 WALL = film(SIZE, SIZE) + (
     '[camera]\ntype = "orthographic"\nlook_at = { origin = [0, 0, 5], target = [0, 0, 0] }\n'
     '[[light]]\ntype = "ambient"\nradiance = 1\n'
@@ -61,7 +61,7 @@ class Textures(Case):
         )
         self.check('type = "stripes", scale = 3, offset = -0.2', lambda p, uv: alike(cell(3 * p[0] - 0.2)))
         self.check('type = "rings", scale = 5, offset = 0.5', lambda p, uv: alike(cell(5 * math.hypot(p[0], p[2]) + 0.5)))
-        # A quarter turn: rings around z.
+        # A rotation by 90 degrees: rings around z.
         turned = 'mapping = { transform = { rotate = { axis = [1, 0, 0], degrees = 90 } } }'
         self.check(f'type = "rings", scale = 5, {turned}', lambda p, uv: alike(cell(5 * math.hypot(p[0], p[1]))))
 
@@ -115,7 +115,7 @@ class Textures(Case):
                 self.check(text % mapping, lambda p, uv: checks(*place(p, uv)[:2]))
         self.refuse(WALL % (text % 'projection = "triplanar"'), "unsupported", "mapping.projection", "normal")
 
-    def test_the_place_in_the_world_is_that_of_the_instance(self):
+    def test_instances_use_world_space_positions(self):
         ramp = 'type = "gradient", a = 0, b = 1, scale = 0.1, wrap = "clamp"'
         for shape in ('type = "box"', 'type = "csg"\noperation = "union"\noperands = [{ type = "box" }, { type = "sphere" }]'):
             scene = film() + (

@@ -89,8 +89,8 @@ def program(head: str, declarations: List[str], bodies: List[Body], origins: str
     """The program; empty if there is nothing to check."""
     if not bodies:
         return ""
-    inside = "POV-Ray does not refract where the camera is inside of what refracts"
-    meets = "POV-Ray has no twin of transparent shapes that overlap or touch: the model takes each at its word"
+    inside = "POV-Ray does not refract if the camera is inside a transparent shape"
+    meets = "POV-Ray has no twin of transparent shapes that overlap or touch: it keeps a list of media, the model uses the indices of each surface as given"
     reasons = [f"// {MARK}{number}: {body.where}: {inside}" for number, body in enumerate(bodies)]
     reasons += [f"// {MARK}{len(bodies) + number}: {body.where}: {meets}" for number, body in enumerate(bodies)]
     array = f"#declare Count = {len(bodies)};\n#declare T = array[Count];\n" + "\n".join(

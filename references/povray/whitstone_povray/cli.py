@@ -17,23 +17,23 @@ from .serve import run
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="whitstone_povray", description="POV-Ray as a deterministic Whitted tracer.")
     commands = parser.add_subparsers(dest="op", required=True)
-    commands.add_parser("serve", help="answer JSON requests, one a line, on standard input")
-    commands.add_parser("hello", help="versions and the machine")
+    commands.add_parser("serve", help="answer JSON requests from standard input, one per line")
+    commands.add_parser("hello", help="print versions and a description of the machine")
 
     def add(name: str, text: str) -> argparse.ArgumentParser:
         command = commands.add_parser(name, help=text, description=text)
         command.add_argument("scene", help="a flattened scene document (TOML)")
-        command.add_argument("--k", type=float, default=4.0, help="POV-Ray's guards, in units of 1e-3/4096 m")
+        command.add_argument("--k", type=float, default=4.0, help="POV-Ray's self-intersection thresholds, in units of 1e-3/4096 m")
         command.add_argument("--dx", type=float, default=0.0, help="shift of every sample, in pixels")
         command.add_argument("--dy", type=float, default=0.0, help="shift of every sample, in pixels, downward")
-        command.add_argument("--exposure", type=float, default=1.0, help="factor on all light, divided out again")
-        command.add_argument("--vertices", action="store_true", help="round the numbers of meshes down or up, by the seed")
-        command.add_argument("--seed", type=int, default=0, help="of the rounding")
+        command.add_argument("--exposure", type=float, default=1.0, help="factor on all light, divided out of the image again")
+        command.add_argument("--vertices", action="store_true", help="round mesh vertices stochastically, by the seed")
+        command.add_argument("--seed", type=int, default=0, help="seed of the rounding")
         return command
 
-    add("render", "render the scene into an EXR file").add_argument("-o", "--out", required=True)
+    add("render", "render the scene to an EXR file").add_argument("-o", "--out", required=True)
     add("write", "print the scene in POV-Ray's language")
-    add("probe", "values of some pixels").add_argument("pixels", nargs="+", metavar="X,Y")
+    add("probe", "print the values of some pixels").add_argument("pixels", nargs="+", metavar="X,Y")
     return parser
 
 

@@ -30,7 +30,7 @@ def read(path: str, window: Window) -> List[List[Color]]:
     columns = x1 - x0 + 1
     names = [name for name, kind in _channels(attributes["channels"]) if kind == _HALF]
     if names != ["B", "G", "R"] or attributes["compression"][0] != _ZIP:
-        raise DriverError(f"povray's image is not as expected: channels {names}, compression {attributes['compression'][0]}")
+        raise DriverError(f"povray wrote an unexpected image: channels {names}, compression {attributes['compression'][0]}")
     blocks = (y1 - y0) // _LINES + 1
     rows: Dict[int, List[Color]] = {}
     for offset in struct.unpack_from(f"<{blocks}Q", data, at):
@@ -51,7 +51,7 @@ def read(path: str, window: Window) -> List[List[Color]]:
 
 def _header(data: bytes) -> Tuple[Dict[str, bytes], int]:
     if data[:4] != b"\x76\x2f\x31\x01":
-        raise DriverError("povray's image is no OpenEXR file")
+        raise DriverError("povray's image is not an OpenEXR file")
     at, attributes = 8, {}
     while data[at]:
         end = data.index(b"\0", at)

@@ -33,7 +33,7 @@ def load(path: str) -> Mesh:
     readers: Dict[str, Callable[[bytes], Mesh]] = {".obj": _obj, ".ply": _ply}
     extension = path[path.rfind(".") :].lower()
     if extension not in readers:
-        raise SceneError(f"{path}: expected a file .obj or .ply")
+        raise SceneError(f"{path}: expected a file ending in .obj or .ply")
     try:
         with open(path, "rb") as file:
             data = file.read()
@@ -66,7 +66,7 @@ def _obj(data: bytes) -> Mesh:
                 count = len(lists[name])
                 numbers = [int(word) - 1 if int(word) > 0 else count + int(word) for word in named]
                 if not all(0 <= number < count for number in numbers):
-                    raise ValueError(f"a face names a {name} that is not there")
+                    raise ValueError(f"a face refers to a {name} that does not exist")
                 corners[kind] += _fan(numbers)
     return Mesh(lists["v"], lists["vn"], lists["vt"], corners[0], corners[2], corners[1])
 
@@ -122,7 +122,7 @@ def _ply(data: bytes) -> Mesh:
     positions, normals = stack("x", "y", "z"), stack("nx", "ny", "nz")
     uvs = stack("u", "v") or stack("s", "t") or stack("texture_u", "texture_v")
     if not all(0 <= corner < len(positions) for face in faces for corner in face):
-        raise ValueError("a face names a vertex that is not there")
+        raise ValueError("a face refers to a vertex that does not exist")
     none: List[Corner] = [None] * len(faces)
     return Mesh(positions, normals, uvs, faces, list(faces) if normals else none, list(faces) if uvs else none)
 
@@ -146,7 +146,7 @@ def closed(mesh: Mesh) -> bool:
 
 def rounding(setting: Setting) -> Callable[[float], float]:
     """How a number is converted to single precision: unchanged, for POV-Ray to round, or randomly
-    down or up (equal numbers alike).
+    down or up (equal numbers to equal results).
     """
     if not setting.vertices:
         return lambda value: value

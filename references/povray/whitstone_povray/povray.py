@@ -21,7 +21,7 @@ def program() -> str:
     named = os.environ.get("WHITSTONE_POVRAY")
     found = shutil.which(named or "povray")
     if found is None:
-        raise DriverError(f"{named or 'povray'} is not installed (Debian: apt-get install povray), or named wrongly by WHITSTONE_POVRAY")
+        raise DriverError(f"the program {named or 'povray'} was not found; install POV-Ray (Debian: `apt-get install povray`) or set WHITSTONE_POVRAY to its path")
     return found
 
 
@@ -30,10 +30,10 @@ def version() -> str:
     said = subprocess.run([program(), "--version"], capture_output=True, text=True, timeout=60, check=False)
     match = re.search(r"POV-Ray (\d+\.\d+[\w.]*)", said.stdout + said.stderr)
     if match is None:
-        raise DriverError(f"povray does not tell its version: {(said.stdout + said.stderr).strip()[-500:]}")
+        raise DriverError(f"povray does not report its version: {(said.stdout + said.stderr).strip()[-500:]}")
     found = match.group(1)
     if not found.startswith("3.7"):
-        raise DriverError(f"POV-Ray 3.7 is needed, {found} is installed")
+        raise DriverError(f"expected POV-Ray 3.7, found {found}")
     return found
 
 
@@ -64,7 +64,7 @@ def render(scene: str, width: int, height: int, window: halves.Window) -> List[L
             # The number refers to a comment in the scene.
             raise Unsupported(scene.split(f"// {mark.group()}: ", 1)[1].split("\n", 1)[0])
         if done.returncode != 0 or not os.path.isfile(path):
-            raise DriverError(f"povray ended with {done.returncode}: {_problem(said)}")
+            raise DriverError(f"povray exited with {done.returncode}: {_problem(said)}")
         return halves.read(path, window)
 
 

@@ -23,7 +23,7 @@ def find(family: str, fields: Fields) -> Optional[Callable[..., Any]]:
     kind = fields.take("type")
     known = names(family)
     if not isinstance(kind, str):
-        fields.error("type", "is required, and a text")
+        fields.error("type", "is required and must be a string")
         return None
     if kind not in known:
         fields.unsupported(f"POV-Ray has no twin of the {family[:-1]} type {kind!r}; {nearest(kind, known)}")

@@ -45,14 +45,14 @@ class Setting:
         if not isinstance(value, dict):
             raise DriverError(f"setting: expected an object, found {value!r}")
         # POV-Ray computes in double precision and has no robust traversal, so these settings are
-        # dropped at their neutral values.
+        # ignored if they have their default values.
         value = {key: entry for key, entry in value.items() if (key, entry) not in (("robust", True), ("ulps", 0))}
         unknown = sorted(set(value) - set(asdict(Setting())))
         if unknown:
-            raise DriverError(f"setting: POV-Ray cannot vary {', '.join(unknown)}; it can {', '.join(asdict(Setting()))}")
+            raise DriverError(f"setting: POV-Ray does not support {', '.join(unknown)}; supported: {', '.join(asdict(Setting()))}")
         setting = Setting(**value)
         if not (setting.k > 0 and setting.exposure > 0):
-            raise DriverError(f"setting: {value!r} is not possible")
+            raise DriverError(f"setting: `k` and `exposure` must be > 0, found {value!r}")
         return setting
 
     def to_json(self) -> dict:

@@ -117,7 +117,7 @@ fn slider(browser: &Browser) -> Result<(), Problem> {
         clip()? == "inset(0px 0px 0px 0%)" && pressed()? == "true",
         format!("{} {}", clip()?, pressed()?),
     )?;
-    check(caption()? == "reference, in the place of ours", caption()?)?;
+    check(caption()? == "reference, in place of ours", caption()?)?;
     browser.click(&flip)?;
     check(
         clip()? == "inset(0px 0px 0px 100%)" && pressed()? == "false",

@@ -21,22 +21,29 @@ use whitstone_testkit::TestContext;
 ///
 /// Everything runs on one thread and is measured in processor time. Pin it to one core
 /// (`taskset -c 0`) for stable results.
+///
+/// Exit code 1 if an accelerator in double precision disagrees with `bvh2` in any bit, else 0.
 #[derive(Args, Debug)]
+#[command(
+    help_template = whitstone::commands::HELP_TEMPLATE,
+    after_help = "Examples:\n  taskset -c 0 cargo xtask bench accelerators --quick\n  taskset -c 0 cargo xtask bench accelerators --fetch --accelerator bvh:best --json bench.json"
+)]
 pub(crate) struct Arguments {
     #[command(flatten)]
     folder: fetch::Folder,
-    /// Accelerators to run: TYPE or TYPE:QUALITY; third-party ones are available if they are built
-    /// in
+    /// Accelerator to run: TYPE or TYPE:QUALITY; can be repeated. Third-party backends are
+    /// available if they are built in [default: bvh in three qualities, bvh2, and the backends]
     #[arg(long = "accelerator", value_name = "NAME")]
     accelerators: Vec<String>,
-    /// Meshes: names in the folder, or PLY and OBJ files
+    /// Mesh: a name in the data folder, or a PLY or OBJ file; can be repeated [default: the public
+    /// meshes in the data folder, or else generated ones]
     #[arg(long = "mesh", value_name = "PATH")]
     meshes: Vec<String>,
-    /// Sets of rays
+    /// Set of rays; can be repeated
     #[arg(long = "set", value_name = "SET", default_values = ["primary", "shadow", "bounce"])]
     sets: Vec<String>,
     /// Number of rounds; each times every accelerator once
-    #[arg(long, default_value_t = 5)]
+    #[arg(long, value_name = "COUNT", default_value_t = 5)]
     rounds: usize,
     /// Use one in eight rays and three rounds; takes less than a minute
     #[arg(long)]
@@ -44,7 +51,7 @@ pub(crate) struct Arguments {
     /// Write the results to this file as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Plot the ratios to Embree, or the rates without it, into this file
+    /// Plot the ratios to Embree, or the rates without it, into this SVG file
     #[arg(long, value_name = "FILE")]
     svg: Option<PathBuf>,
 }
@@ -69,7 +76,7 @@ const LONG_BUILD: f64 = 0.25;
 const KEPT_MEMORY: usize = 31 << 20;
 
 /// The quality of the Embree build against which rays are compared.
-const PEER_QUALITY: &str = "HIGH";
+const EMBREE_QUALITY: &str = "HIGH";
 
 /// An accelerator and its quality.
 pub(super) struct Choice {
@@ -154,7 +161,7 @@ impl<'a> Bench<'a> {
         let folder = arguments.folder.ensure().map_err(Failure::environment)?;
         let backend = backend::compile(&folder);
         if let Err(why) = &backend {
-            eprintln!("without Embree: {why}");
+            eprintln!("Embree is not available: {why}");
         }
         let mut choices: Vec<Choice> = arguments
             .accelerators
@@ -194,7 +201,7 @@ impl<'a> Bench<'a> {
         let truth = build(self.registry, &Choice::parse("bvh2"), &geometry)?;
         for one in &built {
             println!(
-                "  {:28} build {:8.4} s  {:6.1} bytes a triangle",
+                "  {:28} build {:8.4} s  {:6.1} bytes per triangle",
                 one.choice.label(),
                 one.build_seconds,
                 one.bytes_per_triangle
@@ -202,10 +209,10 @@ impl<'a> Bench<'a> {
         }
         let mut backend = None;
         if let Some(program) = &self.backend {
-            for quality in ["LOW", "MEDIUM", PEER_QUALITY] {
+            for quality in ["LOW", "MEDIUM", EMBREE_QUALITY] {
                 let started = Backend::start(program, &self.folder, name, quality)?;
                 println!(
-                    "  {:28} build {:8.4} s  {:6.1} bytes a triangle",
+                    "  {:28} build {:8.4} s  {:6.1} bytes per triangle",
                     format!("embree {quality}"),
                     started.build_seconds,
                     started.bytes / triangles as f64
@@ -233,14 +240,14 @@ impl<'a> Bench<'a> {
                     format!("{} of {} differ", difference.mismatches, rays.len())
                 } else {
                     format!(
-                        "{} of {} find another triangle, t differs by up to {:.1e}",
+                        "{} of {} hit another triangle; t differs by up to {:.1e}",
                         difference.others,
                         rays.len(),
                         difference.distance
                     )
                 };
                 println!(
-                    "  {set:8} {:28} {mode:6} {rate:7.3} Mrays/s  {ratio} of Embree  {differ}",
+                    "  {set:8} {:28} {mode:6} {rate:7.3} Mrays/s  {ratio} times Embree  {differ}",
                     one.choice.label()
                 );
                 rows.push(json!({

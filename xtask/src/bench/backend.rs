@@ -33,7 +33,7 @@ pub(super) fn compile(folder: &Path) -> Result<PathBuf, String> {
     }
     let first = why.lines().next().unwrap_or_default();
     Err(format!(
-        "no Embree to compile with (Debian: libembree-dev): {first}"
+        "cannot compile with Embree; is it installed (Debian: libembree-dev)? {first}"
     ))
 }
 
@@ -56,7 +56,7 @@ impl Backend {
             .spawn()
             .map_err(|error| error.to_string())?;
         let (Some(input), Some(output)) = (child.stdin.take(), child.stdout.take()) else {
-            return Err("the backend has no pipes".to_owned());
+            return Err("the Embree program has no pipes".to_owned());
         };
         let mut backend = Self {
             child,
@@ -68,7 +68,7 @@ impl Backend {
         };
         let line = backend.line()?;
         let [_, version, seconds, bytes] = line.split_whitespace().collect::<Vec<_>>()[..] else {
-            return Err(format!("the backend says \"{line}\""));
+            return Err(format!("unexpected output of the Embree program: \"{line}\""));
         };
         backend.version = version.to_owned();
         backend.build_seconds = seconds.parse().unwrap_or(f64::NAN);
@@ -80,7 +80,7 @@ impl Backend {
         let mut line = String::new();
         match self.output.read_line(&mut line) {
             Ok(n) if n > 0 => Ok(line),
-            Ok(_) => Err("the backend has ended".to_owned()),
+            Ok(_) => Err("the Embree program has ended".to_owned()),
             Err(error) => Err(error.to_string()),
         }
     }
@@ -94,7 +94,7 @@ impl Backend {
         let hits = words.next().and_then(|word| word.parse().ok());
         seconds
             .zip(hits)
-            .ok_or_else(|| format!("the backend says \"{line}\""))
+            .ok_or_else(|| format!("unexpected output of the Embree program: \"{line}\""))
     }
 }
 

@@ -25,9 +25,9 @@ fn lines(rows: &[Value]) -> (Vec<Line>, &'static str) {
     let (key, what) = match with_embree {
         true => (
             "ratio_to_embree",
-            "rays a second as a ratio to Embree's (HIGH, single rays)",
+            "rays per second relative to Embree (HIGH, single rays)",
         ),
-        false => ("mrays_per_s", "million rays a second"),
+        false => ("mrays_per_s", "million rays per second"),
     };
     let mut lines: Vec<Line> = Vec::new();
     for row in rows {
@@ -58,7 +58,7 @@ fn lines(rows: &[Value]) -> (Vec<Line>, &'static str) {
 pub(super) fn table(rows: &[Value]) -> String {
     let (lines, what) = lines(rows);
     let mut text =
-        format!("\n{what}; build in seconds and bytes a triangle of the first mesh\n\n| accelerator |");
+        format!("\n{what}; build in seconds and bytes per triangle of the first mesh\n\n| accelerator |");
     let Some(first) = lines.first() else {
         return String::new();
     };
@@ -156,7 +156,7 @@ mod tests {
             "{svg}"
         );
         // Without Embree the values are rates.
-        assert!(table(&[row("primary", Value::Null)]).contains("million rays a second"));
+        assert!(table(&[row("primary", Value::Null)]).contains("million rays per second"));
         assert_eq!(table(&[]), "");
     }
 }

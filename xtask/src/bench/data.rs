@@ -20,7 +20,7 @@ fn words(path: &Path, magic: &[u8; 4]) -> Result<Vec<[u8; 4]>, String> {
 /// Reads a mesh.
 pub(super) fn mesh(path: &Path) -> Result<TriangleMesh, String> {
     let words = words(path, b"TRI1")?;
-    let short = || format!("{}: too short", path.display());
+    let short = || format!("{}: the file is too short", path.display());
     let [vertices, triangles, rest @ ..] = &words[..] else {
         return Err(short());
     };
@@ -54,7 +54,7 @@ pub(super) fn mesh(path: &Path) -> Result<TriangleMesh, String> {
         .iter()
         .any(|&i| i as usize >= vertices)
     {
-        return Err(format!("{}: an index is too large", path.display()));
+        return Err(format!("{}: a vertex index is too large", path.display()));
     }
     Ok(mesh)
 }

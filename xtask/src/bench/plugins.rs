@@ -25,7 +25,7 @@ const ROUNDS: usize = 5;
 #[derive(Args, Debug)]
 pub(crate) struct Arguments {
     /// Minimum time for each scene, in milliseconds
-    #[arg(long, default_value_t = 200)]
+    #[arg(long, value_name = "MS", default_value_t = 200)]
     budget: u64,
 }
 
@@ -39,8 +39,8 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         if !Path::new(&scene).is_file() {
             continue;
         }
-        let cost = nanoseconds_a_ray(&scene, registry, Duration::from_millis(arguments.budget))?;
-        println!("{family:<13} {:<16} {cost:>8.1} ns a ray", entry.name);
+        let cost = nanoseconds_per_ray(&scene, registry, Duration::from_millis(arguments.budget))?;
+        println!("{family:<13} {:<16} {cost:>8.1} ns per ray", entry.name);
         // Three significant digits: more would be noise.
         let digits = 2.0 - cost.log10().floor();
         let rounded = (cost * f64::powf(10.0, digits)).round() / f64::powf(10.0, digits);
@@ -51,12 +51,12 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     }
     let text = serde_json::to_string_pretty(&costs).map_err(|error| Failure::usage(error.to_string()))?;
     std::fs::write(FILE, text + "\n").map_err(|error| Failure::usage(format!("{FILE}: {error}")))?;
-    println!("{FILE} is written; `cargo xtask readme` puts it into the pages");
+    println!("{FILE}: written; run `cargo xtask readme` to update the pages");
     Ok(Exit::Pass)
 }
 
 /// Includes shading and shadow rays, but not layers.
-fn nanoseconds_a_ray(scene: &str, registry: &Registry, budget: Duration) -> Result<f64, Failure> {
+fn nanoseconds_per_ray(scene: &str, registry: &Registry, budget: Duration) -> Result<f64, Failure> {
     let sources = Sources::load(Path::new(scene), &["film.aovs=[]".to_owned()])
         .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
     let report = |errors| Failure::usage(sources.report(&errors, false));

@@ -24,16 +24,16 @@ pub(super) fn render(width: u32, height: u32) -> Result<Rendering, String> {
         .stdin(Stdio::null())
         .output()
         .map_err(|error| format!("povray cannot be run (Debian: apt install povray): {error}"))?;
-    let said = String::from_utf8_lossy(&output.stderr);
-    parse(&said).ok_or_else(|| format!("povray says nothing that is understood:\n{said}"))
+    let text = String::from_utf8_lossy(&output.stderr);
+    parse(&text).ok_or_else(|| format!("cannot parse the output of povray:\n{text}"))
 }
 
-fn parse(said: &str) -> Option<Rendering> {
+fn parse(text: &str) -> Option<Rendering> {
     let number = |after: &str| {
-        let rest = said.split(after).nth(1)?;
+        let rest = text.split(after).nth(1)?;
         rest.split_whitespace().next()?.parse().ok()
     };
-    let trace = said.split("Trace Time:").nth(1)?;
+    let trace = text.split("Trace Time:").nth(1)?;
     let before = trace.split(" CPU-seconds").next()?;
     Some(Rendering {
         rays: number("\nRays:")?,
@@ -47,8 +47,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_it_says_is_understood() {
-        let said = "Pixels:  2073600   Samples:  0\nRays:            9704944   Saved:   0   Max Level: 7/7\n\
+    fn statistics_are_parsed() {
+        let text = "Pixels:  2073600   Samples:  0\nRays:            9704944   Saved:   0   Max Level: 7/7\n\
             Shadow Ray Tests:           2826245   Succeeded:  843400\nShadow Cache Hits:  144020\n\
             Parse Time:  0 hours (0.000 seconds)\n   using 1 thread(s) with 0.000 CPU-seconds total\n\
             Trace Time:       0 hours  0 minutes  2 seconds (2.850 seconds)\n\
@@ -58,7 +58,7 @@ mod tests {
             shadow_rays: 2_826_245,
             seconds: 2.133,
         };
-        assert_eq!(parse(said), Some(expected));
+        assert_eq!(parse(text), Some(expected));
         assert_eq!(parse("Fatal error"), None);
     }
 }

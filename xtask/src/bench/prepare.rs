@@ -35,7 +35,7 @@ pub(super) fn prepare(folder: &Path, meshes: &[String], registry: &Registry) -> 
     }
     if names.is_empty() {
         eprintln!(
-            "none of {PUBLIC:?} is in {} (--fetch gets them): generated meshes instead",
+            "none of {PUBLIC:?} is in {}: using generated meshes; --fetch downloads the public ones",
             folder.display()
         );
         names = GENERATED.map(str::to_owned).to_vec();
@@ -76,7 +76,7 @@ fn read(path: &Path, registry: &Registry) -> Result<TriangleMesh, String> {
         .map_err(|error| format!("{}: {error}", path.display()))?;
     match shape {
         LoweredShape::Triangles(mesh) => Ok(mesh),
-        _ => Err(format!("{}: no triangles", path.display())),
+        _ => Err(format!("{}: expected a triangle mesh", path.display())),
     }
 }
 

@@ -12,22 +12,22 @@ use whitstone::{Exit, Failure};
 /// Benchmark rasterization against ray casting on scenes of triangles, interleaved
 #[derive(Args, Debug)]
 pub(crate) struct Arguments {
-    /// The scenes
-    #[arg(default_value = "scenes/integrators/rasterizer.toml")]
+    /// Scene files (TOML) that contain only triangles
+    #[arg(value_name = "SCENE", default_value = "scenes/integrators/rasterizer.toml")]
     scenes: Vec<PathBuf>,
-    /// Columns of the image
-    #[arg(long, default_value_t = 1920)]
+    /// Width of the image in pixels
+    #[arg(long, value_name = "PIXELS", default_value_t = 1920)]
     width: u32,
-    /// Rows of the image
-    #[arg(long, default_value_t = 1080)]
+    /// Height of the image in pixels
+    #[arg(long, value_name = "PIXELS", default_value_t = 1080)]
     height: u32,
-    /// Number of rounds; each renders both once
-    #[arg(long, default_value_t = 7)]
+    /// Number of rounds; each renders with both integrators once
+    #[arg(long, value_name = "COUNT", default_value_t = 7)]
     rounds: usize,
-    /// Threads; 0 means one per core
-    #[arg(long, default_value_t = 1)]
+    /// Number of threads; 0 means one per core
+    #[arg(long, value_name = "COUNT", default_value_t = 1)]
     threads: usize,
-    /// Trace shadow rays, which are the same in both
+    /// Also trace shadow rays, which are the same with both integrators
     #[arg(long)]
     shadows: bool,
 }

@@ -18,20 +18,24 @@ const HOURS_THEN: f64 = 8.0;
 
 /// Build and render a scene of 240 million quads (15 instances of 16 million) with 94 million rays
 #[derive(Args, Debug)]
+#[command(
+    help_template = whitstone::commands::HELP_TEMPLATE,
+    after_help = "Examples:\n  cargo xtask bench scale --quick\n  cargo xtask bench scale --output scale.exr"
+)]
 pub(super) struct Arguments {
     /// Use a landscape of a million quads and a sixteenth of the pixels; takes some seconds
     #[arg(long)]
     quick: bool,
-    /// Override a value of the scene, as for `render`
+    /// Override a value of the scene, as for `render`; can be repeated
     #[arg(long = "set", value_name = "PATH=VALUE")]
     overrides: Vec<String>,
-    /// Threads; 0 means one per core
-    #[arg(long, default_value_t = 0)]
+    /// Number of threads; 0 means one per core
+    #[arg(long, value_name = "COUNT", default_value_t = 0)]
     threads: usize,
     /// Memory limit in GiB
     #[arg(long, value_name = "GIB", default_value_t = 16.0)]
     max_memory: f64,
-    /// Also write the picture
+    /// Also write the image to this EXR file
     #[arg(long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Write the results to this file as JSON
@@ -66,17 +70,17 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     say(
         start,
         &format!(
-            "built, {} GiB at most, {} GiB now",
+            "built: peak memory {} GiB, now {} GiB",
             gib(build_peak),
             gib(resident)
         ),
     );
-    let told = AtomicU64::new(0);
+    let reported = AtomicU64::new(0);
     let film = pipeline.render(RenderOptions {
         threads: arguments.threads,
         progress: Some(&|done, of| {
             let tenths = done * 10 / of;
-            if told.fetch_max(tenths, Ordering::Relaxed) < tenths {
+            if reported.fetch_max(tenths, Ordering::Relaxed) < tenths {
                 say(start, &format!("rendered {} %", 10 * tenths));
             }
         }),
@@ -85,14 +89,14 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         let image = film.to_image(&pipeline.scene_hash).map_err(Failure::usage)?;
         whitstone::image::exr_io::write(path, &image).map_err(Failure::environment)?;
     }
-    let (copies, quads) = quads(&pipeline.scene.geometry);
+    let (instances, quads) = quads(&pipeline.scene.geometry);
     let rays = film.counters.total();
     let total_s = start.elapsed().as_secs_f64();
     let peak = memory("VmHWM:");
     let rate = rays as f64 / film.render_seconds / 1e6;
     let times = HOURS_THEN * 3600.0 / total_s;
     println!(
-        "{SCENE}: {copies} copies, {:.1} million quads",
+        "{SCENE}: {instances} instances, {:.1} million quads",
         quads as f64 / 1e6
     );
     println!("  build   {build_s:.1} s");
@@ -101,15 +105,15 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         film.render_seconds,
         rays as f64 / 1e6
     );
-    println!("  memory  {} GiB at most", gib(peak));
+    println!("  memory  {} GiB peak", gib(peak));
     println!("  total   {total_s:.1} s");
     println!(
-        "  beside  {HOURS_THEN} h for a film frame of 240 million quads and 80 million rays on a machine of 2006: \
-         {times:.0} times as long; its shading was not this one"
+        "  for comparison: {HOURS_THEN} h for a film frame of 240 million quads and 80 million rays on a machine of 2006: \
+         {times:.0} times as long, with other shading"
     );
     if let Some(path) = &arguments.json {
         let report = json!({
-            "scene": SCENE, "quick": arguments.quick, "copies": copies, "quads": quads, "triangles": 2 * quads,
+            "scene": SCENE, "quick": arguments.quick, "copies": instances, "quads": quads, "triangles": 2 * quads,
             "rays": rays, "closest_rays": film.counters.closest, "shadow_rays": film.counters.shadow,
             "build_s": build_s, "render_s": film.render_seconds, "total_s": total_s, "mrays_per_s": rate,
             "build_peak_bytes": build_peak, "built_bytes": resident, "peak_bytes": peak,

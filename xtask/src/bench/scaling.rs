@@ -26,20 +26,21 @@ use whitstone::{Exit, Failure};
 pub(crate) struct Arguments {
     #[command(flatten)]
     folder: fetch::Folder,
-    /// Mesh: a name in the folder, or a PLY or OBJ file
+    /// Mesh: a name in the data folder, or a PLY or OBJ file [default: dragon, or else the last
+    /// available mesh]
     #[arg(long, value_name = "PATH")]
     mesh: Option<String>,
-    /// Set of rays
+    /// Set of rays: primary, shadow or bounce
     #[arg(long, value_name = "SET", default_value = "bounce")]
     set: String,
     /// Accelerator: TYPE or TYPE:QUALITY
     #[arg(long, value_name = "NAME", default_value = "bvh:balanced")]
     accelerator: String,
-    /// Threads of the larger pool
-    #[arg(long, default_value_t = 2)]
+    /// Number of threads of the larger pool, at least 2
+    #[arg(long, value_name = "COUNT", default_value_t = 2)]
     threads: usize,
     /// Number of rounds; each runs everything once with both pools
-    #[arg(long, default_value_t = 7)]
+    #[arg(long, value_name = "COUNT", default_value_t = 7)]
     rounds: usize,
     /// Write the results to this file as JSON
     #[arg(long, value_name = "FILE")]
@@ -53,7 +54,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     let names = prepare(&folder, &meshes, registry).map_err(Failure::environment)?;
     // The dragon, or else the last available mesh.
     let name = names.iter().find(|name| *name == "dragon").or(names.last());
-    let name = name.ok_or_else(|| Failure::usage("there is no mesh"))?;
+    let name = name.ok_or_else(|| Failure::usage("no mesh is available; name one with --mesh"))?;
     let mesh = data::mesh(&folder.join(format!("{name}.tri"))).map_err(Failure::environment)?;
     let geometry = Arc::new(Geometry::new(vec![LoweredShape::Triangles(mesh)]));
     let rays = folder.join(format!("{name}_{}.rays", arguments.set));
@@ -88,7 +89,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         }
     }
     println!(
-        "{name}, {} {} rays, {}: 1 and {} threads, by the clock; load {before:.1} before, {:.1} after",
+        "{name}, {} {} rays, {}: 1 and {} threads, wall-clock time; load {before:.1} before, {:.1} after",
         rays.len(),
         arguments.set,
         arguments.accelerator,
@@ -102,7 +103,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         // The best times, when the machine was least busy.
         let best = times[0][task][0] / times[1][task][0];
         println!(
-            "  {what:6}  {one:8.4} s  {several:8.4} s  {ratio:.2} times as fast (best of each: {best:.2}); by processor time at most {bound:.2}"
+            "  {what:6}  {one:8.4} s  {several:8.4} s  speedup {ratio:.2} (best of each: {best:.2}); upper bound from processor time {bound:.2}"
         );
         figures.push(json!({
             "task": what, "one_s": one, "several_s": several, "speedup": ratio, "best_speedup": best,

@@ -3,7 +3,7 @@
 
 use super::machine::load;
 use super::median;
-use super::shapes_mitsuba::Peer;
+use super::shapes_mitsuba::LiveMitsuba;
 use crate::pages::between;
 use clap::Args;
 use serde_json::{Value, json};
@@ -34,7 +34,7 @@ const MOST_TIMES: f64 = 2.0;
 const REASONS: [(&str, &str); 13] = [
     (
         "sphere",
-        "the discriminant is chosen for each ray, and both roots are found without cancellation, in double precision",
+        "the form of the discriminant is chosen for each ray, and both roots are computed in double precision without cancellation",
     ),
     ("triangle", WATERTIGHT),
     ("mesh", WATERTIGHT),
@@ -46,40 +46,53 @@ const REASONS: [(&str, &str); 13] = [
     ("hyperboloid", CONIC),
     (
         "torus",
-        "roots are bracketed between the turns of the quartic, from where the ray passes nearest, instead of by Ferrari's formula (see the last columns)",
+        "roots are bracketed between the turning points of the quartic, measured from the ray's nearest point, instead of computed by Ferrari's formula (see the last columns)",
     ),
     (
         "polygon",
-        "edge functions have exact signs, so that of two polygons with an edge in common a ray hits one",
+        "edge functions have exact signs, so that a ray through a common edge of two polygons hits exactly one",
     ),
-    ("csg", "that of its operands, and spans carry their primitives"),
-    ("instance", "that of its shapes, and an accelerator in between"),
+    (
+        "csg",
+        "the time of its operands, and spans carry their primitives",
+    ),
+    (
+        "instance",
+        "the time of its shapes, and an accelerator in between",
+    ),
 ];
 
 const WATERTIGHT: &str =
-    "the test is watertight, in double precision, and the ray is sheared before; streams share that";
-const CONIC: &str = "the ray is moved to where it comes nearest, and the discriminant is Kahan's, whose fused products are calls \
-                     where the processor is not known; streams have them in registers";
+    "the test is watertight, in double precision, and the ray is sheared first; streams share the shear";
+const CONIC: &str = "the ray is moved to its nearest point, and the discriminant is Kahan's; its fused products are function \
+                     calls where the processor is not known, and streams compute them in registers";
 
 /// Benchmark every shape against the textbook form in single precision, and compare both with the
 /// oracle
+///
+/// Exit code 0 if no hit of Whitstone is wrong, 1 if one is.
 #[derive(Args, Debug)]
+#[command(
+    help_template = whitstone::commands::HELP_TEMPLATE,
+    after_help = "Examples:\n  taskset -c 0 cargo xtask bench shapes sphere torus\n  taskset -c 0 cargo xtask bench shapes --page"
+)]
 pub(super) struct Arguments {
-    /// Shapes to run [default: all registered ones]
+    /// Types of shapes to run [default: all registered ones]
+    #[arg(value_name = "SHAPE")]
     shapes: Vec<String>,
-    /// Rays of each kind (hits and misses)
-    #[arg(long, default_value_t = 4096)]
+    /// Number of rays of each kind (hits and misses)
+    #[arg(long, value_name = "COUNT", default_value_t = 4096)]
     rays: usize,
-    /// Number of rays that are checked by the oracle
-    #[arg(long, default_value_t = 1024)]
+    /// Number of rays of each kind that the oracle checks
+    #[arg(long, value_name = "COUNT", default_value_t = 1024)]
     checked: usize,
     /// Number of rounds; each times everything once
-    #[arg(long, default_value_t = 15)]
+    #[arg(long, value_name = "COUNT", default_value_t = 15)]
     rounds: usize,
     /// Write the results to this file as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Write the table into docs/shapes.md
+    /// Write the table into docs/shapes.md, between its marker comments
     #[arg(long)]
     page: bool,
 }
@@ -162,9 +175,11 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         .iter()
         .find(|name| !known.contains(&name.as_str()))
     {
-        return Err(Failure::usage(format!("there is no shape \"{unknown}\"")));
+        return Err(Failure::usage(format!(
+            "unknown shape \"{unknown}\"; `cargo xtask list shapes` lists all"
+        )));
     }
-    let mitsuba = Peer::start()?;
+    let mitsuba = LiveMitsuba::start()?;
     let (mut rows, mut unmeasured) = (Vec::new(), BTreeMap::new());
     for shape in known {
         if !arguments.shapes.is_empty() && !arguments.shapes.iter().any(|name| name == shape) {
@@ -173,14 +188,14 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         match CASES.iter().find(|case| case.shape == shape) {
             Some(case) => rows.extend(measure(case, arguments, registry, &mitsuba)?),
             None => {
-                unmeasured.insert(shape, "the oracle does not know it yet");
+                unmeasured.insert(shape, "the oracle does not support it yet");
             }
         }
     }
     let table = table(&rows, &unmeasured);
     println!("{table}");
     println!(
-        "by the clock on one thread, {} rounds; load {:.1}",
+        "wall-clock time on one thread, {} rounds; load {:.1}",
         arguments.rounds,
         load()
     );
@@ -205,7 +220,7 @@ fn measure(
     case: &Case,
     arguments: &Arguments,
     registry: &Registry,
-    mitsuba: &Peer,
+    mitsuba: &LiveMitsuba,
 ) -> Result<[Row; 2], Failure> {
     let scene = case.scene(&DAffine3::IDENTITY);
     let subject = Subject::new(&scene, Path::new("scenes"), registry).map_err(Failure::usage)?;
@@ -335,10 +350,10 @@ fn table(rows: &[Row], unmeasured: &BTreeMap<&str, &str>) -> String {
             )),
         );
     }
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     for row in rows {
-        if let Some(reason) = row.reason().filter(|_| !told.contains(&row.shape)) {
-            told.push(row.shape);
+        if let Some(reason) = row.reason().filter(|_| !reported.contains(&row.shape)) {
+            reported.push(row.shape);
             let _ = write!(
                 text,
                 "\n- {}: more than {MOST_TIMES} times the textbook form: {reason}.",
@@ -351,7 +366,7 @@ fn table(rows: &[Row], unmeasured: &BTreeMap<&str, &str>) -> String {
     }
     let _ = write!(
         text,
-        "\n\nA hit is wrong if its class is, or if t is off by more than {MOST_ULPS} ulp times the condition, also for every ray beside it."
+        "\n\nA hit is wrong if its class is wrong, or if t is off by more than {MOST_ULPS} ulp times the condition, also for every slightly displaced ray."
     );
     text
 }

@@ -7,10 +7,10 @@ use whitstone_oracle::agreement::Errors;
 
 /// Mitsuba inside this process.
 #[cfg(feature = "mitsuba")]
-pub(super) struct Peer(whitstone_mitsuba::Mitsuba);
+pub(super) struct LiveMitsuba(whitstone_mitsuba::Mitsuba);
 
 #[cfg(feature = "mitsuba")]
-impl Peer {
+impl LiveMitsuba {
     /// Starts in the environment of the harness, which is created if needed.
     pub(super) fn start() -> Result<Self, Failure> {
         use std::path::Path;
@@ -50,10 +50,10 @@ impl Peer {
 
 /// Mitsuba is not built in.
 #[cfg(not(feature = "mitsuba"))]
-pub(super) struct Peer;
+pub(super) struct LiveMitsuba;
 
 #[cfg(not(feature = "mitsuba"))]
-impl Peer {
+impl LiveMitsuba {
     /// Nothing to start.
     pub(super) fn start() -> Result<Self, Failure> {
         Ok(Self)
@@ -61,7 +61,9 @@ impl Peer {
 
     /// Always an error, which says how to build with Mitsuba.
     pub(super) fn errors(&self, _: &str, _: &Oracle, _: &[Both]) -> Result<Errors, &'static str> {
-        Err("not built with Mitsuba: cargo run --release --package xtask --features mitsuba -- bench shapes")
+        Err(
+            "not built with Mitsuba; run `cargo run --release --package xtask --features mitsuba -- bench shapes`",
+        )
     }
 
     /// Returns the exit code unchanged.

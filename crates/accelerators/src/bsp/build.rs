@@ -2,11 +2,11 @@
 
 use super::Config;
 use super::tree::Partition;
-use crate::elements::{Elements, Item, MARGIN, bounds};
-use crate::partition::{Choice, Cutter, Tree, bonus, cost};
-use crate::polyhedron::{Plane, Polyhedron, cut_polygon};
-use crate::principal::{COORDINATE_AXES, principal_axes};
-use crate::split::Split;
+use crate::support::elements::{Elements, Item, MARGIN, bounds};
+use crate::support::partition::{Choice, Cutter, Tree, bonus, cost};
+use crate::support::polyhedron::{Plane, Polyhedron, cut_polygon};
+use crate::support::principal::{COORDINATE_AXES, principal_axes};
+use crate::support::split::Split;
 use whitstone_core::{Aabb, DVec3, Geometry};
 
 /// Cost of a traversal step in element tests, measured on triangle meshes.

@@ -5,9 +5,9 @@
 //! errors (see `elements`): it enters the far side of a plane before it leaves the near side, so
 //! the intervals overlap slightly.
 
-use crate::elements::{Item, Mailbox, Structure, Visitor, WideRay, bounds};
-use crate::partition::{Content, Cut, MAX_DEPTH, Tree};
-use crate::polyhedron::{Plane, Polyhedron};
+use crate::support::elements::{Item, Mailbox, Structure, Visitor, WideRay, bounds};
+use crate::support::partition::{Content, Cut, MAX_DEPTH, Tree};
+use crate::support::polyhedron::{Plane, Polyhedron};
 use whitstone_core::{Aabb, DebugBounds, Element, Statistics};
 
 /// The tree.

@@ -6,7 +6,7 @@
 
 use super::MAX_DEPTH;
 use super::tree::{Binary, Parts, Tree};
-use crate::leaves::items::{Box4, Item, PARALLEL};
+use crate::support::leaves::items::{Box4, Item, PARALLEL};
 use glam::Vec4;
 use rayon::prelude::*;
 

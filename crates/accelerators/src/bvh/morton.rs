@@ -6,8 +6,8 @@
 
 use super::MAX_DEPTH;
 use super::tree::{Binary, Parts};
-use crate::leaves::filter::NUMBERS;
-use crate::leaves::items::{Box4, Contents, Items, PARALLEL};
+use crate::support::leaves::filter::NUMBERS;
+use crate::support::leaves::items::{Box4, Contents, Items, PARALLEL};
 use rayon::prelude::*;
 
 /// Maximum number of items in a leaf.

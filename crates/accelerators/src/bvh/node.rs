@@ -1,7 +1,7 @@
 //! Nodes, and the test of a ray against the eight boxes of a node.
 
-use crate::leaves::child::WIDTH;
-use crate::leaves::frame::{LocalRay, Planes};
+use crate::support::leaves::child::WIDTH;
+use crate::support::leaves::frame::{LocalRay, Planes};
 use whitstone_simd::Lanes;
 
 /// An inner node: its children, and their boxes in local coordinates.

@@ -10,10 +10,10 @@
 use super::Bvh;
 use super::node::Node;
 use super::search::{One, Stack};
-use crate::leaves::child::{Child, Kind, WIDTH};
-use crate::leaves::filter::{Beam, NUMBERS, filter};
-use crate::leaves::frame::{Alone, LocalLane, LocalRays};
-use crate::leaves::state::{State, Streamed, Sure};
+use crate::support::leaves::child::{Child, Kind, WIDTH};
+use crate::support::leaves::filter::{Beam, NUMBERS, filter};
+use crate::support::leaves::frame::{Alone, LocalLane, LocalRays};
+use crate::support::leaves::state::{State, Streamed, Sure};
 use whitstone_core::stream::GROUP;
 use whitstone_core::triangle::Axis;
 use whitstone_simd::{Lanes, Machine};
@@ -33,7 +33,7 @@ pub(super) struct Packet<'a, 's> {
     /// Hits beyond these parameters do not count; minus infinity for a ray that is done.
     pub(super) limits: [f32; GROUP],
     pub(super) octant: [usize; 3],
-    /// The axes of [`LocalRay`](crate::leaves::frame::LocalRay), if they are the same for all rays.
+    /// The axes of [`LocalRay`](crate::support::leaves::frame::LocalRay), if they are the same for all rays.
     pub(super) axes: Option<[Axis; 3]>,
 }
 
@@ -50,7 +50,7 @@ pub(super) struct Wanted {
 /// Stack of deferred children: each level of nodes defers seven at most.
 pub(super) type WantedStack = [Wanted; (USUAL_DEPTH * (WIDTH - 1) + 1).next_power_of_two()];
 
-/// Bounds on the values of all rays; see [`LocalRay`](crate::leaves::frame::LocalRay).
+/// Bounds on the values of all rays; see [`LocalRay`](crate::support::leaves::frame::LocalRay).
 #[derive(Default)]
 struct Bounds {
     reciprocal: [[f32; 2]; 3],

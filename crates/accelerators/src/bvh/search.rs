@@ -1,10 +1,10 @@
 //! Single-ray traversal of the hierarchy.
 
 use super::Bvh;
-use crate::leaves::Leaves;
-use crate::leaves::child::{Child, Kind, WIDTH};
-use crate::leaves::frame::LocalRay;
-use crate::leaves::state::{Asked, State, Streamed, Walk};
+use crate::support::leaves::Leaves;
+use crate::support::leaves::child::{Child, Kind, WIDTH};
+use crate::support::leaves::frame::LocalRay;
+use crate::support::leaves::state::{Asked, State, Streamed, Walk};
 use whitstone_simd::{Kernel, Lanes, Level, Machine, with_lanes};
 
 /// Traversal stack. Zero-initialising the worst-case depth costs about a tenth of a ray's time, and

@@ -9,7 +9,7 @@
 use super::MAX_DEPTH;
 use super::binned::{Binned, Bins, MOST_BINS, Sides, Split, bounds, halve, partition};
 use super::tree::{Binary, Tree};
-use crate::leaves::items::{Box4, Corners, Item};
+use crate::support::leaves::items::{Box4, Corners, Item};
 
 /// Spatial bins per axis.
 const BINS: usize = 16;

@@ -4,10 +4,10 @@
 use super::Bvh;
 use super::packet::{Packet, Wanted, WantedStack};
 use super::search::{One, Stack};
-use crate::leaves::Slot;
-use crate::leaves::child::Child;
-use crate::leaves::frame::{Alone, LocalLane, LocalRays};
-use crate::leaves::state::{State, Streamed};
+use crate::support::leaves::Slot;
+use crate::support::leaves::child::Child;
+use crate::support::leaves::frame::{Alone, LocalLane, LocalRays};
+use crate::support::leaves::state::{State, Streamed};
 use whitstone_core::stream::{GROUP, HitStream, LANES, Lanes as RayLanes, RayStream};
 use whitstone_core::triangle::{ShearedStream, TriangleHit};
 use whitstone_core::{DVec2, DVec3, InstanceId, PreliminaryIntersection, ShapeHit};

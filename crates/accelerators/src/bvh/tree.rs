@@ -1,6 +1,6 @@
 //! The binary hierarchy that a build makes first.
 
-use crate::leaves::items::{Box4, Item};
+use crate::support::leaves::items::{Box4, Item};
 use glam::Vec4;
 use rayon::prelude::*;
 

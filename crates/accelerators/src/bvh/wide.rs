@@ -9,10 +9,10 @@
 
 use super::node::Node;
 use super::tree::Binary;
-use crate::leaves::child::{Child, Kind, WIDTH};
-use crate::leaves::filter::NUMBERS;
-use crate::leaves::items::Contents;
-use crate::leaves::{Slot, by_coordinate};
+use crate::support::leaves::child::{Child, Kind, WIDTH};
+use crate::support::leaves::filter::NUMBERS;
+use crate::support::leaves::items::Contents;
+use crate::support::leaves::{Slot, by_coordinate};
 use rayon::prelude::*;
 
 /// Subtrees of at most this many items are made by one thread.

@@ -1,7 +1,7 @@
 //! One level of grid cells, and the walk through it.
 
-use crate::elements::{Elements, WideRay, overlaps};
-use crate::elements::{MARGIN, PAD};
+use crate::support::elements::{Elements, WideRay, overlaps};
+use crate::support::elements::{MARGIN, PAD};
 use whitstone_core::{Aabb, DVec3, Geometry};
 
 /// Equal cells of a box, with the elements of each.

@@ -1,10 +1,10 @@
 //! Build of the tree.
 
 use super::Config;
-use crate::leaves::child::WIDTH;
-use crate::leaves::items::{Box4, Corners, Item};
-use crate::partition::{Choice, Cut, Cutter, Tree, cheaper, cost};
-use crate::split::{Axes, Split};
+use crate::support::leaves::child::WIDTH;
+use crate::support::leaves::items::{Box4, Corners, Item};
+use crate::support::partition::{Choice, Cut, Cutter, Tree, cheaper, cost};
+use crate::support::split::{Axes, Split};
 
 /// Cost of a traversal step, in units of a leaf of up to eight elements. Measured on triangle
 /// meshes: rays take the same time for 1 to 1.6; below 1, the tree grows and they take longer.

@@ -7,12 +7,12 @@
 
 use super::KdTree;
 use super::build::AxisCut;
-use crate::elements::Mailbox;
-use crate::leaves::Leaves;
-use crate::leaves::child::{Child, Kind, WIDTH};
-use crate::leaves::frame::LocalRay;
-use crate::leaves::state::{Asked, State, Walk};
-use crate::partition::MAX_DEPTH;
+use crate::support::elements::Mailbox;
+use crate::support::leaves::Leaves;
+use crate::support::leaves::child::{Child, Kind, WIDTH};
+use crate::support::leaves::frame::LocalRay;
+use crate::support::leaves::state::{Asked, State, Walk};
+use crate::support::partition::MAX_DEPTH;
 use std::cell::Cell;
 use std::ops::Range;
 use whitstone_core::TraversalStatistics;

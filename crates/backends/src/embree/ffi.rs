@@ -151,7 +151,10 @@ fn load() -> Result<Embree, String> {
         .iter()
         .find_map(|name| open(name).ok())
         .ok_or_else(|| match &named {
-            Some(name) => format!("{VARIABLE} names {}, which is no library", name.display()),
+            Some(name) => format!(
+                "{VARIABLE} is {}, which is not a loadable library",
+                name.display()
+            ),
             None => format!("none of {} was found", NAMES[..4].join(", ")),
         })?;
     let functions = Functions::load(&library).map_err(|error| error.to_string())?;
@@ -185,7 +188,7 @@ fn load() -> Result<Embree, String> {
                 })
             })()
         },
-        other => return Err(format!("its version is {other}, not 3 or 4")),
+        other => return Err(format!("expected version 3 or 4, found {other}")),
     }
     .map_err(|error: libloading::Error| error.to_string())?;
     Ok(Embree {
@@ -249,7 +252,7 @@ impl Scene {
         // SAFETY: the text ends with a zero and lives during the call.
         let device = unsafe { (f.new_device)(threads.as_ptr()) };
         if device.is_null() {
-            return Err("Embree gives no device".to_owned());
+            return Err("Embree cannot create a device".to_owned());
         }
         let monitor: *const AtomicIsize = &*bytes;
         // SAFETY: the device is valid; the counter behind the pointer outlives it, see `drop`.
@@ -282,7 +285,7 @@ impl Scene {
         match error {
             0 => Ok(built),
             4 => Err("Embree has run out of memory".to_owned()),
-            code => Err(format!("Embree reports error {code}")),
+            code => Err(format!("Embree reports the error code {code}")),
         }
     }
 

@@ -110,7 +110,7 @@ impl DebugBounds {
     }
 }
 
-/// Named figures that an accelerator reports about itself, such as `nodes`, `origin_primitive`, `depth`,
+/// Named figures that an accelerator reports about itself, such as `nodes`, `leaves`, `depth`,
 /// `bytes`, `sah_cost`, `build_seconds`.
 pub type Statistics = BTreeMap<&'static str, f64>;
 

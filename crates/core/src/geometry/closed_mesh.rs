@@ -49,12 +49,12 @@ impl fmt::Display for NotClosed {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Edges(1) => f.write_str(
-                "one of its edges belongs to one triangle only, or to two that face different sides",
+                "one of its edges belongs to only one triangle, or to two triangles of opposite orientation",
             ),
             Self::Edges(count) => {
                 write!(
                     f,
-                    "{count} of its edges belong to one triangle only, or to two that face different sides"
+                    "{count} of its edges belong to only one triangle, or to two triangles of opposite orientation"
                 )
             }
             Self::InsideOut => f.write_str("its triangles face inwards"),
@@ -187,7 +187,7 @@ fn build(mesh: &TriangleMesh, order: &mut [u32], range: Range<usize>, nodes: &mu
     nodes[own].next = nodes.len();
 }
 
-/// False only if the line certainly misses the box as [`ShearedRay::surface_at_offset`] transforms it.
+/// False only if the line certainly misses the box as [`ShearedRay::shear`] transforms it.
 fn is_near(ray: &Ray, bounds: &Aabb) -> bool {
     let (low, high) = (bounds.min - ray.origin, bounds.max - ray.origin);
     // Sheared positions have rounding errors relative to their distance from the line's origin.
@@ -315,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_closed_is_refused() {
+    fn open_meshes_are_rejected() {
         let whole = octahedron([DVec3::ZERO; 6]);
         assert!(ClosedMesh::new(whole.clone()).is_ok());
         let mut open = whole.clone();

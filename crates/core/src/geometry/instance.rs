@@ -85,7 +85,7 @@ fn bounds(geometry: &Geometry) -> Vec<Aabb> {
         let cell = ((aabb.center() - whole.min) * per_cell).as_usizevec3();
         let cell = cell.min(glam::USizeVec3::splat(CELLS - 1));
         let place = &mut cells[(cell.z * CELLS + cell.y) * CELLS + cell.x];
-        *place = place.union(aabb.padded(needle_pad(geometry, element, reach)));
+        *place = place.union(aabb.padded(sliver_pad(geometry, element, reach)));
     }
     let used = cells.into_iter().filter(|cell| !cell.is_empty());
     used.map(|cell| cell.padded(PAD * reach)).collect()
@@ -93,7 +93,7 @@ fn bounds(geometry: &Geometry) -> Vec<Aabb> {
 
 /// Additional padding for the box of a sliver triangle: the error of the triangle test, by which a
 /// hit may appear outside the box. At most the longest edge.
-fn needle_pad(geometry: &Geometry, element: Element, reach: f64) -> f64 {
+fn sliver_pad(geometry: &Geometry, element: Element, reach: f64) -> f64 {
     let (Element::Triangle { shape, triangle }, shapes) = (element, geometry.shapes()) else {
         return 0.0;
     };
@@ -227,8 +227,8 @@ impl Instance {
         ];
         let (mut near, mut far) = (interval.min, interval.max);
         for axis in 0..3 {
-            let for_each_branch_rev = ray.direction[axis].is_sign_negative();
-            let (first, last) = if for_each_branch_rev {
+            let backwards = ray.direction[axis].is_sign_negative();
+            let (first, last) = if backwards {
                 (to_max, to_min)
             } else {
                 (to_min, to_max)

@@ -80,8 +80,8 @@ impl fmt::Display for MeshDefects {
             ),
             (
                 self.flipped_edges,
-                "edge between faces that face different sides",
-                "edges between faces that face different sides",
+                "edge between faces of opposite orientation",
+                "edges between faces of opposite orientation",
             ),
             (self.duplicate_faces, "duplicate face", "duplicate faces"),
         ];
@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn faces_that_face_the_other_side_are_counted() {
+    fn flipped_faces_are_counted() {
         let mut mesh = walls(2);
         mesh.triangles[3].swap(0, 1);
         assert_eq!(MeshDefects::of(&mesh).flipped_edges, 3);

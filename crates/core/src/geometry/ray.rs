@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn an_interval_is_open_and_refuses_nan() {
+    fn an_interval_is_open_and_excludes_nan() {
         let interval = Interval::up_to(2.0);
         assert!(interval.contains(1.0));
         assert!(!interval.contains(0.0));

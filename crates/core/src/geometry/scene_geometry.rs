@@ -154,7 +154,7 @@ pub enum Element {
 pub struct Geometry {
     shapes: Vec<LoweredShape>,
     /// The instances: first path of each, ascending, and index of its shape.
-    copies: Vec<(u32, u32)>,
+    instances: Vec<(u32, u32)>,
     /// Number of instance paths, [`InstanceId::TOP_LEVEL`] included.
     paths: u64,
 }
@@ -168,18 +168,18 @@ impl Default for Geometry {
 impl Geometry {
     /// Builds the geometry from the shapes in scene order.
     pub fn new(mut shapes: Vec<LoweredShape>) -> Self {
-        let mut copies = Vec::new();
+        let mut instances = Vec::new();
         let mut paths = 1u64;
         for (shape, place) in shapes.iter_mut().zip(0..) {
             if let LoweredShape::Instance(instance) = shape {
                 instance.first_path = InstanceId(paths as u32);
-                copies.push((paths as u32, place));
+                instances.push((paths as u32, place));
                 paths = paths.saturating_add(instance.paths());
             }
         }
         Self {
             shapes,
-            copies,
+            instances,
             paths,
         }
     }
@@ -192,7 +192,7 @@ impl Geometry {
 
     /// The numbers of the instance shapes along a path, outermost first.
     pub fn placed_by(&self, path: InstanceId) -> Vec<u32> {
-        let Some((shape, instance)) = self.copy(path) else {
+        let Some((shape, instance)) = self.instance(path) else {
             return Vec::new();
         };
         let group = instance.group();
@@ -208,9 +208,9 @@ impl Geometry {
     }
 
     /// The instance that a path leads through, and the number of its shape.
-    fn copy(&self, path: InstanceId) -> Option<(u32, &Instance)> {
-        let after = self.copies.partition_point(|(first, _)| *first <= path.0);
-        let (_, shape) = self.copies.get(after.checked_sub(1)?)?;
+    fn instance(&self, path: InstanceId) -> Option<(u32, &Instance)> {
+        let after = self.instances.partition_point(|(first, _)| *first <= path.0);
+        let (_, shape) = self.instances.get(after.checked_sub(1)?)?;
         match &self.shapes[*shape as usize] {
             LoweredShape::Instance(instance) => Some((*shape, instance)),
             _ => None,
@@ -226,7 +226,9 @@ impl Geometry {
         hit: &PreliminaryIntersection,
         needs: SurfaceAttributes,
     ) -> SurfaceInteraction {
-        let (_, instance) = self.copy(hit.instance).expect("what was hit is there");
+        let (_, instance) = self
+            .instance(hit.instance)
+            .expect("the hit belongs to an instance");
         instance.surface(ray, hit, needs)
     }
 
@@ -327,9 +329,10 @@ impl Geometry {
         match self.shapes.get(hit.shape as usize) {
             Some(LoweredShape::Triangles(mesh)) => Some(mesh.surface_at_offset(hit, q, needs)),
             Some(LoweredShape::Opaque(primitive)) => primitive.surface_at_offset(point, hit, q, needs),
-            Some(LoweredShape::Instance(_)) | None => {
-                self.copy(hit.instance)?.1.surface_at_offset(point, hit, q, needs)
-            }
+            Some(LoweredShape::Instance(_)) | None => self
+                .instance(hit.instance)?
+                .1
+                .surface_at_offset(point, hit, q, needs),
         }
     }
 

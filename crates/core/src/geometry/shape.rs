@@ -28,8 +28,9 @@ pub trait Shape: Send + Sync {
 
     /// The nearest hit inside the interval.
     ///
-    /// `origin_primitive` is the sub-primitive that the ray was spawned on, if it belongs to this object. A
-    /// planar sub-primitive is not hit again; a curved one ignores the root at the ray's start.
+    /// `origin_primitive` is the sub-primitive that the ray was spawned on, if it belongs to this
+    /// object. A planar sub-primitive is not hit again; a curved one ignores the root at the ray's
+    /// start.
     fn intersect(&self, ray: &Ray, interval: Interval, origin_primitive: Option<u32>) -> Option<ShapeHit>;
 
     /// The surface at a hit that `intersect` returned for this ray. Only the attributes in `needs`
@@ -139,14 +140,14 @@ pub trait Shape: Send + Sync {
     }
 }
 
-/// A hit as returned by a primitive.
+/// A hit as returned by a shape.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShapeHit {
     /// Ray parameter.
     pub t: f64,
     /// Number of the sub-primitive (for a box, its face); 0 if there is only one.
     pub primitive: u32,
-    /// Two surface parameters; each primitive defines their meaning.
+    /// Two surface parameters; each shape defines their meaning.
     pub prim_uv: DVec2,
 }
 
@@ -239,7 +240,7 @@ impl SelfHitFilter {
     }
 }
 
-/// The set of surface attributes that a consumer of surface points reads.
+/// The set of surface attributes that a consumer of surface interactions reads.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SurfaceAttributes(u32);
 

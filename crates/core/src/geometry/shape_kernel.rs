@@ -24,8 +24,8 @@ pub trait ShapeKernel: Clone + Send + Sync {
     /// it is skipped.
     fn may_hit(&self, ray: &Ray) -> bool;
 
-    /// The nearest hit beyond `min`; `t` is NaN if there is none. `origin_primitive` is the sub-primitive of
-    /// this object that the ray starts on, or [`NO_PRIMITIVE`].
+    /// The nearest hit beyond `min`; `t` is NaN if there is none. `origin_primitive` is the
+    /// sub-primitive of this object that the ray starts on, or [`NO_PRIMITIVE`].
     fn hit(&self, ray: &Ray, min: f64, origin_primitive: u32) -> ShapeHit;
 
     /// See [`Shape::surface`].
@@ -119,12 +119,12 @@ impl<P: ShapeKernel> Shape for P {
 
     fn intersect_stream(&self, shape: u32, rays: &RayStream, hits: &mut HitStream) {
         // An unaliased local copy: its fields stay in registers.
-        let primitive = self.clone();
+        let kernel = self.clone();
         simd::dispatch(
             #[inline(always)]
             || {
                 for start in rays.groups() {
-                    let near = near(&primitive, rays, start);
+                    let near = near(&kernel, rays, start);
                     if !any(&near) {
                         continue;
                     }
@@ -133,7 +133,7 @@ impl<P: ShapeKernel> Shape for P {
                     let mut sub_primitive = [0; GROUP];
                     for k in 0..GROUP {
                         let lane = start + k;
-                        let hit = primitive.hit(&rays.ray(lane), 0.0, origin_primitive(rays, lane, shape));
+                        let hit = kernel.hit(&rays.ray(lane), 0.0, origin_primitive(rays, lane, shape));
                         (t[k], u[k], v[k]) = (hit.t, hit.prim_uv.x, hit.prim_uv.y);
                         sub_primitive[k] = hit.primitive;
                     }
@@ -151,19 +151,19 @@ impl<P: ShapeKernel> Shape for P {
     }
 
     fn occluded_stream(&self, shape: u32, rays: &RayStream, hidden: &mut Lanes<bool>) {
-        let primitive = self.clone();
+        let kernel = self.clone();
         simd::dispatch(
             #[inline(always)]
             || {
                 for start in rays.groups() {
-                    let near = near(&primitive, rays, start);
+                    let near = near(&kernel, rays, start);
                     if !any(&near) {
                         continue;
                     }
                     let mut hit = [false; GROUP];
                     for k in 0..GROUP {
                         let lane = start + k;
-                        let t = primitive
+                        let t = kernel
                             .hit(&rays.ray(lane), 0.0, origin_primitive(rays, lane, shape))
                             .t;
                         hit[k] = near[k] & (t > 0.0) & (t < rays.limit[lane]);
@@ -183,14 +183,14 @@ impl<P: ShapeKernel> Shape for P {
         needs: SurfaceAttributes,
         points: &mut SurfaceStream,
     ) {
-        let primitive = self.clone();
+        let kernel = self.clone();
         let len = rays.len.min(LANES);
         // Texture coordinates may need functions without a vector form.
         if needs.contains(SurfaceAttributes::UV) {
             for lane in 0..len {
                 points.set(
                     lane,
-                    &ShapeKernel::surface(&primitive, &rays.ray(lane), &hits.hit(lane), needs),
+                    &ShapeKernel::surface(&kernel, &rays.ray(lane), &hits.hit(lane), needs),
                 );
             }
             return;
@@ -204,7 +204,7 @@ impl<P: ShapeKernel> Shape for P {
                     let (ray, hit) = (rays.ray(lane), hits.hit(lane));
                     points.set(
                         lane,
-                        &ShapeKernel::surface(&primitive, &ray, &hit, SurfaceAttributes::NOTHING),
+                        &ShapeKernel::surface(&kernel, &ray, &hit, SurfaceAttributes::NOTHING),
                     );
                 }
             },
@@ -220,10 +220,10 @@ fn origin_primitive(rays: &RayStream, lane: usize, shape: u32) -> u32 {
 
 /// Which rays of a group may hit.
 #[inline(always)]
-fn near(primitive: &impl ShapeKernel, rays: &RayStream, start: usize) -> [bool; GROUP] {
+fn near(kernel: &impl ShapeKernel, rays: &RayStream, start: usize) -> [bool; GROUP] {
     let mut near = [false; GROUP];
     for (k, near) in near.iter_mut().enumerate() {
-        *near = primitive.may_hit(&rays.ray(start + k));
+        *near = kernel.may_hit(&rays.ray(start + k));
     }
     near
 }

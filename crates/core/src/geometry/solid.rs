@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn crossings_pair_up_and_what_is_empty_is_not_there() {
+    fn crossings_pair_up_and_empty_spans_are_ignored() {
         assert_eq!(pairs(&spans(&[1.0, 2.0, 3.0, 5.0])), [(1.0, 2.0), (3.0, 5.0)]);
         assert!(spans(&[1.0, 1.0]).is_empty());
         assert_eq!(pairs(&spans(&[1.0, 2.0, 2.0, 5.0])), [(1.0, 5.0)]);
@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_ray_that_leaves_meets_first_is_of_the_right_kind() {
+    fn the_first_end_after_the_start_is_an_entry_or_an_exit_as_expected() {
         let first =
             |ends: &[f64], inside| first_end(&spans(ends), Interval::FORWARD, inside).map(|end| end.t);
         let two = [-1.0, 1.0, 3.0, 5.0];

@@ -240,7 +240,7 @@ impl Ids {
         self.primitive[..len].copy_from_slice(&from.primitive[..len]);
     }
 
-    /// Whether a lane holds this primitive of this shape, outside any instance.
+    /// Whether a lane contains this primitive of this shape, outside any instance.
     #[inline(always)]
     pub fn names(&self, lane: usize, shape: u32, primitive: u32) -> bool {
         (self.shape[lane] == shape)
@@ -467,7 +467,7 @@ impl HitStream {
     }
 }
 
-/// A stream of surface points.
+/// A stream of surface interactions.
 #[derive(Clone, Default)]
 #[repr(align(64))]
 pub struct SurfaceStream {

@@ -106,7 +106,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn singular_maps_are_refused_and_tiny_ones_are_not() {
+    fn singular_maps_are_rejected_and_tiny_ones_are_not() {
         let flat = DAffine3::from_scale(DVec3::new(1.0, 0.0, 1.0));
         assert!(Transform::new(flat).is_none());
         assert!(Transform::new(DAffine3::from_scale(DVec3::splat(1e-30))).is_some());
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn similarity_is_told_from_shear_and_stretch() {
+    fn a_similarity_differs_from_shear_and_stretch() {
         let turn = DAffine3::from_axis_angle(DVec3::Y, 0.7) * DAffine3::from_scale(DVec3::splat(3.0));
         let scale = Transform::new(turn).unwrap().similarity_scale();
         approx::assert_relative_eq!(scale.unwrap(), 3.0, max_relative = 1e-14);

@@ -240,10 +240,10 @@ fn side(p: DVec3, q: DVec3) -> Option<bool> {
 fn place([a, b, c]: [DVec3; 3], weights: [f64; 3], determinant: f64) -> DVec3 {
     let reciprocal = 1.0 / determinant;
     let [wa, wb, wc] = weights.map(|weight| weight * reciprocal);
-    let (beside_x, beside_y) = (wa * a.x + wb * b.x + wc * c.x, wa * a.y + wb * b.y + wc * c.y);
+    let (offset_x, offset_y) = (wa * a.x + wb * b.x + wc * c.x, wa * a.y + wb * b.y + wc * c.y);
     let (e, f) = (b - a, c - a);
-    let u = (f.y * beside_x - f.x * beside_y) * reciprocal;
-    let v = (e.x * beside_y - e.y * beside_x) * reciprocal;
+    let u = (f.y * offset_x - f.x * offset_y) * reciprocal;
+    let v = (e.x * offset_y - e.y * offset_x) * reciprocal;
     let depth = (wa * a.z + wb * b.z + wc * c.z) + (u * e.z + v * f.z);
     let (least, most) = (less(less(a.z, b.z), c.z), greater(greater(a.z, b.z), c.z));
     let within = |x: f64, low: f64, high: f64| less(greater(x, low), high);
@@ -391,7 +391,7 @@ mod tests {
 
         /// The reported hit lies on the ray and on the triangle.
         #[test]
-        fn the_hit_is_where_it_says(
+        fn the_hit_lies_on_the_ray_and_on_the_triangle(
             origin in prop::array::uniform3(-5.0..5.0f64),
             (u, v) in (0.01..0.48f64, 0.01..0.48f64),
         ) {

@@ -16,7 +16,7 @@ use crate::{Rgb, SourceSpan};
 use glam::{DVec2, DVec3};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::{Error, SeqAccess, Visitor};
-use serde::{Deserialize, Deserializer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::borrow::Cow;
 use std::fmt;
 use toml::Spanned;
@@ -57,6 +57,14 @@ pub fn inline_plugins(table: &Table<'_>) -> Vec<usize> {
     found
 }
 
+/// Components as users write them: one number if all are equal.
+fn one_or_all<S: Serializer>(values: &[f64], serializer: S) -> Result<S::Ok, S::Error> {
+    match values {
+        [first, rest @ ..] if rest.iter().all(|value| value == first) => first.serialize(serializer),
+        _ => values.serialize(serializer),
+    }
+}
+
 macro_rules! number {
     ($(#[$doc:meta])* $name:ident, $expected:literal, $schema:tt, $accept:expr) => {
         $(#[$doc])*
@@ -81,6 +89,12 @@ macro_rules! number {
                 let value = deserializer.deserialize_any(NumberVisitor($expected))?;
                 Self::new(value)
                     .ok_or_else(|| D::Error::custom(format!("expected {}, found {value}", $expected)))
+            }
+        }
+
+        impl Serialize for $name {
+            fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+                self.0.serialize(serializer)
             }
         }
 
@@ -128,6 +142,13 @@ impl<const MIN: u32, const MAX: u32> IntegerIn<MIN, MAX> {
         (MIN..=MAX).contains(&value).then_some(Self(value))
     }
 
+    /// A constant in range, for defaults: `#[serde(default = "IntegerIn::of::<8>")]`. A value out
+    /// of range does not compile.
+    pub const fn of<const VALUE: u32>() -> Self {
+        const { assert!(MIN <= VALUE && VALUE <= MAX, "the constant is out of range") };
+        Self(VALUE)
+    }
+
     /// The value.
     pub const fn get(self) -> u32 {
         self.0
@@ -149,6 +170,12 @@ impl<'de, const MIN: u32, const MAX: u32> Deserialize<'de> for IntegerIn<MIN, MA
             }
         }
         deserializer.deserialize_any(InRange::<MIN, MAX>)
+    }
+}
+
+impl<const MIN: u32, const MAX: u32> Serialize for IntegerIn<MIN, MAX> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_u32(self.0)
     }
 }
 
@@ -205,6 +232,12 @@ impl<'de> Deserialize<'de> for Vector3 {
     }
 }
 
+impl Serialize for Vector3 {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.0.to_array().serialize(serializer)
+    }
+}
+
 impl JsonSchema for Vector3 {
     fn schema_name() -> Cow<'static, str> {
         "Vector3".into()
@@ -237,6 +270,12 @@ impl<'de> Deserialize<'de> for Vector2 {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let [x, y] = deserializer.deserialize_seq(ArrayVisitor::<Finite, 2>::new())?;
         Ok(Self::new(x.get(), y.get()))
+    }
+}
+
+impl Serialize for Vector2 {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.0.to_array().serialize(serializer)
     }
 }
 
@@ -273,6 +312,12 @@ impl<'de> Deserialize<'de> for Scale2 {
         let visitor = GreyOr::<Finite, 2>::new("a number or a pair of numbers");
         let [x, y] = deserializer.deserialize_any(visitor)?;
         Ok(Self(DVec2::new(x.get(), y.get())))
+    }
+}
+
+impl Serialize for Scale2 {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        one_or_all(&self.0.to_array(), serializer)
     }
 }
 
@@ -315,6 +360,12 @@ impl<'de> Deserialize<'de> for Color {
     }
 }
 
+impl Serialize for Color {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        one_or_all(&self.0.to_array(), serializer)
+    }
+}
+
 impl JsonSchema for Color {
     fn schema_name() -> Cow<'static, str> {
         "Color".into()
@@ -343,6 +394,15 @@ pub enum PluginRef {
 impl From<&str> for PluginRef {
     fn from(text: &str) -> Self {
         inline_index(text).map_or_else(|| Self::Shared(text.to_owned()), Self::Inline)
+    }
+}
+
+impl Serialize for PluginRef {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Self::Shared(id) => serializer.serialize_str(id),
+            Self::Inline(index) => serializer.serialize_str(&inline_reference(*index)),
+        }
     }
 }
 
@@ -410,6 +470,15 @@ impl<'de> Deserialize<'de> for TextureValue {
             }
         }
         deserializer.deserialize_any(AnyTexture)
+    }
+}
+
+impl Serialize for TextureRef {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match &self.value {
+            TextureValue::Constant(color) => one_or_all(&color.to_array(), serializer),
+            TextureValue::Plugin(reference) => reference.serialize(serializer),
+        }
     }
 }
 
@@ -553,7 +622,7 @@ mod tests {
     }
 
     #[test]
-    fn all_faults_of_a_table_are_found_at_their_places() {
+    fn all_errors_of_a_table_are_reported_at_their_positions() {
         let text = "center = [0, nan, 0]\nradius = -1\nradios = 2\ntint = [1, 2]\n";
         let errors = decode_text(text).unwrap_err().0;
         let mut found: Vec<(&str, String)> = errors
@@ -577,7 +646,7 @@ mod tests {
     }
 
     #[test]
-    fn inline_references_are_told_from_ids() {
+    fn inline_references_differ_from_ids() {
         assert_eq!(PluginRef::from("floor"), PluginRef::Shared("floor".into()));
         assert_eq!(
             PluginRef::from(inline_reference(7).as_str()),

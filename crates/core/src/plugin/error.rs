@@ -144,7 +144,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn slips_are_found_and_strangers_are_not() {
+    fn typos_are_found_and_other_names_are_not() {
         let known = ["sphere", "plane", "rectangle"];
         assert_eq!(nearest("shpere", known), Some("sphere"));
         assert_eq!(nearest("rectangel", known), Some("rectangle"));

@@ -142,7 +142,7 @@ pub trait Context {
     /// The material that a parameter refers to. A shared material is built once; a material that
     /// contains itself is an error.
     fn material(&mut self, reference: &MaterialRef) -> Result<Arc<dyn Material>, SceneErrors> {
-        Err(SceneError::at(reference.span.clone(), "no materials here").into())
+        Err(SceneError::at(reference.span.clone(), "materials are not available here").into())
     }
 
     /// The path of a file that a parameter names. The file exists and is a regular file.
@@ -151,14 +151,14 @@ pub trait Context {
     /// The image in a file, as the texture `image` loads it, with a border. Errors are reported at
     /// the file.
     fn picture(&mut self, file: &FilePath) -> Result<Arc<dyn Texture>, SceneErrors> {
-        Err(SceneError::at(file.span.clone(), "no pictures here").into())
+        Err(SceneError::at(file.span.clone(), "images are not available here").into())
     }
 
     /// The triangles of a mesh file in world space, as the shape `mesh` loads them. Errors are
     /// reported at the file.
     fn triangles(&mut self, file: &FilePath, transform: &Transform) -> Result<TriangleMesh, SceneErrors> {
         let _ = transform;
-        Err(SceneError::at(file.span.clone(), "no meshes here").into())
+        Err(SceneError::at(file.span.clone(), "meshes are not available here").into())
     }
 
     /// The group of shapes that a parameter names. It is built once, however many instances it has.
@@ -170,7 +170,7 @@ pub trait Context {
     /// is applied first. An operand that bounds no volume is an error, reported at the operand.
     fn solid(&mut self, operand: &SolidRef, around: &Transform) -> Result<Box<dyn Shape>, SceneErrors> {
         let _ = around;
-        Err(SceneError::at(operand.span.clone(), "no operands here").into())
+        Err(SceneError::at(operand.span.clone(), "operands are not available here").into())
     }
 
     /// Announces an allocation of `bytes` bytes; fails if it exceeds the scene's memory limit. Call
@@ -323,14 +323,14 @@ impl Registry {
                 "this program was built without the {kind} type \"{name}\""
             ));
             return Err(error.with_help(format!(
-                "add the feature `{name}` of `{from}` to its package, or make it anew: `cargo xtask slim SCENE`"
+                "enable the feature `{name}` of `{from}` in its package, or rebuild it with `cargo xtask slim SCENE`"
             )));
         }
         let error = SceneError::anywhere(format!("unknown {kind} type \"{name}\""));
         Err(error.with_help(match nearest(name, known.iter().copied()) {
             Some(near) => format!("did you mean \"{near}\"?"),
             None if known.is_empty() => format!(
-                "no {kind} is built in; build with the features of `whitstone-{}`",
+                "this program was built without any {kind} type; rebuild it with the features of `whitstone-{}`",
                 family.plural()
             ),
             None => format!("known {kind} types are {}", known.join(", ")),
@@ -396,10 +396,10 @@ mod tests {
 
     impl Context for NoContext {
         fn texture(&mut self, _: &TextureRef) -> Result<ColorSource, SceneErrors> {
-            Err(SceneError::anywhere("no textures here").into())
+            Err(SceneError::anywhere("textures are not available here").into())
         }
         fn file(&self, _: &FilePath) -> Result<PathBuf, SceneError> {
-            Err(SceneError::anywhere("no files here"))
+            Err(SceneError::anywhere("files are not available here"))
         }
         fn warn(&mut self, _: SceneError) {}
     }
@@ -427,7 +427,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_left_out_names_its_feature() {
+    fn the_error_about_an_absent_plugin_names_its_feature() {
         let mut registry = Registry::default();
         registry.add::<Samplers, Dot>("one").unwrap();
         registry.leave_out(&[(FamilyName::Sampler, "line", "two")]);
@@ -440,7 +440,7 @@ mod tests {
     }
 
     #[test]
-    fn unknown_keys_are_refused_with_their_place() {
+    fn unknown_keys_are_rejected_with_their_position() {
         let mut registry = Registry::default();
         registry.add::<Samplers, Dot>("one").unwrap();
         let table = DeTable::parse("seed = 3").unwrap();

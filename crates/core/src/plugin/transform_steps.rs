@@ -5,7 +5,7 @@ use crate::config::{Finite, Vector3};
 use glam::{DAffine3, DMat3, DVec3};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::{Error, MapAccess, SeqAccess, Visitor};
-use serde::{Deserialize, Deserializer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::borrow::Cow;
 use std::fmt;
 
@@ -58,7 +58,7 @@ impl TransformOp {
             (None, Some(Scale::PerAxis(s)), None, None) => Ok(DAffine3::from_scale(s.get())),
             (None, None, Some(Rotate { axis, degrees }), None) => {
                 let axis = axis.get().try_normalize().ok_or(TransformOpError {
-                    message: "the axis of a rotation must not be zero or nearly so",
+                    message: "the axis of a rotation must not be zero or nearly zero",
                     help: None,
                 })?;
                 Ok(DAffine3::from_mat3(rotation(axis, degrees.get())))
@@ -70,7 +70,7 @@ impl TransformOp {
                 ]))
             }
             _ => Err(TransformOpError {
-                message: "expected exactly one of translate, scale, rotate, matrix",
+                message: "expected exactly one of `translate`, `scale`, `rotate`, `matrix`",
                 help: Some("write several steps as a list: they are applied in order"),
             }),
         }
@@ -167,6 +167,17 @@ impl<'de> Deserialize<'de> for TransformSteps {
     }
 }
 
+/// Only the default is serialised, into the JSON Schema: the steps themselves are not kept.
+impl Serialize for TransformSteps {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        if self.0 == Transform::IDENTITY {
+            serializer.collect_seq([(); 0])
+        } else {
+            Err(serde::ser::Error::custom("only the identity is serialised"))
+        }
+    }
+}
+
 impl JsonSchema for TransformSteps {
     fn schema_name() -> Cow<'static, str> {
         "Steps".into()
@@ -209,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn faults_are_told_at_their_places() {
+    fn errors_are_reported_at_their_positions() {
         for (value, place, why) in [
             ("{ scale = 0 }", "{ scale = 0 }", "singular"),
             ("[{ scale = 2 }, { turn = 1 }]", "turn", "unknown key"),

@@ -129,7 +129,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn transmittance_of_an_endless_segment_is_one_or_zero() {
+    fn transmittance_of_an_infinite_segment_is_one_or_zero() {
         let medium = Rgb::new(0.0, 1e-9, 5.0);
         assert_eq!(medium.transmittance(f64::INFINITY), Rgb::new(1.0, 0.0, 0.0));
         assert_eq!(medium.transmittance(0.0), Rgb::WHITE);

@@ -10,7 +10,7 @@
 
 use crate::{DVec3, PathLetter, Scene, SpecularRay, SpecularRayKind, SpecularRays, SurfaceInteraction};
 
-/// The glossy lobe of a surface: the reflection branch, split into equally weighted directions.
+/// The glossy lobe of a surface: the reflection ray, split into equally weighted directions.
 #[derive(Clone, Copy, Debug)]
 pub struct GlossyLobe<'a> {
     /// Unit normal on the viewer's side.
@@ -51,8 +51,8 @@ impl GlossyLobe<'_> {
 }
 
 impl Scene {
-    /// Calls `visit` for each branch of a surface in reverse order. A glossy reflection is visited
-    /// as all its rays.
+    /// Calls `visit` for each specular ray of a surface in reverse order. A glossy reflection is
+    /// visited as all its rays.
     pub fn for_each_branch_rev(
         &self,
         shape: u32,
@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn the_least_rotation_keeps_lengths_and_angles() {
+    fn the_minimal_rotation_preserves_lengths_and_angles() {
         let a = DVec3::new(2.0, -1.0, 0.5).normalize();
         let q = a.cross(DVec3::X).normalize();
         for b in [a, DVec3::Y, DVec3::NEG_Z, -a] {
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn directions_are_unit_vectors_next_to_the_pole_too() {
+    fn directions_near_the_pole_are_unit_vectors() {
         let lobe = [DVec3::new(0.6, 0.0, 0.8)];
         for step in [0.0, 1e-16, 1e-12, 1e-9, 1e-6, 1e-3] {
             let n = -(AXIS + step * DVec3::new(1.0, -2.0, 3.0)).normalize();
@@ -131,7 +131,7 @@ mod tests {
 
     /// Continuity away from the pole: a step changes a direction by at most a few times its length.
     #[test]
-    fn directions_follow_the_normal() {
+    fn directions_vary_continuously_with_the_normal() {
         let lobe = [DVec3::new(0.6, 0.0, 0.8), DVec3::new(0.0, 0.6, 0.8)];
         let about = |n: DVec3| {
             let lobe = GlossyLobe { n, lobe: &lobe };
@@ -147,8 +147,8 @@ mod tests {
                 continue;
             }
             for step in [DVec3::X, DVec3::Y, DVec3::Z] {
-                let beside = (n + 1e-6 * step).normalize();
-                for (a, b) in about(n).iter().zip(about(beside)) {
+                let neighbour = (n + 1e-6 * step).normalize();
+                for (a, b) in about(n).iter().zip(about(neighbour)) {
                     worst = worst.max((*a - b).length() / 1e-6);
                 }
             }

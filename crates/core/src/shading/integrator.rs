@@ -17,8 +17,8 @@ use std::sync::Arc;
 
 /// Computes the radiance that arrives along a camera ray.
 pub trait Integrator: Send + Sync {
-    /// Whether it follows the branches of materials. If not, the plan skips everything that only
-    /// branches need.
+    /// Whether it follows the specular rays of materials. If not, the plan skips everything that
+    /// only specular rays need.
     fn follows_branches(&self) -> bool;
 
     /// Upper bound on path length when every bounce splits into `directions` equally weighted rays.
@@ -89,7 +89,7 @@ pub struct Scene {
     /// The responses of each material, in the same order.
     responses: Vec<BsdfFlags>,
     /// Union of the responses of all materials.
-    pub(crate) lobes: BsdfFlags,
+    pub(crate) flags: BsdfFlags,
     /// Whether any material reads footprints.
     footprints: bool,
 }
@@ -104,16 +104,16 @@ impl Scene {
     ) -> Self {
         let mut needs: Vec<SurfaceAttributes> = materials.iter().map(|material| material.needs()).collect();
         let responses: Vec<BsdfFlags> = materials.iter().map(|material| material.flags()).collect();
-        let lobes = responses
+        let flags = responses
             .iter()
-            .fold(BsdfFlags::NOTHING, |all, lobes| all | *lobes);
+            .fold(BsdfFlags::NOTHING, |all, flags| all | *flags);
         let footprints = needs
             .iter()
             .any(|needs| needs.contains(SurfaceAttributes::FOOTPRINT));
         if footprints {
             // Rays that are reflected or transmitted must keep their ray differentials.
-            for (needs, lobes) in needs.iter_mut().zip(&responses) {
-                if lobes.intersects(BsdfFlags::SPECULAR) {
+            for (needs, flags) in needs.iter_mut().zip(&responses) {
+                if flags.intersects(BsdfFlags::SPECULAR) {
                     *needs |= SurfaceAttributes::FOOTPRINT;
                 }
             }
@@ -141,7 +141,7 @@ impl Scene {
             has_glossy_reflections,
             needs,
             responses,
-            lobes,
+            flags,
             footprints,
         }
     }
@@ -153,10 +153,10 @@ impl Scene {
         self.needs.fill(SurfaceAttributes::ALL);
         self.footprints = true;
         self.culls_lights = false;
-        for lobes in &mut self.responses {
-            *lobes = *lobes | BsdfFlags::ZERO_IF_ABSENT;
+        for flags in &mut self.responses {
+            *flags = *flags | BsdfFlags::ZERO_IF_ABSENT;
         }
-        self.lobes = self.lobes | BsdfFlags::ZERO_IF_ABSENT | BsdfFlags::CUT_OUTS;
+        self.flags = self.flags | BsdfFlags::ZERO_IF_ABSENT | BsdfFlags::CUT_OUTS;
         self
     }
 
@@ -204,7 +204,7 @@ impl Scene {
         bodies.face(shape, inside, point.n_g.dot(view) > 0.0)
     }
 
-    /// The branches at a surface, for a ray in the bodies `inside`.
+    /// The specular rays at a surface, for a ray in the bodies `inside`.
     pub fn specular_rays(
         &self,
         shape: u32,
@@ -384,9 +384,9 @@ pub struct LightMemory {
 }
 
 impl Scene {
-    /// [`Self::gather_lights`] for every point of a stream, into `memory.samples`. `origin_primitive` are the
-    /// primitives that the points lie on, `media` the absorption coefficients on the viewers'
-    /// sides.
+    /// [`Self::gather_lights`] for every point of a stream, into `memory.samples`.
+    /// `origin_primitive` contains the primitives that the points lie on, `media` the absorption
+    /// coefficients on the viewers' sides.
     pub fn gather_lights_stream(
         &self,
         points: &SurfaceStream,
@@ -600,7 +600,7 @@ pub struct TreeNode {
 /// Numbers of rays traced and of points shaded.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Nearest-hit queries: camera rays and branches.
+    /// Nearest-hit queries: camera rays and specular rays.
     pub closest: u64,
     /// Shadow rays.
     pub shadow: u64,

@@ -4,7 +4,7 @@ use crate::{GlossyLobe, PrioritizedDielectric, Rgb, SourceSpan, SurfaceAttribute
 use glam::DVec3;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::{Error, Visitor};
-use serde::{Deserialize, Deserializer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::borrow::Cow;
 use std::fmt;
 use std::ops::BitOr;
@@ -13,7 +13,7 @@ use toml::Spanned;
 /// How a surface scatters and emits light.
 ///
 /// Rule S ([`SurfaceInteraction::seen_from`]) has been applied to all surface points passed in.
-/// Integrators apply rule G, to lights and branches alike.
+/// Integrators apply rule G, to lights and specular rays alike.
 pub trait Material: Send + Sync {
     /// Which of the methods below may return something other than zero.
     fn flags(&self) -> BsdfFlags;
@@ -28,8 +28,8 @@ pub trait Material: Send + Sync {
         Rgb::BLACK
     }
 
-    /// [`Self::local_illumination`] for every point of a stream. A light sample that does not reach its point is
-    /// black in that lane.
+    /// [`Self::local_illumination`] for every point of a stream. A light sample that does not reach
+    /// its point is black in that lane.
     fn local_illumination_stream(
         &self,
         points: &SurfaceStream,
@@ -108,7 +108,7 @@ pub trait Material: Send + Sync {
         1
     }
 
-    /// The glossy lobe around the mirror direction of the reflection branch; `None` for a perfect
+    /// The glossy lobe around the mirror direction of the reflection ray; `None` for a perfect
     /// mirror.
     fn glossy_lobe(&self, point: &SurfaceInteraction, view: DVec3) -> Option<GlossyLobe<'_>> {
         let _ = (point, view);
@@ -155,7 +155,7 @@ impl BsdfFlags {
     pub const TRANSPARENT_SHADOWS: Self = Self(64);
     /// It shades with a normal other than the shape's (normal or bump map).
     pub const NORMAL_MAPPED: Self = Self(128);
-    /// Every kind of branch.
+    /// Every kind of specular ray.
     pub const SPECULAR: Self = Self(2 + 4 + 8);
     /// Everything that the surface shows without following rays: local illumination and emission.
     pub const LOCAL_OR_EMISSIVE: Self = Self(1 + 16);
@@ -188,7 +188,7 @@ impl BitOr for BsdfFlags {
     }
 }
 
-/// The side of the surface that a branch goes to.
+/// The side of the surface that a specular ray goes to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SpecularRayKind {
     /// Back to the viewer's side, in the viewer's medium.
@@ -256,6 +256,12 @@ impl<'de> Deserialize<'de> for MaterialRef {
     }
 }
 
+impl Serialize for MaterialRef {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.material.serialize(serializer)
+    }
+}
+
 impl JsonSchema for MaterialRef {
     fn schema_name() -> Cow<'static, str> {
         "MaterialRef".into()
@@ -287,7 +293,7 @@ pub struct SpecularRay {
     pub kind: SpecularRayKind,
 }
 
-/// At most two branches: a reflection and a transmission.
+/// At most two specular rays: a reflection and a transmission.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SpecularRays {
     reflection: Option<SpecularRay>,
@@ -295,17 +301,21 @@ pub struct SpecularRays {
 }
 
 impl SpecularRays {
-    /// Adds a branch. Panics if there is already one of its kind: that is a bug in the material.
+    /// Adds a specular ray. Panics if there is already one of its kind: that is a bug in the
+    /// material.
     pub fn push(&mut self, branch: SpecularRay) {
         let slot = match branch.kind {
             SpecularRayKind::Reflection => &mut self.reflection,
             SpecularRayKind::Transmission { .. } | SpecularRayKind::Null => &mut self.transmission,
         };
-        assert!(slot.is_none(), "a material has at most one branch of a kind");
+        assert!(
+            slot.is_none(),
+            "a material has at most one specular ray of each kind"
+        );
         *slot = Some(branch);
     }
 
-    /// Adds the branches of a component of the material, scaled by `share`. If a branch of that
+    /// Adds the specular rays of a component of the material, scaled by `share`. If a ray of that
     /// kind exists, its weight grows and it keeps its direction.
     pub fn merge(&mut self, parts: &Self, share: Rgb) {
         for part in parts.iter() {
@@ -322,22 +332,22 @@ impl SpecularRays {
         }
     }
 
-    /// The branches, reflection first.
+    /// The specular rays, reflection first.
     pub fn iter(&self) -> impl DoubleEndedIterator<Item = &SpecularRay> {
         self.reflection.iter().chain(&self.transmission)
     }
 }
 
-/// One kind of branch for each point of a stream.
+/// One kind of specular ray for each point of a stream.
 #[derive(Clone, Default)]
 pub struct SpecularRayStream {
     /// Unit directions away from the surfaces.
     pub direction: Vectors,
-    /// Factors on the radiance from there; weight zero means no branch.
+    /// Factors on the radiance from there; weight zero means no ray.
     pub weight: Colors,
 }
 
-/// The branches of the points of a stream: at most a reflection and a transmission each.
+/// The specular rays of the points of a stream: at most a reflection and a transmission each.
 #[derive(Clone, Default)]
 pub struct SpecularRayStreams {
     /// On the viewer's side, in the viewer's medium.
@@ -347,7 +357,7 @@ pub struct SpecularRayStreams {
     /// Absorption coefficients (per metre) of the media of the transmitted rays.
     pub absorption: Colors,
     /// Whether the transmitted ray continues undeviated in its current medium, instead of entering
-    /// that of `absorption`. Read only for materials with the lobe [`BsdfFlags::NULL`].
+    /// that of `absorption`. Read only for materials with the flag [`BsdfFlags::NULL`].
     pub straight: LaneMask,
 }
 
@@ -362,14 +372,14 @@ impl Default for LaneMask {
 }
 
 impl SpecularRayStreams {
-    /// Removes both branches of a lane.
+    /// Removes both rays of a lane.
     #[inline(always)]
     pub fn clear(&mut self, lane: usize) {
         self.reflection.weight.set(lane, Rgb::BLACK);
         self.transmission.weight.set(lane, Rgb::BLACK);
     }
 
-    /// Replaces the branch of this kind in a lane.
+    /// Replaces the ray of this kind in a lane.
     #[inline(always)]
     pub fn set(&mut self, lane: usize, branch: &SpecularRay) {
         let stream = match branch.kind {

@@ -5,8 +5,8 @@
 //! priority fills the space. An interface with the same dominant medium on both sides is ignored. A
 //! liquid may therefore overlap its container slightly; no shared boundary surface is needed.
 //!
-//! Scenes without priorities pay almost nothing: they have no [`NestedDielectrics`], and each ray carries one
-//! unused integer.
+//! Scenes without priorities pay almost nothing: they have no [`NestedDielectrics`], and each ray
+//! carries one unused integer.
 
 use crate::{
     DVec3, Material, Rgb, SpecularRay, SpecularRayKind, SpecularRays, SurfaceInteraction, Transmittance,
@@ -39,7 +39,7 @@ pub trait PrioritizedDielectric: Send + Sync {
     /// What fills the body.
     fn medium(&self) -> Medium;
 
-    /// The branches at an interface from `from`, the viewer's side, to `to`; replaces
+    /// The specular rays at an interface from `from`, the viewer's side, to `to`; replaces
     /// [`Material::specular_rays`].
     fn specular_rays_between(
         &self,
@@ -153,7 +153,7 @@ impl NestedDielectrics {
 }
 
 impl MediumInterface {
-    /// The branches of a ray at the interface.
+    /// The specular rays of a ray at the interface.
     pub fn specular_rays(
         &self,
         body: &dyn PrioritizedDielectric,
@@ -188,7 +188,7 @@ impl MediumInterface {
         }
     }
 
-    /// The bodies that a branch of this kind travels in.
+    /// The bodies that a specular ray of this kind travels in.
     pub fn inside(&self, kind: SpecularRayKind) -> MediumStack {
         match kind {
             SpecularRayKind::Reflection => self.before,
@@ -281,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn the_side_of_a_face_counts_more_than_what_was_known() {
+    fn the_side_of_an_interface_overrides_the_medium_stack() {
         let bodies = bodies(&[Some(3)]).unwrap();
         // A camera inside the body: its ray starts with an empty set.
         let face = bodies.face(0, MediumStack::NOTHING, false).unwrap();
@@ -293,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn there_may_be_as_many_as_bits() {
+    fn there_may_be_64_bodies() {
         let bodies = bodies(&[Some(0); 70]).unwrap();
         let mut inside = MediumStack::NOTHING;
         for shape in (0..64).rev() {

@@ -59,7 +59,7 @@ impl MediumState {
     }
 }
 
-/// The kind of branch that a ray is.
+/// How a ray was spawned from its parent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PathLetter {
     /// Reflection.

@@ -1,10 +1,10 @@
 //! Ray differentials and footprints, for texture filtering.
 //!
 //! Igehy, *Tracing ray differentials*, SIGGRAPH 1999. Equations 9 to 17 (reflection and refraction)
-//! are not implemented per material. Instead, the material computes the branches of a neighbouring
-//! ray, offset by [`STEP`], and the camera its ray: every material and camera has differentials
-//! without extra code. They only affect filtering: single precision is enough, and no ray changes
-//! direction.
+//! are not implemented per material. Instead, the material computes the specular rays of a
+//! neighbouring ray, offset by [`STEP`], and the camera its ray: every material and camera has
+//! differentials without extra code. They only affect filtering: single precision is enough, and no
+//! ray changes direction.
 
 use crate::simd::{self, select};
 use crate::stream::{LANES, Lanes, Optional, RayStream};
@@ -22,8 +22,8 @@ pub const STEP: f64 = 1.0 / (1 << 17) as f64;
 /// Lower bound on the cosine between ray and normal: limits how far a footprint is stretched.
 const GRAZING: f64 = 1.0 / (1 << 20) as f64;
 
-/// Upper bound on the differential of a branch's direction, in radians per sample. At the critical
-/// angle it would be unbounded.
+/// Upper bound on the differential of a specular ray's direction, in radians per sample. At the
+/// critical angle it would be unbounded.
 const WIDEST: f64 = 1.0;
 
 /// The ray differentials: first derivatives of a ray towards the next sample to the right and the
@@ -59,8 +59,8 @@ impl Footprint {
 
 /// The derivative from two values that are [`STEP`] apart.
 #[inline(always)]
-fn slope(here: DVec3, beside: DVec3, scale: f64) -> Vec3 {
-    ((beside - here) * (scale / STEP)).as_vec3()
+fn slope(here: DVec3, neighbour: DVec3, scale: f64) -> Vec3 {
+    ((neighbour - here) * (scale / STEP)).as_vec3()
 }
 
 /// The differentials of a camera ray from its two neighbours.
@@ -111,9 +111,11 @@ impl RayDifferential {
     ) -> Footprint {
         let [right, below] = self.meet(ray, hit.t, point.n_g);
         let uv = |step: DVec3| {
-            let beside =
+            let neighbour =
                 geometry.surface_at_offset(point, hit, point.position + STEP * step, SurfaceAttributes::UV);
-            beside.map_or(Vec2::ZERO, |beside| ((beside.uv - point.uv) / STEP).as_vec2())
+            neighbour.map_or(Vec2::ZERO, |neighbour| {
+                ((neighbour.uv - point.uv) / STEP).as_vec2()
+            })
         };
         Footprint {
             uv: if needs.contains(SurfaceAttributes::UV) {
@@ -127,10 +129,13 @@ impl RayDifferential {
 }
 
 impl Scene {
-    /// The differentials of a branch in unit direction `direction`, found by applying the material
-    /// to the neighbours of the ray. `point` is after rule S. Surfaces without derivatives count as
-    /// flat. `inside` are the bodies that the ray is in.
-    #[allow(clippy::too_many_arguments, reason = "all that a branch depends on")]
+    /// The differentials of a specular ray in unit direction `direction`, found by applying the
+    /// material to the neighbours of the ray. `point` is after rule S. Surfaces without derivatives
+    /// count as flat. `inside` is the set of bodies that the ray is in.
+    #[allow(
+        clippy::too_many_arguments,
+        reason = "everything that a specular ray depends on"
+    )]
     pub fn differential_of_branch(
         &self,
         differential: &RayDifferential,
@@ -142,21 +147,21 @@ impl Scene {
     ) -> RayDifferential {
         let position = differential.meet(ray, hit.t, point.n_g);
         let turned = [0, 1].map(|side| {
-            let mut beside = *point;
-            beside.position += STEP * position[side];
+            let mut neighbour = *point;
+            neighbour.position += STEP * position[side];
             let there =
                 self.geometry
-                    .surface_at_offset(point, hit, beside.position, self.needs_of(hit.shape));
+                    .surface_at_offset(point, hit, neighbour.position, self.needs_of(hit.shape));
             if let Some(there) = there {
-                beside.uv = there.uv;
+                neighbour.uv = there.uv;
                 // Rule S has been applied to `point`, but not to `there`.
                 let same = there.n_s.dot(point.n_s) >= 0.0;
-                beside.n_s = select(same, 1.0, -1.0) * there.n_s;
+                neighbour.n_s = select(same, 1.0, -1.0) * there.n_s;
             }
             let view = -(ray.direction + STEP * differential.direction[side].as_dvec3()).normalize();
             let mut branches = SpecularRays::default();
-            self.specular_rays(hit.shape, inside, &beside, view, &mut branches);
-            // Beyond the critical angle the neighbour has no such branch: use the differential of
+            self.specular_rays(hit.shape, inside, &neighbour, view, &mut branches);
+            // Beyond the critical angle the neighbour has no such ray: use the differential of
             // the ray.
             let found = branches
                 .iter()
@@ -263,17 +268,17 @@ impl FootprintStream {
 }
 
 impl RayStream {
-    /// [`RayDifferential::of_camera`] for every ray; the camera has generated the rays from these positions.
-    /// `surface_at_offset` is working memory.
+    /// [`RayDifferential::of_camera`] for every ray; the camera has generated the rays from these
+    /// positions. `neighbours` is working memory.
     pub fn differential_from_camera(
         &mut self,
         camera: &dyn Camera,
         raster: &Lanes<DVec2>,
         point: u32,
         scale: f64,
-        beside: &mut Optional<[RayStream; 2]>,
+        neighbours: &mut Optional<[RayStream; 2]>,
     ) {
-        let [right, below] = beside.turn_on();
+        let [right, below] = neighbours.turn_on();
         let mut moved = *raster;
         for (axis, rays) in [(DVec2::X, &mut *right), (DVec2::Y, &mut *below)] {
             for (to, from) in moved.iter_mut().zip(raster).take(self.len) {

@@ -6,7 +6,7 @@ use crate::{
 };
 use glam::DVec3;
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 /// Transmittance below this in every channel counts as zero: the threshold of the lecture notes.
 const CUT: f64 = 0.002;
@@ -15,7 +15,7 @@ const CUT: f64 = 0.002;
 const MOST_CROSSINGS: usize = 1000;
 
 /// Treatment of surfaces between a surface point and a light.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ShadowMode {
     /// Every surface hides the lights behind it, except through its holes.
@@ -28,7 +28,7 @@ pub enum ShadowMode {
 }
 
 impl ShadowMode {
-    /// The lobes that let light through.
+    /// The BSDF flags of surfaces that let light through.
     pub(crate) fn passing(self) -> BsdfFlags {
         match self {
             Self::None => BsdfFlags::NOTHING,
@@ -73,7 +73,7 @@ fn aim(ray: &Ray, free: f64, start: DVec3) -> (Ray, f64) {
 impl Scene {
     /// Whether some surface lets light through, so that an occlusion test does not suffice.
     pub(crate) fn lets_through(&self, shadowing: ShadowMode) -> bool {
-        self.lobes.intersects(shadowing.passing())
+        self.flags.intersects(shadowing.passing())
     }
 
     /// Transmittance of a shadow ray from its origin up to `free` metres. `medium` is the medium at

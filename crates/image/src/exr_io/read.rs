@@ -76,7 +76,7 @@ fn decode_parts(
     check_headers(&meta, length, limits)?;
     let names = channel_names(&meta);
     let Some(first) = meta.headers.first() else {
-        return Err(ReadFault::Damaged("there is no part".to_owned()));
+        return Err(ReadFault::Damaged("the file has no parts".to_owned()));
     };
     let (width, height) = (first.layer_size.width(), first.layer_size.height());
     let kept = names.iter().flatten().filter(|name| keep(name)).count();
@@ -108,7 +108,7 @@ fn decode_parts(
         let header = &meta.headers[part];
         if block.index.level != Vec2(0, 0) || !seen.insert((part, at.x(), at.y())) {
             return Err(ReadFault::Damaged(format!(
-                "a block at column {}, row {} is there twice",
+                "the block at column {}, row {} occurs twice",
                 at.x(),
                 at.y()
             )));
@@ -137,7 +137,7 @@ fn decode_parts(
         }
     }
     if covered.iter().any(|&pixels| pixels != width * height) {
-        return Err(ReadFault::Damaged("some blocks are missing".to_owned()));
+        return Err(ReadFault::Damaged("the file lacks some blocks".to_owned()));
     }
     let all = names.iter().flatten().cloned().collect();
     Ok((assemble(&meta, names, planes)?, all))
@@ -189,7 +189,7 @@ fn check_headers(meta: &MetaData, length: u64, limits: Limits) -> Result<(), Rea
         .any(|header| window(header) != window(&meta.headers[0]))
     {
         return Err(ReadFault::Unsupported(
-            "parts with different data windows".to_owned(),
+            "parts with different data windows; all parts must have the same one".to_owned(),
         ));
     }
     Ok(())
@@ -280,7 +280,7 @@ fn check_dwa_counters(chunk: &Chunk, meta: &MetaData) -> Result<(), ReadFault> {
     const OUTPUT_COUNTERS: [usize; 5] = [1, 6, 7, 8, 9];
     let Some(header) = meta.headers.get(chunk.layer_index) else {
         return Err(ReadFault::Damaged(
-            "a block of a part that there is not".to_owned(),
+            "a block refers to a part that does not exist".to_owned(),
         ));
     };
     let data = match &chunk.compressed_block {
@@ -315,7 +315,7 @@ fn check_dwa_counters(chunk: &Chunk, meta: &MetaData) -> Result<(), ReadFault> {
             .is_some_and(|&bytes| u64::from_le_bytes(bytes) > bound)
         {
             return Err(ReadFault::Damaged(
-                "a DWA block claims more data than its pixels can have".to_owned(),
+                "a DWA block declares more data than its pixels can need".to_owned(),
             ));
         }
     }

@@ -134,7 +134,7 @@ fn files_round_trip_and_equal_images_give_equal_bytes() {
 }
 
 #[test]
-fn the_file_says_what_it_must() {
+fn the_header_has_the_documented_contents() {
     let bytes = encode(&sample(8, 8)).unwrap();
     let meta = exr::meta::MetaData::read_from_buffered(bytes.as_slice(), true).unwrap();
     let header = &meta.headers[0];
@@ -167,7 +167,7 @@ fn the_file_says_what_it_must() {
 }
 
 #[test]
-fn placement_round_trips_and_windows_are_kept_apart() {
+fn placement_round_trips_and_different_windows_do_not_compare() {
     let mut image = sample(4, 3);
     image.set_placement(Placement {
         x: -2,
@@ -273,7 +273,7 @@ fn every_encoding_and_sample_type_is_read() {
 }
 
 #[test]
-fn parts_are_merged_and_names_kept_apart() {
+fn parts_are_merged_and_channel_names_stay_distinct() {
     let part = |name: &str, channels: Vec<&'static str>, size| {
         let list: Vec<_> = channels
             .into_iter()
@@ -364,7 +364,7 @@ fn with_data_window(bytes: &[u8], window: [i32; 4]) -> Vec<u8> {
 }
 
 #[test]
-fn a_small_file_that_claims_to_be_huge_is_refused() {
+fn a_small_file_with_a_huge_declared_size_is_rejected() {
     let bytes = encode(&sample(20, 10)).unwrap();
     for (right, bottom) in [
         (65535, 65535),
@@ -391,7 +391,7 @@ fn a_small_file_that_claims_to_be_huge_is_refused() {
 }
 
 #[test]
-fn a_dwa_block_cannot_claim_terabytes() {
+fn a_dwa_block_cannot_declare_terabytes() {
     let channels = vec![(
         "R",
         FlatSamples::F16(ramp(1024).into_iter().map(f16::from_f32).collect()),

@@ -25,7 +25,7 @@ fn default_compare(ours: &Image, reference: &Image) -> Metrics {
 }
 
 #[test]
-fn equal_images_differ_by_nothing() {
+fn equal_images_have_zero_error() {
     let image = picture(33, 17);
     let metrics = default_compare(&image, &image);
     assert_eq!(
@@ -113,7 +113,7 @@ fn a_shift_of_one_pixel_shows() {
 }
 
 #[test]
-fn what_is_not_finite_fails_and_is_counted_on_each_side() {
+fn values_that_are_not_finite_fail_and_are_counted_on_each_side() {
     let good = picture(5, 4);
     let bad = map(&good, |x, y, [r, g, b]| match (x, y) {
         (3, 2) => [f32::NAN, g, f32::INFINITY],
@@ -174,7 +174,7 @@ fn what_is_not_finite_fails_and_is_counted_on_each_side() {
 }
 
 #[test]
-fn what_does_not_fit_is_an_error() {
+fn mismatched_images_and_options_are_errors() {
     let image = picture(6, 4);
     let error = compare(&image, &picture(4, 6), &CompareOptions::default()).unwrap_err();
     assert_eq!(
@@ -198,7 +198,10 @@ fn what_does_not_fit_is_an_error() {
         ),
         "{error}"
     );
-    assert_eq!(error.to_string(), "the reference: no channel `R`; there are: Y");
+    assert_eq!(
+        error.to_string(),
+        "the reference: no channel `R`; available channels: Y"
+    );
 
     let mut cropped = image.clone();
     cropped.set_placement(Placement {
@@ -270,7 +273,7 @@ fn tolerance_is_sharp_on_both_sides() {
 }
 
 #[test]
-fn excluded_pixels_leave_the_interior_alone() {
+fn excluded_pixels_change_only_the_interior_metrics() {
     let reference = picture(40, 40);
     let ours = map(&reference, |x, y, [r, g, b]| {
         if x == 20 {
@@ -323,7 +326,7 @@ fn excluded_pixels_leave_the_interior_alone() {
 }
 
 #[test]
-fn a_bias_below_tolerance_everywhere_is_seen() {
+fn a_bias_below_tolerance_everywhere_is_detected() {
     // Blue, in the block at (32, 16), is too dark by 5e-4 of the value. Elsewhere the error is as
     // large, but with alternating signs.
     let reference = picture(64, 48);

@@ -53,7 +53,7 @@ fn found(ours: &Image, reference: &Image) -> Significance {
 }
 
 #[test]
-fn tails_as_scipy_has_them() {
+fn tails_equal_those_of_scipy() {
     // 2 * scipy.stats.t.sf(t, degrees), version 1.17.
     for (t, degrees, expected) in [
         (0.5, 1.0, 0.7048327646991335),
@@ -152,7 +152,7 @@ fn rare(seed: u64, deviation: f64, probability: f64, factor: f64) -> Image {
 /// Unbiased images whose pixels miss a rare event are not significant: of 60 at a level of 1 %, at
 /// most 3 (the probability of more is 0.3 %). By their own variances alone, all would be.
 #[test]
-fn rare_events_that_pixels_miss_are_no_faults() {
+fn rare_events_that_pixels_miss_are_not_significant() {
     let converged = Image::from_fn(SIZE, SIZE, |_, _| [1.01; 3]).unwrap();
     for (deviation, hits) in [(0.0, 0.1), (0.005, 0.1), (0.005, 0.3), (0.02, 1.0), (0.005, 4.0)] {
         let (mut alarms, mut alone) = (0, 0);
@@ -215,7 +215,7 @@ fn many_tests_have_a_small_threshold() {
 }
 
 #[test]
-fn without_variance_what_is_over_tolerance_is_significant() {
+fn without_variance_every_pixel_over_tolerance_is_significant() {
     let mut flat = exact();
     for channel in RGB {
         flat.add_channel(format!("variance.{channel}"), vec![0.0; SIZE * SIZE])
@@ -231,7 +231,7 @@ fn without_variance_what_is_over_tolerance_is_significant() {
 }
 
 #[test]
-fn layers_that_say_nothing_are_refused() {
+fn unusable_layers_are_rejected() {
     let good = noisy(1, 4, 0.0, false);
     let fails = |change: &dyn Fn(&mut Image), text: &str| {
         let mut image = good.clone();

@@ -46,7 +46,7 @@ fn codes_are_normalised_and_not_decoded() {
 }
 
 #[test]
-fn alpha_is_read_by_itself_or_missed() {
+fn alpha_is_read_alone_or_reported_missing() {
     let alpha = |bytes: Vec<u8>| decode_from(Cursor::new(bytes), Limits::TEXTURE, Part::Alpha);
     for (bytes, expected) in [
         (png(ImageBuffer::from_pixel(1, 1, LumaA([9_u8, 51]))), 0.2),
@@ -190,7 +190,7 @@ fn exr_gives_linear_values_of_any_size() {
 }
 
 #[test]
-fn exr_without_colour_or_with_nan_is_refused() {
+fn exr_without_colour_or_with_nan_is_rejected() {
     let fault = decode(
         &exr(&[("R", vec![0.0; 6]), ("B", vec![0.0; 6]), ("Z", vec![0.0; 6])]),
         Limits::TEXTURE,
@@ -289,7 +289,7 @@ fn png_header(width: u32, height: u32) -> Vec<u8> {
 }
 
 #[test]
-fn a_huge_or_empty_header_is_refused() {
+fn a_huge_or_empty_header_is_rejected() {
     let fault = decode(&png_header(20_000, 20_000), Limits::TEXTURE).unwrap_err();
     assert!(matches!(fault, ReadFault::TooLarge { .. }), "{fault}");
     assert!(
@@ -302,7 +302,7 @@ fn a_huge_or_empty_header_is_refused() {
 }
 
 #[test]
-fn the_kind_is_known_by_the_contents() {
+fn the_contents_determine_the_format() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("wrong.jpg");
     std::fs::write(&path, png(ImageBuffer::from_pixel(2, 2, Luma([0_u8])))).unwrap();

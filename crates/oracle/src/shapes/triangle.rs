@@ -124,8 +124,8 @@ mod tests {
             // A point on an edge, moved sideways by nothing, a few units in the last place or a
             // visible distance.
             let at_edge = a + (b - a) * random().abs();
-            let beside = [0.0, 1e-16, 1e-12, 1e-3, 0.3][round % 5] * (1.0 + at_edge.length());
-            let target = at_edge + (at_edge - c) * beside;
+            let offset = [0.0, 1e-16, 1e-12, 1e-3, 0.3][round % 5] * (1.0 + at_edge.length());
+            let target = at_edge + (at_edge - c) * offset;
             let direction = target - origin;
             let outside = [a - origin, b - origin, c - origin];
             let size = a.abs().max(b.abs()).max(c.abs()).length() + origin.length();

@@ -1,15 +1,15 @@
 //! Ray differentials and texture footprints: section 10, *Footprints*.
 //!
 //! Derivatives are central differences of the functions of this tracer: the camera, the
-//! intersection of a surface with a line across it, and the branches of a material. No derivative
-//! is derived by hand, whatever the shape or the material.
+//! intersection of a surface with a line across it, and the specular rays of a material. No
+//! derivative is derived by hand, whatever the shape or the material.
 
 use whitstone_core::{DVec2, DVec3, Ray};
 
 /// The least cosine between a ray and the normal by which a step in the tangent plane is
 /// lengthened.
 const GRAZING: f64 = 1.0 / (1 << 20) as f64;
-/// Upper bound on the derivative of a branch direction, in radians per sample.
+/// Upper bound on the derivative of the direction of a specular ray, in radians per sample.
 const WIDEST: f64 = 1.0;
 /// Offset of the rays in a difference, in sample distances.
 pub(super) const APART: f64 = 1.0 / (1 << 12) as f64;

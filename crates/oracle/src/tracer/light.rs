@@ -1,7 +1,7 @@
 //! Lights: section 7 of the model.
 
 use super::pattern::{Codes, Lookup, Picture, Wrap};
-use super::texture::{Pattern, Place, Texture};
+use super::texture::{Place, Texture, TextureFunction};
 use super::{sky, unknown};
 use crate::shapes::mesh;
 use serde::Deserialize;
@@ -287,7 +287,7 @@ fn cube(description: &Description<'_>, faces: &Faces) -> Result<Vec<Picture>, Sc
         let codes = Codes::read(&face.file, description.sources.base());
         let picture = codes.and_then(|codes| Picture::of(&codes, None, &lookup));
         picture.map_err(|fault| {
-            let message = format!("the oracle does not know {fault}");
+            let message = format!("the oracle does not support {fault}");
             SceneErrors::from(SceneError::at(face.file.span.clone(), message))
         })
     };

@@ -6,7 +6,7 @@ mod read;
 use super::camera::lens;
 use super::footprint::{APART, Differential, bounded, slope};
 use super::texture::{Place, Texture};
-use bodies::{Face, Substance};
+use bodies::{Face, Medium};
 use read::Source;
 use std::f64::consts::PI;
 use whitstone_core::config::Color;
@@ -15,19 +15,19 @@ use whitstone_scene::{Description, ShapeTable};
 
 /// The medium that a ray travels in.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Medium {
+pub(super) struct MediumState {
     absorption: Rgb,
     /// The prioritised dielectrics that the ray is in: one bit per rank.
     inside: u64,
 }
 
-impl Default for Medium {
+impl Default for MediumState {
     fn default() -> Self {
         Self::of(Rgb::splat(0.0))
     }
 }
 
-impl Medium {
+impl MediumState {
     fn of(absorption: Rgb) -> Self {
         Self {
             absorption,
@@ -39,22 +39,22 @@ impl Medium {
         Self { inside, ..self }
     }
 
-    pub(super) fn over(self, length: f64) -> Rgb {
+    pub(super) fn transmittance(self, length: f64) -> Rgb {
         self.absorption.map(|a| (-a * length).exp())
     }
 
-    pub(super) fn endless(self) -> Rgb {
+    pub(super) fn transmittance_to_infinity(self) -> Rgb {
         self.absorption.map(|a| if a == 0.0 { 1.0 } else { 0.0 })
     }
 }
 
 /// A direction in which the ray tree continues.
-pub(super) struct Branch {
+pub(super) struct SpecularRay {
     pub(super) direction: DVec3,
     /// The direction to take the derivative of: for glossy materials, the mirror direction.
     course: DVec3,
     pub(super) weight: Rgb,
-    pub(super) medium: Medium,
+    pub(super) medium: MediumState,
     /// Whether it crosses the surface.
     pub(super) transmitted: bool,
 }
@@ -62,12 +62,12 @@ pub(super) struct Branch {
 /// Indices of refraction and absorption inside and outside.
 struct Interface {
     ior: [f64; 2],
-    media: [Medium; 2],
+    media: [MediumState; 2],
 }
 
 impl Interface {
     fn new(ior: [Option<f64>; 2], absorption: [Option<Color>; 2]) -> Self {
-        let medium = |color: Option<Color>| Medium::of(color.map_or(Rgb::splat(0.0), Color::get));
+        let medium = |color: Option<Color>| MediumState::of(color.map_or(Rgb::splat(0.0), Color::get));
         Self {
             ior: [ior[0].unwrap_or(1.5), ior[1].unwrap_or(1.0)],
             media: absorption.map(medium),
@@ -76,11 +76,11 @@ impl Interface {
 
     /// The interface between the media on the viewer's side and on the far side; `outside` tells
     /// where the viewer is.
-    fn seen(outside: bool, [here, there]: [Substance; 2]) -> Self {
+    fn seen(outside: bool, [here, there]: [Medium; 2]) -> Self {
         let [inner, outer] = if outside { [there, here] } else { [here, there] };
         Self {
             ior: [inner.ior, outer.ior],
-            media: [inner.absorption, outer.absorption].map(Medium::of),
+            media: [inner.absorption, outer.absorption].map(MediumState::of),
         }
     }
 }
@@ -98,7 +98,7 @@ enum Kind {
         exponent: f64,
         highlight: Highlight,
         /// Only for `whitted`.
-        branches: Option<Box<([Texture; 2], Interface)>>,
+        specular_rays: Option<Box<([Texture; 2], Interface)>>,
     },
     Mirror(Texture),
     /// Directions about +z, equally weighted.
@@ -223,17 +223,17 @@ impl<'a> At<'a> {
 }
 
 impl At<'_> {
-    /// The ray differentials of its branches. `arriving` is that of the incoming ray, which
+    /// The ray differentials of its specular rays. `arriving` is that of the incoming ray, which
     /// travelled in `medium`.
     pub(super) fn differentials(
         &self,
-        branches: &[Branch],
+        specular_rays: &[SpecularRay],
         arriving: &Differential,
-        medium: Medium,
+        medium: MediumState,
     ) -> Vec<Differential> {
         let footprint = self.spot.footprint;
-        // The branches at offset points: left and right, above and below.
-        let beside = [0, 1].map(|side| {
+        // The specular rays at offset points: left and right, above and below.
+        let neighbours = [0, 1].map(|side| {
             [-APART, APART].map(|away| {
                 let spot = Place {
                     uv: self.spot.uv + away * footprint.uv[side],
@@ -242,21 +242,23 @@ impl At<'_> {
                     footprint,
                 };
                 let viewer = (self.viewer - away * arriving.direction[side]).normalize();
-                At::new(self.kind, spot, self.n_g, viewer).branches(medium)
+                At::new(self.kind, spot, self.n_g, viewer).specular_rays(medium)
             })
         });
-        let of = |branch: &Branch| Differential {
+        let of = |specular_ray: &SpecularRay| Differential {
             origin: footprint.p,
             direction: [0, 1].map(|side| {
                 let [before, after] = [0, 1].map(|k| {
-                    let there = &beside[side][k];
-                    let same = there.iter().find(|one| one.transmitted == branch.transmitted);
+                    let there = &neighbours[side][k];
+                    let same = there
+                        .iter()
+                        .find(|one| one.transmitted == specular_ray.transmitted);
                     same.map(|one| one.course)
                 });
-                bounded(slope(before, branch.course, after, APART))
+                bounded(slope(before, specular_ray.course, after, APART))
             }),
         };
-        branches.iter().map(of).collect()
+        specular_rays.iter().map(of).collect()
     }
 
     pub(super) fn place(&self) -> &Place {
@@ -279,9 +281,9 @@ impl At<'_> {
     }
 
     /// Applies a normal map or bump map; the new normal must be on the viewer's side to count.
-    fn bent(&self) -> Option<At<'_>> {
+    fn perturbed(&self) -> Option<At<'_>> {
         let n_s = self.n_s;
-        let (inner, bent) = match self.kind {
+        let (inner, perturbed) = match self.kind {
             Kind::NormalMap(map, tangent, inner) => {
                 let [r, g, b] = map.at(&self.spot).to_array().map(|c| 2.0 * c - 1.0);
                 let t = tangent.at(n_s);
@@ -311,8 +313,8 @@ impl At<'_> {
             }
             _ => return None,
         };
-        let bent = bent.and_then(DVec3::try_normalize);
-        let seen = bent.filter(|n| self.viewer.dot(*n) * self.viewer.dot(self.n_g) > 0.0);
+        let perturbed = perturbed.and_then(DVec3::try_normalize);
+        let seen = perturbed.filter(|n| self.viewer.dot(*n) * self.viewer.dot(self.n_g) > 0.0);
         Some(self.with(inner).facing(seen.unwrap_or(n_s)))
     }
 
@@ -342,7 +344,7 @@ impl At<'_> {
                 w.map(|w| 1.0 - w) * of(&self.with(a)) + w * of(&self.with(b))
             }
             Kind::Mask(opacity, inner) => opacity.at(&self.spot) * of(&self.with(inner)),
-            _ => of(&self.bent()?),
+            _ => of(&self.perturbed()?),
         })
     }
 
@@ -369,7 +371,7 @@ impl At<'_> {
     }
 
     /// Reflected radiance for an irradiance of 1 on a surface that faces a light in direction `l`.
-    pub(super) fn answer(&self, l: DVec3) -> Rgb {
+    pub(super) fn eval(&self, l: DVec3) -> Rgb {
         let cosine = self.n.dot(l).max(0.0);
         match self.kind {
             Kind::Matte(reflectance) => reflectance.at(&self.spot) * (cosine / PI),
@@ -388,44 +390,48 @@ impl At<'_> {
                 };
                 k[0].at(&self.spot) * cosine + k[1].at(&self.spot) * base.max(0.0).powf(*exponent)
             }
-            Kind::Emissive(_, Some(inner)) => self.with(inner).answer(l),
+            Kind::Emissive(_, Some(inner)) => self.with(inner).eval(l),
             _ => {
-                let blended = self.blended(&|at| at.answer(l));
+                let blended = self.blended(&|at| at.eval(l));
                 blended.unwrap_or(Rgb::splat(0.0))
             }
         }
     }
 
-    /// The branches: reflection, then transmission, then the undeviated ray.
-    pub(super) fn branches(&self, medium: Medium) -> Vec<Branch> {
-        let reflected = |weight: Rgb| Branch {
+    /// The specular rays: reflection, then transmission, then the undeviated ray.
+    pub(super) fn specular_rays(&self, medium: MediumState) -> Vec<SpecularRay> {
+        let reflected = |weight: Rgb| SpecularRay {
             direction: self.mirrored(),
             course: self.mirrored(),
             weight,
             medium,
             transmitted: false,
         };
-        let straight = |weight: Rgb| Branch {
+        let straight = |weight: Rgb| SpecularRay {
             direction: -self.viewer,
             course: -self.viewer,
             weight,
             medium,
             transmitted: true,
         };
-        let scaled = |branches: Vec<Branch>, factor: Rgb| {
-            branches.into_iter().map(move |branch| Branch {
-                weight: branch.weight * factor,
-                ..branch
+        let scaled = |specular_rays: Vec<SpecularRay>, factor: Rgb| {
+            specular_rays.into_iter().map(move |specular_ray| SpecularRay {
+                weight: specular_ray.weight * factor,
+                ..specular_ray
             })
         };
         match self.kind {
-            Kind::Matte(_) | Kind::Gloss { branches: None, .. } | Kind::Emissive(_, None) => Vec::new(),
+            Kind::Matte(_)
+            | Kind::Gloss {
+                specular_rays: None, ..
+            }
+            | Kind::Emissive(_, None) => Vec::new(),
             Kind::Mirror(reflectance) => vec![reflected(reflectance.at(&self.spot))],
             Kind::Glossy(reflectance, lobe) => {
                 let weight = reflectance.at(&self.spot) * (1.0 / lobe.len() as f64);
                 let r = reflected(weight);
                 let [x, y] = self.across(r.direction);
-                let about = |q: &DVec3| Branch {
+                let about = |q: &DVec3| SpecularRay {
                     // `course` remains the mirror direction.
                     direction: q.x * x + q.y * y + q.z * r.direction,
                     ..r
@@ -445,30 +451,30 @@ impl At<'_> {
                     straight(tint.at(&self.spot) * ((1.0 - r) / (1.0 + r))),
                 ]
             }
-            Kind::Emissive(_, Some(inner)) => self.with(inner).branches(medium),
-            Kind::Sides(sides) => self.side(sides).branches(medium),
-            Kind::NormalMap(..) | Kind::Bump { .. } | Kind::BumpVectors(..) => {
-                self.bent().map_or_else(Vec::new, |bent| bent.branches(medium))
-            }
+            Kind::Emissive(_, Some(inner)) => self.with(inner).specular_rays(medium),
+            Kind::Sides(sides) => self.side(sides).specular_rays(medium),
+            Kind::NormalMap(..) | Kind::Bump { .. } | Kind::BumpVectors(..) => self
+                .perturbed()
+                .map_or_else(Vec::new, |perturbed| perturbed.specular_rays(medium)),
             Kind::Mask(opacity, inner) => {
                 let o = opacity.at(&self.spot);
-                let mut all: Vec<Branch> = scaled(self.with(inner).branches(medium), o).collect();
+                let mut all: Vec<SpecularRay> = scaled(self.with(inner).specular_rays(medium), o).collect();
                 all.push(straight(o.map(|o| 1.0 - o)));
                 all
             }
             Kind::Mix(weight, [a, b]) => {
                 let w = weight.at(&self.spot);
-                let mut all: Vec<Branch> =
-                    scaled(self.with(a).branches(medium), w.map(|w| 1.0 - w)).collect();
+                let mut all: Vec<SpecularRay> =
+                    scaled(self.with(a).specular_rays(medium), w.map(|w| 1.0 - w)).collect();
                 let of_a = all.len();
-                for branch in scaled(self.with(b).branches(medium), w) {
-                    // Branches in the same direction are merged, also for the contribution limit; a
-                    // glossy material has several.
+                for specular_ray in scaled(self.with(b).specular_rays(medium), w) {
+                    // Specular rays in the same direction are merged, also for the contribution limit.
+                    // A glossy material has several.
                     let mut of_a = all[..of_a].iter_mut();
-                    let same = of_a.find(|one| one.transmitted == branch.transmitted);
+                    let same = of_a.find(|one| one.transmitted == specular_ray.transmitted);
                     match same {
-                        Some(one) => one.weight += branch.weight,
-                        None => all.push(branch),
+                        Some(one) => one.weight += specular_ray.weight,
+                        None => all.push(specular_ray),
                     }
                 }
                 all
@@ -480,23 +486,23 @@ impl At<'_> {
                     None => vec![straight(Rgb::splat(1.0))],
                     Some(two) => self.glass(&Interface::seen(self.is_outside(), two), medium),
                 };
-                for branch in &mut all {
-                    branch.medium.inside = if branch.transmitted { other } else { own };
+                for specular_ray in &mut all {
+                    specular_ray.medium.inside = if specular_ray.transmitted { other } else { own };
                 }
                 all
             }
             Kind::Gloss {
-                branches: Some(branches),
+                specular_rays: Some(specular_rays),
                 ..
             } => {
-                let ([k_refl, k_refr], interface) = &**branches;
+                let ([k_refl, k_refr], interface) = &**specular_rays;
                 let [refl, refr] = [k_refl.at(&self.spot), k_refr.at(&self.spot)];
                 match self.refracted(interface) {
                     None => vec![reflected(refl + refr)],
-                    Some((mut branch, _, _)) => {
-                        branch.medium.inside = medium.inside;
-                        branch.weight = refr;
-                        vec![reflected(refl), branch]
+                    Some((mut specular_ray, _, _)) => {
+                        specular_ray.medium.inside = medium.inside;
+                        specular_ray.weight = refr;
+                        vec![reflected(refl), specular_ray]
                     }
                 }
             }
@@ -505,31 +511,31 @@ impl At<'_> {
 
     /// Transmittance of an undeviated shadow ray from the viewer's side (section 7), and the medium
     /// behind the surface if it changes. Unless `filtered`, only the holes of masks let light pass.
-    pub(super) fn filter(&self, filtered: bool, medium: Medium) -> (Rgb, Option<Medium>) {
+    pub(super) fn transmittance(&self, filtered: bool, medium: MediumState) -> (Rgb, Option<MediumState>) {
         let nothing = (Rgb::splat(0.0), None);
         let behind = |interface: &Interface| {
             let there = interface.media[usize::from(!self.is_outside())];
             Some(there.within(medium.inside))
         };
         match self.kind {
-            Kind::Emissive(_, Some(inner)) => self.with(inner).filter(filtered, medium),
-            Kind::Sides(sides) => self.side(sides).filter(filtered, medium),
+            Kind::Emissive(_, Some(inner)) => self.with(inner).transmittance(filtered, medium),
+            Kind::Sides(sides) => self.side(sides).transmittance(filtered, medium),
             Kind::Mask(opacity, inner) => {
                 let o = opacity.at(&self.spot);
-                let (left, medium) = self.with(inner).filter(filtered, medium);
+                let (left, medium) = self.with(inner).transmittance(filtered, medium);
                 (o.map(|o| 1.0 - o) + o * left, medium)
             }
             Kind::Mix(weight, [a, b]) => {
                 let w = weight.at(&self.spot);
                 let (a, b) = (
-                    self.with(a).filter(filtered, medium),
-                    self.with(b).filter(filtered, medium),
+                    self.with(a).transmittance(filtered, medium),
+                    self.with(b).transmittance(filtered, medium),
                 );
                 (w.map(|w| 1.0 - w) * a.0 + w * b.0, a.1.or(b.1))
             }
-            Kind::NormalMap(..) | Kind::Bump { .. } | Kind::BumpVectors(..) => {
-                self.bent().map_or(nothing, |bent| bent.filter(filtered, medium))
-            }
+            Kind::NormalMap(..) | Kind::Bump { .. } | Kind::BumpVectors(..) => self
+                .perturbed()
+                .map_or(nothing, |perturbed| perturbed.transmittance(filtered, medium)),
             Kind::Dielectric(interface) if filtered => (self.passes(interface), behind(interface)),
             Kind::Body(face) if filtered => {
                 let [own, other] = face.sets(self.is_outside(), medium.inside);
@@ -547,10 +553,10 @@ impl At<'_> {
                 (tint.at(&self.spot) * ((1.0 - r) / (1.0 + r)), None)
             }
             Kind::Gloss {
-                branches: Some(branches),
+                specular_rays: Some(specular_rays),
                 ..
             } if filtered => {
-                let ([_, k_refr], interface) = &**branches;
+                let ([_, k_refr], interface) = &**specular_rays;
                 match k_refr.is_black() {
                     true => nothing,
                     false => (k_refr.at(&self.spot), behind(interface)),
@@ -588,8 +594,8 @@ impl At<'_> {
     }
 
     /// Reflection and refraction by the Fresnel equations.
-    fn glass(&self, interface: &Interface, medium: Medium) -> Vec<Branch> {
-        let reflected = |weight: f64| Branch {
+    fn glass(&self, interface: &Interface, medium: MediumState) -> Vec<SpecularRay> {
+        let reflected = |weight: f64| SpecularRay {
             direction: self.mirrored(),
             course: self.mirrored(),
             weight: Rgb::splat(weight),
@@ -598,17 +604,17 @@ impl At<'_> {
         };
         match self.refracted(interface) {
             None => vec![reflected(1.0)],
-            Some((mut branch, r, eta)) => {
-                branch.medium.inside = medium.inside;
-                branch.weight = Rgb::splat((1.0 - r) * eta * eta);
-                vec![reflected(r), branch]
+            Some((mut specular_ray, r, eta)) => {
+                specular_ray.medium.inside = medium.inside;
+                specular_ray.weight = Rgb::splat((1.0 - r) * eta * eta);
+                vec![reflected(r), specular_ray]
             }
         }
     }
 
-    /// The transmitted branch, the reflectance and the relative index; `None` for total internal
+    /// The transmitted ray, the reflectance and the relative index; `None` for total internal
     /// reflection.
-    fn refracted(&self, interface: &Interface) -> Option<(Branch, f64, f64)> {
+    fn refracted(&self, interface: &Interface) -> Option<(SpecularRay, f64, f64)> {
         let outside = self.is_outside();
         let [interior, exterior] = interface.ior;
         let (n_i, n_t, medium) = if outside {
@@ -616,7 +622,7 @@ impl At<'_> {
         } else {
             (interior, exterior, interface.media[1])
         };
-        let branch = |direction| Branch {
+        let specular_ray = |direction| SpecularRay {
             direction,
             course: direction,
             weight: Rgb::splat(0.0),
@@ -624,7 +630,7 @@ impl At<'_> {
             transmitted: true,
         };
         if n_i == n_t {
-            return Some((branch(-self.viewer), 0.0, 1.0));
+            return Some((specular_ray(-self.viewer), 0.0, 1.0));
         }
         let eta = n_i / n_t;
         let cos_i = self.n.dot(self.viewer);
@@ -634,7 +640,7 @@ impl At<'_> {
         }
         let cos_t = (1.0 - sine).sqrt();
         let direction = (eta * cos_i - cos_t) * self.n - eta * self.viewer;
-        Some((branch(direction), reflectance(cos_i, n_t / n_i), eta))
+        Some((specular_ray(direction), reflectance(cos_i, n_t / n_i), eta))
     }
 }
 

@@ -1,7 +1,7 @@
 //! Noise textures: section 10 of the model.
 
 use super::pattern::colors;
-use super::texture::{MappingConfig, Pattern};
+use super::texture::{MappingConfig, TextureFunction};
 use crate::shapes::heightfield::m;
 use serde::Deserialize;
 use std::f64::consts::TAU;
@@ -137,7 +137,7 @@ impl Noise {
     }
 }
 
-impl Pattern for Noise {
+impl TextureFunction for Noise {
     fn at(&self, q: DVec3) -> Rgb {
         let p = q * self.scale;
         let plain = |n: f64| n;
@@ -189,7 +189,7 @@ impl Worley {
     }
 }
 
-impl Pattern for Worley {
+impl TextureFunction for Worley {
     fn at(&self, q: DVec3) -> Rgb {
         let p = q * self.scale;
         let cell = p.floor();

@@ -1,7 +1,7 @@
 //! Images and two-dimensional patterns: section 10 of the model.
 
 use super::pyramid::{Level, Mean};
-use super::texture::{MappingConfig, Pattern};
+use super::texture::{MappingConfig, TextureFunction};
 use serde::Deserialize;
 use std::path::Path;
 use whitstone_core::config::{Color, FilePath};
@@ -69,7 +69,7 @@ impl Checker {
     }
 }
 
-impl Pattern for Checker {
+impl TextureFunction for Checker {
     fn at(&self, q: DVec3) -> Rgb {
         let cell = self.1.at(q).floor();
         self.0[usize::from((cell.x + cell.y).rem_euclid(2.0) != 0.0)]
@@ -103,7 +103,7 @@ impl Lines {
     }
 }
 
-impl Pattern for Lines {
+impl TextureFunction for Lines {
     fn at(&self, q: DVec3) -> Rgb {
         let part = self.placing.at(q);
         let part = part - part.floor();
@@ -295,7 +295,7 @@ impl Picture {
     }
 }
 
-impl Pattern for Picture {
+impl TextureFunction for Picture {
     fn size(&self) -> Option<[usize; 2]> {
         Some(self.levels[0].size)
     }
@@ -314,7 +314,7 @@ impl Pattern for Picture {
         self.mean.is_some()
     }
 
-    fn over(&self, q: DVec3, steps: [DVec3; 2]) -> Rgb {
+    fn filtered(&self, q: DVec3, steps: [DVec3; 2]) -> Rgb {
         let Some(mean) = &self.mean else {
             return self.at(q);
         };
@@ -380,7 +380,7 @@ impl Voxels {
     }
 }
 
-impl Pattern for Voxels {
+impl TextureFunction for Voxels {
     fn at(&self, q: DVec3) -> Rgb {
         let x: [f64; 3] = std::array::from_fn(|axis| self.size[axis] as f64 * q[axis]);
         if self.nearest {

@@ -1,7 +1,7 @@
 //! Textures that repeat in space: cubes, stripes, rings and ramps (section 10 of the model).
 
 use super::pattern::colors;
-use super::texture::{MappingConfig, Pattern};
+use super::texture::{MappingConfig, TextureFunction};
 use serde::Deserialize;
 use whitstone_core::config::Color;
 use whitstone_core::{DVec3, Rgb};
@@ -43,7 +43,7 @@ impl Cubes {
     }
 }
 
-impl Pattern for Cubes {
+impl TextureFunction for Cubes {
     fn at(&self, q: DVec3) -> Rgb {
         let cells = (0..3).map(|axis| cell(q[axis] * self.scale + self.offset[axis]));
         self.colors[parity(cells.sum())]
@@ -79,7 +79,7 @@ impl Layers {
     }
 }
 
-impl Pattern for Layers {
+impl TextureFunction for Layers {
     fn at(&self, q: DVec3) -> Rgb {
         let along = if self.round { q.x.hypot(q.z) } else { q.x };
         self.colors[parity(cell(along * self.scale + self.offset))]
@@ -128,7 +128,7 @@ impl Ramp {
     }
 }
 
-impl Pattern for Ramp {
+impl TextureFunction for Ramp {
     fn at(&self, q: DVec3) -> Rgb {
         let x = q.x * self.scale + self.offset;
         let t = match self.wrap.as_deref() {

@@ -102,7 +102,7 @@ fn check(shape: &ShapeTable<'_>) -> Result<(), SceneErrors> {
     if plugin.name == "heightfield" {
         let Grid { columns, rows } = decode(&plugin.table)?;
         if columns.unwrap_or(64).saturating_mul(rows.unwrap_or(64)) > MOST_QUADS {
-            return Err(unknown_part(plugin, "so large a heightfield"));
+            return Err(unknown_part(plugin, "a height field of this resolution"));
         }
     }
     Ok(())
@@ -348,7 +348,7 @@ impl Part {
         }
         let away = NEAR * hit.t.max(hit.point.abs().max_element());
         let sides: Sides<_> = [-away, away].map(|away| {
-            let (uv, n_s) = self.beside(hit, hit.point + step * (away / length))?;
+            let (uv, n_s) = self.surface_at_offset(hit, hit.point + step * (away / length))?;
             let mut change = uv - here.uv;
             if self.continues != (Continues::Flat { angle: false }) {
                 // Unwraps angles across the seam.
@@ -366,7 +366,7 @@ impl Part {
 
     /// (u, v) and n_s of the primitive that was hit, at the point of the surface nearest `q` along
     /// the normal. The primitive is extrapolated past its edges.
-    fn beside(&self, hit: &Hit, q: DVec3) -> Option<(DVec2, DVec3)> {
+    fn surface_at_offset(&self, hit: &Hit, q: DVec3) -> Option<(DVec2, DVec3)> {
         let (point, normal, parameters) = match self.continues {
             Continues::Curved => {
                 let line = Line::of(
@@ -429,7 +429,7 @@ fn place(
         return Ok(());
     }
     if parts.len() >= MOST_PARTS {
-        return Err(unknown_part(&shape.plugin, "so many shapes"));
+        return Err(unknown_part(&shape.plugin, "this many shapes"));
     }
     let coordinates = Coordinates::new(description, &shape.plugin)?;
     let mut placed = Placed {

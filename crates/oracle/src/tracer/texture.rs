@@ -30,11 +30,11 @@ pub(super) struct Place {
 /// A colour parameter: constant or textured.
 pub(super) enum Texture {
     Constant(Rgb),
-    Mapped(Mapping, Box<dyn Pattern>),
+    Mapped(Mapping, Box<dyn TextureFunction>),
 }
 
 /// A function on texture space.
-pub(super) trait Pattern: Send + Sync {
+pub(super) trait TextureFunction: Send + Sync {
     fn at(&self, q: DVec3) -> Rgb;
 
     /// Columns and rows, if it is an image.
@@ -48,7 +48,7 @@ pub(super) trait Pattern: Send + Sync {
     }
 
     /// The filtered value; `steps` are the derivatives of the point.
-    fn over(&self, q: DVec3, steps: [DVec3; 2]) -> Rgb {
+    fn filtered(&self, q: DVec3, steps: [DVec3; 2]) -> Rgb {
         let _ = steps;
         self.at(q)
     }
@@ -106,7 +106,7 @@ impl Mapping {
         }
     }
 
-    fn look(&self, pattern: &dyn Pattern, spot: &Place) -> Rgb {
+    fn look(&self, pattern: &dyn TextureFunction, spot: &Place) -> Rgb {
         let q = match self.projection {
             Projection::Uv => self.map.transform_point3(spot.uv.extend(0.0)),
             _ => self.map.transform_point3(spot.p),
@@ -122,7 +122,7 @@ impl Mapping {
             for a in 0..3 {
                 let plane = |q: DVec3| DVec3::new(q[(a + 1) % 3], q[(a + 2) % 3], 0.0);
                 let w = (n[a] / n.max_element()).powf(sharpness);
-                sum += pattern.over(plane(q), steps.map(plane)) * w;
+                sum += pattern.filtered(plane(q), steps.map(plane)) * w;
                 weights += w;
             }
             return sum * (1.0 / weights);
@@ -146,7 +146,7 @@ impl Mapping {
                 slope(Some(before), here, Some(after), away)
             }
         });
-        pattern.over(here, steps)
+        pattern.filtered(here, steps)
     }
 }
 
@@ -201,7 +201,10 @@ impl Texture {
     pub(super) fn new(description: &Description<'_>, reference: &TextureRef) -> Result<Self, SceneErrors> {
         let unknown = |what: String| {
             let span = reference.span.clone().unwrap_or_default();
-            SceneErrors::from(SceneError::at(span, format!("the oracle does not know {what}")))
+            SceneErrors::from(SceneError::at(
+                span,
+                format!("the oracle does not support {what}"),
+            ))
         };
         let plugin = match &reference.value {
             TextureValue::Constant(color) => return Ok(Self::Constant(*color)),
@@ -209,7 +212,7 @@ impl Texture {
         };
         let plugin = plugin.ok_or_else(|| unknown("this texture".to_owned()))?;
         let keys = &plugin.table;
-        let (mapping, pattern): (Mapping, Box<dyn Pattern>) = match &*plugin.name {
+        let (mapping, pattern): (Mapping, Box<dyn TextureFunction>) = match &*plugin.name {
             "constant" => return Ok(Self::Constant(decode::<Constant>(keys)?.value.get())),
             "checker" => {
                 let mut config: CheckerConfig = decode(keys)?;

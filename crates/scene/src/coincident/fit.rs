@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn a_box_moves_each_face_by_itself() {
+    fn each_face_of_a_box_moves_independently() {
         let gaps = [-1.0, -2.0, 0.0, -1.0, 0.0, -3.0];
         let faces = [
             DVec3::X,
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn one_face_that_is_to_move_both_ways_does_not() {
+    fn contradictory_displacements_have_no_fit() {
         assert!(fit(&[face(DVec3::X, 1e-12), face(DVec3::X, -1e-12)]).is_none());
     }
 }

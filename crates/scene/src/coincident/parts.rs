@@ -252,7 +252,7 @@ impl<'a> Collected<'a> {
         self.visited += visited;
         if self.visited > MOST_VISITED {
             return Err(format!(
-                "instances near others place more than {MOST_VISITED} triangles"
+                "instances near other shapes contain more than {MOST_VISITED} triangles"
             ));
         }
         match shape {

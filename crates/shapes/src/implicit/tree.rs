@@ -1,6 +1,6 @@
 //! The tree of a field: its TOML form and its evaluation.
 
-use crate::enclosure::{Enclosure, Number};
+use crate::support::enclosure::{Enclosure, Number};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::DVec3;
@@ -312,11 +312,11 @@ impl Field {
     fn build(node: Node, depth: u32, copies: u64, fields: &mut u64) -> Result<Self, String> {
         *fields += copies;
         if depth > MAX_DEPTH {
-            return Err(format!("more than {MAX_DEPTH} fields are inside one another"));
+            return Err(format!("fields are nested more than {MAX_DEPTH} deep"));
         }
         if *fields > MAX_FIELDS {
             return Err(format!(
-                "more than {MAX_FIELDS} fields, those that are repeated counted once a copy"
+                "more than {MAX_FIELDS} fields, counting every repetition"
             ));
         }
         let mut one =
@@ -371,7 +371,7 @@ impl Field {
                     .iter()
                     .all(|(_, per_square, _)| per_square.is_finite() && *per_square > 0.0)
                 {
-                    return Err("the radius of a metaball is beyond all measure".to_owned());
+                    return Err("the radius of a metaball is out of range".to_owned());
                 }
                 Self::Metaballs {
                     balls,
@@ -431,7 +431,7 @@ impl Field {
         fields: &mut u64,
     ) -> Result<Vec<Self>, String> {
         if nodes.is_empty() {
-            return Err(format!("`{name}` of nothing: expected one field at least"));
+            return Err(format!("`{name}` is empty: expected at least one field"));
         }
         nodes
             .into_iter()

@@ -1,6 +1,6 @@
 //! The density along a ray in one cell, a cubic.
 
-use crate::crossings::{Along, Known, refine};
+use crate::support::crossings::{Along, Known, refine};
 use std::ops::ControlFlow;
 use whitstone_core::DVec3;
 

@@ -58,20 +58,17 @@ pub(super) fn read(
     let expected = format!("{count} values for a grid of {x} x {y} x {z}");
     let mut refuse = |span: SourceSpan, message: &str| errors.0.push(SceneError::at(span, message));
     if let (Some(format), None) = (&config.format, &config.file) {
-        refuse(format.span(), "`format` is that of a `file`, and there is none");
+        refuse(format.span(), "`format` needs a `file`");
     }
     if let (Some(seed), None) = (&config.seed, &config.generator) {
-        refuse(seed.span(), "`seed` is that of a `generator`, and there is none");
+        refuse(seed.span(), "`seed` needs a `generator`");
     }
     let metaballs = config
         .generator
         .as_ref()
         .is_some_and(|g| *g.get_ref() == Generator::Metaballs);
     if let (Some(balls), false) = (&config.balls, metaballs) {
-        refuse(
-            balls.span(),
-            "`balls` are those of the generator \"metaballs\", and there is none",
-        );
+        refuse(balls.span(), "`balls` needs the generator \"metaballs\"");
     }
     let sources = [
         config.values.as_ref().map(|values| values.span()),
@@ -81,7 +78,7 @@ pub(super) fn read(
     for second in sources.into_iter().flatten().skip(1) {
         refuse(
             second,
-            "there is another source of values: expected one of `values`, `file` and `generator`",
+            "more than one source of values: expected one of `values`, `file` and `generator`",
         );
     }
     errors.into_result(())?;
@@ -120,9 +117,13 @@ pub(super) fn read(
     let seed = config.seed.map_or(0, |seed| seed.get_ref().get());
     Ok(match generator.into_inner() {
         Generator::Noise => noise(size, seed),
-        Generator::Metaballs => {
-            metaballs_of(size, seed, config.balls.map_or(8, |balls| balls.get_ref().get()))
-        }
+        Generator::Metaballs => metaballs_of(
+            size,
+            seed,
+            config
+                .balls
+                .map_or(super::DEFAULT_BALLS, |balls| balls.get_ref().get()),
+        ),
     })
 }
 

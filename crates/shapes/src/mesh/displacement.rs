@@ -63,13 +63,13 @@ pub(super) fn displace(
     if by_uv && surface.uvs.is_empty() {
         let error = SceneError::at(
             place,
-            "this texture lies by (u, v), and the mesh has no texture coordinates",
+            "this texture is mapped by (u, v), but the mesh has no texture coordinates",
         );
-        let help = "let it lie by the place in object space: mapping = { projection = \"solid\" }, or \"planar\", \"spherical\", ...";
+        let help = "map it by object-space position: mapping = { projection = \"solid\" }, or \"planar\", \"spherical\", ...";
         return Err(error.with_help(help).into());
     }
     if surface.sides.is_empty() {
-        let message = "no triangle is left to displace: each has two corners at one position";
+        let message = "all triangles are degenerate: there is nothing to displace";
         return Err(SceneError::at(place, message).into());
     }
     // Zero where triangle normals cancel or there is no triangle; such points do not move.
@@ -90,7 +90,7 @@ pub(super) fn displace(
     let moved = surface.points.par_iter_mut().zip(&normals).zip(&heights);
     moved.for_each(|((point, n), height)| *point += scale * (height - offset) * *n);
     if surface.points.iter().any(|point| !point.is_finite()) {
-        let message = "this moves a vertex beyond all numbers";
+        let message = "this moves a vertex out of the range of double precision";
         return Err(SceneError::at(how.scale.span(), message).into());
     }
     Ok(())

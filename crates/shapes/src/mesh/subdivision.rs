@@ -7,7 +7,7 @@
 
 use super::Triangles;
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use toml::Spanned;
 use whitstone_core::config::IntegerIn;
@@ -36,7 +36,7 @@ impl Subdivision {
 }
 
 /// Subdivision schemes.
-#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Scheme {
     /// Loop's scheme, for triangles.
@@ -67,7 +67,7 @@ pub(super) fn subdivide(
 ) -> Result<(), SceneErrors> {
     let levels = how.levels();
     if surface.sides.is_empty() {
-        let message = "no triangle is left to divide: each has two corners at one position";
+        let message = "all triangles are degenerate: there is nothing to subdivide";
         return Err(SceneError::at(how.levels.span(), message).into());
     }
     let triangles = (surface.sides.len() as u64) << (2 * levels);

@@ -13,15 +13,15 @@ impl Family for InsideBall {
         About {
             name: "inside_ball",
             catalogue: &[17],
-            knob: "reflections inside a ball of glass",
-            measure: "distance of the last one from where it should be, in radii",
+            parameter: "number of reflections inside a glass ball",
+            measure: "position error of the last reflection, in radii",
             promise: "1e-9, no ray lost",
             pass: 1e-9,
             usable: 1e-5,
         }
     }
 
-    fn knobs(&self) -> Vec<f64> {
+    fn parameters(&self) -> Vec<f64> {
         decades(0, 3)
     }
 
@@ -46,7 +46,10 @@ impl Family for InsideBall {
         let naive = |place: [f64; 3]| Ok(Sample::new(DVec3::from_array(place).distance(truth)));
         Ok(vec![
             (Engine::Whitstone, Ok(ours)),
-            (Engine::Mitsuba, Err("reflections are the driver's".to_owned())),
+            (
+                Engine::Mitsuba,
+                Err("the driver computes the reflections, not Mitsuba".to_owned()),
+            ),
             (
                 Engine::NaiveF64,
                 naive(walk::<f64>(&*textbook_of(&scene, 0)?, &ray, bounces)),

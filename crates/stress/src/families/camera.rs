@@ -15,7 +15,7 @@ impl Family for WideView {
         About {
             name: "wide_view",
             catalogue: &[19],
-            knob: "180 degrees less the angle of view, in degrees",
+            parameter: "180 degrees minus the field of view, in degrees",
             measure: "distance of the ray from its pixel, in pixels",
             promise: "1e-9 pixels",
             pass: 1e-9,
@@ -23,12 +23,12 @@ impl Family for WideView {
         }
     }
 
-    fn knobs(&self) -> Vec<f64> {
+    fn parameters(&self) -> Vec<f64> {
         vec![90.0, 10.0, 1.0, 0.1, 0.01, 0.001]
     }
 
-    fn step(&self, knob: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
-        look(180.0 - knob, 1.0 / (0.5 * knob).to_radians().tan(), lab)
+    fn step(&self, parameter: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
+        look(180.0 - parameter, 1.0 / (0.5 * parameter).to_radians().tan(), lab)
     }
 }
 

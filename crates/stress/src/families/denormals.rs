@@ -28,13 +28,13 @@ const fn almost_zero(scene: fn(f64) -> String) -> RayFamily {
         about: About {
             name: "almost_zero",
             catalogue: &[39],
-            knob: "components of directions and coordinates that are almost zero",
+            parameter: "components of directions and coordinates that are almost zero",
             measure: "relative error of t",
             promise: "16 ulp x condition, no wrong class",
             pass: 16.0,
             usable: 1e-3,
         },
-        knobs: || {
+        parameters: || {
             let all = [
                 1e-10, 1e-20, 1e-40, 1e-80, 1e-160, 1e-240, 1e-290, 1e-300, 1e-310, 1e-320,
             ];
@@ -79,13 +79,13 @@ const fn almost_nothing(scene: fn(f64) -> String) -> RayFamily {
         about: About {
             name: "almost_nothing",
             catalogue: &[39],
-            knob: "size of a scene, in metres",
+            parameter: "size of a scene, in metres",
             measure: "relative error of t",
             promise: "16 ulp x condition, no wrong class down to 1e-70 m; a triangle below 1e-77 m has no normal",
             pass: 16.0,
             usable: 1e-3,
         },
-        knobs: || vec![1.0, 1e-10, 1e-20, 1e-30, 1e-40, 1e-50, 1e-60, 1e-70],
+        parameters: || vec![1.0, 1e-10, 1e-20, 1e-30, 1e-40, 1e-50, 1e-60, 1e-70],
         scene,
         ray: |size, random| {
             // The ray for a scene of normal size, in single precision, scaled down.

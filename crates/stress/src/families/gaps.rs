@@ -56,15 +56,15 @@ impl Family for ShadowGap {
         About {
             name: "shadow_gap",
             catalogue: &[11],
-            knob: "height of a blocker above what it shades, in metres near the origin",
-            measure: "none: only whether it is dark under the blocker, and bright beside it",
+            parameter: "height of a blocker above the shaded surface, in metres, near the origin",
+            measure: "none: only wrong answers count; it must be dark under the blocker and bright next to it",
             promise: "no wrong answer",
             pass: 0.0,
             usable: 0.0,
         }
     }
 
-    fn knobs(&self) -> Vec<f64> {
+    fn parameters(&self) -> Vec<f64> {
         decades(-1, -13)
     }
 
@@ -134,15 +134,15 @@ impl Family for ThinPane {
         About {
             name: "thin_pane",
             catalogue: &[13],
-            knob: "thickness of a pane of glass, in metres near the origin",
-            measure: "relative error of what passes both faces; wrong is another number of faces",
+            parameter: "thickness of a pane of glass, in metres, near the origin",
+            measure: "relative error of the light that passes both faces; another number of faces is a wrong answer",
             promise: "two faces, 1e-12",
             pass: 1e-12,
             usable: 1e-3,
         }
     }
 
-    fn knobs(&self) -> Vec<f64> {
+    fn parameters(&self) -> Vec<f64> {
         decades(0, -10)
     }
 
@@ -226,15 +226,15 @@ impl Family for ParallelMirrors {
         About {
             name: "parallel_mirrors",
             catalogue: &[16],
-            knob: "distance of two mirrors, in metres near the origin",
-            measure: "relative error of 0.99^n after a thousand reflections; wrong is another number of them",
+            parameter: "distance between two mirrors, in metres, near the origin",
+            measure: "relative error of 0.99^n after a thousand reflections; another number of reflections is a wrong answer",
             promise: "all reflections, 1e-12",
             pass: 1e-12,
             usable: 1e-3,
         }
     }
 
-    fn knobs(&self) -> Vec<f64> {
+    fn parameters(&self) -> Vec<f64> {
         decades(0, -6)
     }
 
@@ -315,15 +315,15 @@ impl Family for Leaks {
         About {
             name: "watertight",
             catalogue: &[7],
-            knob: "distance of a closed mesh from the origin, in its radii",
-            measure: "none: only rays that leave the mesh, aimed at vertices, edges and triangles",
+            parameter: "distance of a closed mesh from the origin, in radii of the mesh",
+            measure: "none: only leaks count; rays are aimed at vertices, edges and triangles",
             promise: "no leak, with any accelerator",
             pass: 0.0,
             usable: 0.0,
         }
     }
 
-    fn knobs(&self) -> Vec<f64> {
+    fn parameters(&self) -> Vec<f64> {
         decades(0, 6)
     }
 
@@ -402,7 +402,7 @@ fn leaks(pipeline: &Pipeline, rays: &[Ray]) -> u64 {
 /// third at points on edges, one third at points inside triangles.
 fn aim(pipeline: &Pipeline, center: DVec3, count: usize, random: &mut Random) -> Result<Vec<Ray>, String> {
     let Some(LoweredShape::Triangles(mesh)) = pipeline.scene.geometry.shapes().first() else {
-        return Err("the mesh is none".to_owned());
+        return Err("the shape is not a mesh".to_owned());
     };
     let rays = (0..count).map(|_| {
         let [a, b, c] = mesh.corners(random.below(mesh.triangles.len()) as u32);

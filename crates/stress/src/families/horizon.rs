@@ -43,15 +43,15 @@ impl Family for Horizon {
         About {
             name: "horizon",
             catalogue: &[23],
-            knob: "slope of the view to a checkered plane, 9.4 squares below the eye",
+            parameter: "slope of the view direction towards a checkered plane, 9.4 squares below the camera",
             measure: "distance of a pixel from the mean of both colours, over their difference",
-            promise: "1/255 with either filter, no value that is none",
+            promise: "1/255 with either filter, no NaN or infinity",
             pass: 1.0 / 255.0,
             usable: 0.05,
         }
     }
 
-    fn knobs(&self) -> Vec<f64> {
+    fn parameters(&self) -> Vec<f64> {
         // The first step has pixels a third of a square wide and ten squares long.
         std::iter::once(3e-2).chain(decades(-2, -12)).collect()
     }

@@ -42,7 +42,7 @@ impl Family for IndexNearOne {
         About {
             name: "index_near_one",
             catalogue: &[14],
-            knob: "index of refraction less one",
+            parameter: "index of refraction minus 1",
             measure: "relative error of the reflectance",
             promise: "1e-12",
             pass: 1e-12,
@@ -50,12 +50,12 @@ impl Family for IndexNearOne {
         }
     }
 
-    fn knobs(&self) -> Vec<f64> {
+    fn parameters(&self) -> Vec<f64> {
         decades(-1, -12)
     }
 
-    fn step(&self, knob: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
-        let ior = 1.0 + knob;
+    fn step(&self, parameter: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
+        let ior = 1.0 + parameter;
         let pipeline = lab.pipeline(&format!(
             "integrator = {{ type = \"whitted\", max_depth = 1 }}\n[[light]]\ntype = \"background\"\nradiance = 1\n\
              [[shape]]\ntype = \"rectangle\"\nmaterial = {{ type = \"dielectric\", interior_ior = {ior:?} }}\n"
@@ -109,19 +109,19 @@ impl Family for CriticalAngle {
         About {
             name: "critical_angle",
             catalogue: &[15],
-            knob: "difference to the critical angle, in radians",
-            measure: "relative error of the cosine of transmission; wrong is total reflection or none",
+            parameter: "difference from the critical angle, in radians",
+            measure: "relative error of the cosine of transmission; false or missing total internal reflection is a wrong answer",
             promise: "16 ulp x condition (1 + 1/cos²), right class",
             pass: 16.0,
             usable: 1e-2,
         }
     }
 
-    fn knobs(&self) -> Vec<f64> {
+    fn parameters(&self) -> Vec<f64> {
         decades(-1, -12)
     }
 
-    fn step(&self, knob: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
+    fn step(&self, parameter: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
         // The transmitted ray hits a plane at height 1, at a distance of 1 / cos.
         let pipeline = lab.pipeline(
             "integrator = { type = \"whitted\", max_depth = 1 }\n\
@@ -129,11 +129,11 @@ impl Family for CriticalAngle {
              [[shape]]\ntype = \"plane\"\ntransform = { translate = [0, 0, 1] }\n",
         )?;
         let critical = std::f64::consts::FRAC_PI_6;
-        let mut random = Random::new(knob.to_bits());
+        let mut random = Random::new(parameter.to_bits());
         let directions: Vec<DVec3> = (0..lab.rays)
             .map(|number| {
                 let side = if number % 2 == 0 { -1.0 } else { 1.0 };
-                let angle = critical + side * knob * (1.0 + random.unit());
+                let angle = critical + side * parameter * (1.0 + random.unit());
                 let turn = std::f64::consts::TAU * random.unit();
                 DVec3::new(angle.sin() * turn.cos(), angle.sin() * turn.sin(), angle.cos())
             })
@@ -182,7 +182,7 @@ impl Family for PhongExponent {
         About {
             name: "phong_exponent",
             catalogue: &[20],
-            knob: "exponent of a Phong highlight",
+            parameter: "exponent of a Phong highlight",
             measure: "relative error of the highlight",
             promise: "1e-7",
             pass: 1e-7,
@@ -190,7 +190,7 @@ impl Family for PhongExponent {
         }
     }
 
-    fn knobs(&self) -> Vec<f64> {
+    fn parameters(&self) -> Vec<f64> {
         decades(0, 8)
     }
 
@@ -234,7 +234,7 @@ impl Family for PhongExponent {
             (Engine::Whitstone, Ok(ours)),
             (
                 Engine::Mitsuba,
-                Err("its Phong highlight is the driver's formula".to_owned()),
+                Err("the Phong highlight is a formula of the driver".to_owned()),
             ),
             (Engine::NaiveF64, Ok(double)),
             (Engine::NaiveF32, Ok(single)),
@@ -250,15 +250,15 @@ impl Family for Absorption {
         About {
             name: "absorption",
             catalogue: &[40],
-            knob: "optical depth of a pane",
-            measure: "relative error of what comes through",
-            promise: "16 ulp x depth, or a clean 0 below the least double",
+            parameter: "optical depth of a pane",
+            measure: "relative error of the transmitted light",
+            promise: "16 ulp x depth, or exactly 0 below the smallest double",
             pass: 16.0,
             usable: 1e-3,
         }
     }
 
-    fn knobs(&self) -> Vec<f64> {
+    fn parameters(&self) -> Vec<f64> {
         decades(0, 6)
     }
 
@@ -293,7 +293,7 @@ impl Family for Absorption {
             (Engine::Whitstone, Ok(ours)),
             (
                 Engine::Mitsuba,
-                Err("absorption is the driver's formula".to_owned()),
+                Err("absorption is a formula of the driver".to_owned()),
             ),
             (Engine::NaiveF32, Ok(single)),
         ])
@@ -308,7 +308,7 @@ impl Family for NearLamp {
         About {
             name: "near_lamp",
             catalogue: &[21],
-            knob: "height of a lamp above a surface, in metres",
+            parameter: "height of a lamp above a surface, in metres",
             measure: "relative error of the light",
             promise: "1e-9 down to 1e-6, as coordinates of a metre have 1e-16",
             pass: 1e-9,
@@ -316,7 +316,7 @@ impl Family for NearLamp {
         }
     }
 
-    fn knobs(&self) -> Vec<f64> {
+    fn parameters(&self) -> Vec<f64> {
         decades(-1, -6)
     }
 
@@ -339,7 +339,10 @@ impl Family for NearLamp {
         let [double, single] = naive.map(|light| Sample::new((light * exact * exact - 1.0).abs()));
         Ok(vec![
             (Engine::Whitstone, Ok(Sample::new((value - 1.0).abs()))),
-            (Engine::Mitsuba, Err("the lamp is the driver's sum".to_owned())),
+            (
+                Engine::Mitsuba,
+                Err("the driver computes direct lighting, not Mitsuba".to_owned()),
+            ),
             (Engine::NaiveF64, Ok(double)),
             (Engine::NaiveF32, Ok(single)),
         ])

@@ -46,15 +46,15 @@ impl Family for Relief {
         About {
             name: "relief",
             catalogue: &[44],
-            knob: "amplitude of a relief, over half of a metre",
-            measure: "distance of the mirrored ray's unit direction from where it should point",
+            parameter: "amplitude of a bump or normal map, over half a metre",
+            measure: "distance between the unit direction of the reflected ray and the true one",
             promise: "1e-12",
             pass: 1e-12,
             usable: 1e-3,
         }
     }
 
-    fn knobs(&self) -> Vec<f64> {
+    fn parameters(&self) -> Vec<f64> {
         decades(-12, 3)
     }
 
@@ -68,7 +68,7 @@ impl Family for Relief {
                 let (view, towards) = loop {
                     let view = random.direction();
                     let towards = normal.dot(view);
-                    // A viewer who looks along the surface or the bent surface is on no clear side.
+                    // A viewer who looks along either surface is on no clear side.
                     if towards.abs().min(view.z.abs()) > 1e-3 {
                         break (view, towards);
                     }
@@ -77,8 +77,8 @@ impl Family for Relief {
                 let mut branches = SpecularRays::default();
                 let point = SurfaceInteraction::new(place, 0.0, DVec3::Z);
                 pipeline.scene.materials[0].specular_rays(&point, view, &mut branches);
-                // A viewer above the surface who sees the bent surface from behind sees the plain
-                // surface.
+                // A viewer above the surface who sees the perturbed surface from behind sees the
+                // unperturbed surface.
                 let seen = if towards * view.z > 0.0 { normal } else { DVec3::Z };
                 let truth = mirrored(seen, view);
                 match branches.iter().next() {
@@ -93,7 +93,7 @@ impl Family for Relief {
             (Engine::Whitstone, Ok(ours)),
             (
                 Engine::Mitsuba,
-                Err("how a frame is turned is the driver's formula".to_owned()),
+                Err("the perturbed shading frame is a formula of the driver".to_owned()),
             ),
             (Engine::NaiveF64, Ok(double)),
             (Engine::NaiveF32, Ok(single)),
@@ -106,7 +106,7 @@ fn mirrored(normal: DVec3, view: DVec3) -> DVec3 {
 }
 
 /// Textbook bump mapping (Blinn): finite differences over a small step, without a check whether the
-/// bent normal faces away.
+/// perturbed normal faces away.
 fn textbook<R: Real>(amplitude: f64, x: f64, view: DVec3) -> DVec3 {
     let (one, step) = (R::of(1.0), R::of(1e-4));
     let height = |x: R| R::of(amplitude) * (R::of(RISE) * x - R::of(0.5));

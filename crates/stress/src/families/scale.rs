@@ -21,20 +21,20 @@ impl Family for PowerOfTwo {
         About {
             name: "scale_power_of_two",
             catalogue: &[4],
-            knob: "size of the scene, or its inverse",
-            measure: "RMSE against the scene as it is, relative to its mean",
-            promise: "the same bits",
+            parameter: "scale factor of the scene, or its inverse",
+            measure: "RMSE against the unscaled scene, relative to its mean",
+            promise: "bit-identical",
             pass: 0.0,
             usable: 1e-3,
         }
     }
 
-    fn knobs(&self) -> Vec<f64> {
+    fn parameters(&self) -> Vec<f64> {
         (0..=20).step_by(4).map(|power| f64::from(1 << power)).collect()
     }
 
-    fn step(&self, knob: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
-        step(knob, lab)
+    fn step(&self, parameter: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
+        step(parameter, lab)
     }
 }
 
@@ -49,12 +49,12 @@ impl Family for PowerOfTen {
         }
     }
 
-    fn knobs(&self) -> Vec<f64> {
+    fn parameters(&self) -> Vec<f64> {
         crate::decades(0, 6)
     }
 
-    fn step(&self, knob: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
-        step(knob, lab)
+    fn step(&self, parameter: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
+        step(parameter, lab)
     }
 }
 
@@ -82,13 +82,13 @@ fn scene(s: f64) -> String {
     )
 }
 
-fn step(knob: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
+fn step(parameter: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
     let plain = ours(lab, 1.0)?;
     let mut whitstone = Sample::default();
     let [mut double, mut single] = [Sample::default(); 2];
     let (f64_plain, f32_plain) = (lit::<f64>(1.0)?, lit::<f32>(1.0)?);
     let mut mitsuba: Answer = Ok(Sample::default());
-    for scale in [knob, 1.0 / knob] {
+    for scale in [parameter, 1.0 / parameter] {
         whitstone.add(rmse(&ours(lab, scale)?, &plain));
         double.add(rmse(&lit::<f64>(scale)?, &f64_plain));
         single.add(rmse(&lit::<f32>(scale)?, &f32_plain));

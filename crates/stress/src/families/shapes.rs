@@ -1,4 +1,4 @@
-//! Slivers, needles, thin rings and stretched instances.
+//! Slivers, thin cylinders, thin tori and stretched instances.
 
 use crate::lab::single;
 use crate::rays::{RayFamily, clear, past};
@@ -11,13 +11,13 @@ pub(crate) static SLIVER: RayFamily = RayFamily {
     about: About {
         name: "sliver",
         catalogue: &[6],
-        knob: "length of a triangle over its width",
+        parameter: "length of a triangle over its width",
         measure: "relative error of t",
         promise: "16 ulp x condition, no wrong class",
         pass: 16.0,
         usable: 1e-3,
     },
-    knobs: || decades(0, 8),
+    parameters: || decades(0, 8),
     scene: |aspect| {
         let [a, b, c] = sliver(aspect).map(|corner| format!("{:?}", corner.to_array()));
         format!("[[shape]]\ntype = \"triangle\"\nvertices = [{a}, {b}, {c}]\n")
@@ -46,17 +46,17 @@ fn sliver(aspect: f64) -> [DVec3; 3] {
 }
 
 /// A thin cylinder, hit from the side.
-pub(crate) static NEEDLE: RayFamily = RayFamily {
+pub(crate) static THIN_CYLINDER: RayFamily = RayFamily {
     about: About {
         name: "thin_cylinder",
         catalogue: &[25],
-        knob: "radius of a cylinder over half of its length",
+        parameter: "radius of a cylinder over half of its length",
         measure: "error of t, in radii",
         promise: "8 ulp x condition, no wrong class",
         pass: 8.0,
         usable: 1e-1,
     },
-    knobs: || decades(-1, -8),
+    parameters: || decades(-1, -8),
     scene: |radius| {
         let radius = f64::from(radius as f32);
         format!("[[shape]]\ntype = \"cylinder\"\ncaps = false\nradius = {radius:?}\nz = [-1, 1]\n")
@@ -79,13 +79,13 @@ pub(crate) static APEX: RayFamily = RayFamily {
     about: About {
         name: "cone_apex",
         catalogue: &[25],
-        knob: "distance of the ray from the tip of a cone",
+        parameter: "distance of the ray from the apex of a cone",
         measure: "error of t, over the distance",
         promise: "8 ulp x condition, no wrong class",
         pass: 8.0,
         usable: 1e-1,
     },
-    knobs: || decades(-1, -12),
+    parameters: || decades(-1, -12),
     scene: |_| "[[shape]]\ntype = \"cone\"\ncaps = false\nradii = [1, 0]\nz = [-1, 0]\n".to_owned(),
     ray: |distance, random| {
         // Below the apex at the origin the cone is as wide as it is deep; a third of the rays pass
@@ -101,37 +101,37 @@ pub(crate) static APEX: RayFamily = RayFamily {
 };
 
 /// A torus with a very thin tube.
-pub(crate) static WIRE: RayFamily = RayFamily {
+pub(crate) static THIN_TORUS: RayFamily = RayFamily {
     about: About {
         name: "torus_wire",
         catalogue: &[26],
-        knob: "radius of a torus' tube over its own",
-        measure: "error of t, in radii of the tube",
-        promise: "1e-6 of the tube's radius, no wrong class",
+        parameter: "minor over major radius of a torus",
+        measure: "error of t, in minor radii",
+        promise: "1e-6 minor radii, no wrong class",
         pass: 1e-6,
         usable: 1e-1,
     },
-    knobs: || decades(0, -5).into_iter().map(|tube| 0.5 * tube).collect(),
+    parameters: || decades(0, -5).into_iter().map(|tube| 0.5 * tube).collect(),
     scene: |tube| torus(f64::from(tube as f32)),
-    ray: |tube, random| at_ring(4.0, tube, random),
+    ray: |tube, random| at_torus(4.0, tube, random),
     unit: |tube, _| tube,
     one_measure: true,
 };
 
 /// The same torus at a large distance.
-pub(crate) static FAR_RING: RayFamily = RayFamily {
+pub(crate) static FAR_TORUS: RayFamily = RayFamily {
     about: About {
         name: "torus_distance",
         catalogue: &[26],
-        knob: "distance of a torus, in its radii",
-        measure: "error of t, in radii of the tube, a quarter",
-        promise: "1e-6 of the tube's radius, no wrong class",
+        parameter: "distance of a torus, in major radii",
+        measure: "error of t, in minor radii of 0.25",
+        promise: "1e-6 minor radii, no wrong class",
         pass: 1e-6,
         usable: 1e-2,
     },
-    knobs: || decades(0, 6).into_iter().map(|distance| 4.0 * distance).collect(),
+    parameters: || decades(0, 6).into_iter().map(|distance| 4.0 * distance).collect(),
     scene: |_| torus(0.25),
-    ray: |distance, random| at_ring(distance, 0.25, random),
+    ray: |distance, random| at_torus(distance, 0.25, random),
     unit: |_, _| 0.25,
     one_measure: true,
 };
@@ -140,8 +140,8 @@ fn torus(tube: f64) -> String {
     format!("[[shape]]\ntype = \"torus\"\nmajor_radius = 1\nminor_radius = {tube:?}\n")
 }
 
-/// A ray at the centre line of a torus' tube, or past it, from above.
-fn at_ring(distance: f64, tube: f64, random: &mut Random) -> Option<Ray> {
+/// A ray from above, aimed at the centre line of a torus' tube or past it.
+fn at_torus(distance: f64, tube: f64, random: &mut Random) -> Option<Ray> {
     let turn = std::f64::consts::TAU * random.unit();
     let middle = DVec3::new(turn.cos(), turn.sin(), 0.0);
     let mut from = random.direction();
@@ -157,13 +157,13 @@ pub(crate) static CONDITION: RayFamily = RayFamily {
     about: About {
         name: "ellipsoid_condition",
         catalogue: &[24],
-        knob: "largest over smallest half axis",
+        parameter: "largest over smallest semi-axis",
         measure: "relative error of t",
         promise: "16 ulp x condition, no wrong class",
         pass: 16.0,
         usable: 1e-3,
     },
-    knobs: || decades(0, 12),
+    parameters: || decades(0, 12),
     scene: |condition| {
         let root = condition.sqrt();
         format!(
@@ -185,17 +185,17 @@ pub(crate) static CONDITION: RayFamily = RayFamily {
 };
 
 /// An instance of a sphere, stretched along one axis and flattened along another.
-pub(crate) static COPY: RayFamily = RayFamily {
+pub(crate) static INSTANCE: RayFamily = RayFamily {
     about: About {
         name: "instance_scale",
         catalogue: &[36],
-        knob: "factor of a copy along x, divisor along z",
+        parameter: "scale factor of an instance along x, its inverse along z",
         measure: "relative error of t",
         promise: "16 ulp x condition, no wrong class",
         pass: 16.0,
         usable: 1e-3,
     },
-    knobs: || decades(0, 6),
+    parameters: || decades(0, 6),
     scene: |factor| {
         format!(
             "[[group.ball.shape]]\ntype = \"sphere\"\n[[shape]]\ntype = \"instance\"\ngroup = \"ball\"\ntransform = {{ scale = [{factor:?}, 1, {:?}] }}\n",
@@ -223,13 +223,13 @@ pub(crate) static LENGTH: RayFamily = RayFamily {
     about: About {
         name: "direction_length",
         catalogue: &[38],
-        knob: "length of the direction, or its inverse",
+        parameter: "length of the ray direction, or its inverse",
         measure: "relative error of t",
         promise: "8 ulp x condition, no wrong class",
         pass: 8.0,
         usable: 1e-3,
     },
-    knobs: || (0..=6).map(|number| 10f64.powi(5 * number)).collect(),
+    parameters: || (0..=6).map(|number| 10f64.powi(5 * number)).collect(),
     scene: |_| "[[shape]]\ntype = \"sphere\"\n".to_owned(),
     ray: |length, random| {
         let ray = past(DVec3::ZERO, 4.0 * random.direction(), clear(random), 1.0, random)?;

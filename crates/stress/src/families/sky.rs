@@ -27,7 +27,7 @@ pub(crate) static POLE: Sky = Sky {
     about: About {
         name: "environment_pole",
         catalogue: &[43],
-        knob: "angle between a direction and a pole of the sky, in radians",
+        parameter: "angle between a direction and a pole of the environment map, in radians",
         ..ABOUT
     },
     first: -1,
@@ -48,7 +48,7 @@ pub(crate) static SEAM: Sky = Sky {
     about: About {
         name: "environment_seam",
         catalogue: &[43],
-        knob: "angle between a direction and the seam of the sky, in radians",
+        parameter: "angle between a direction and the seam of the environment map, in radians",
         ..ABOUT
     },
     first: 0,
@@ -65,8 +65,8 @@ pub(crate) static SEAM: Sky = Sky {
 const ABOUT: About = About {
     name: "",
     catalogue: &[],
-    knob: "",
-    measure: "error of the radiance, which is 1 at most",
+    parameter: "",
+    measure: "error of the radiance, which is at most 1",
     promise: "1e-12",
     pass: 1e-12,
     usable: 1e-2,
@@ -77,7 +77,7 @@ impl Family for Sky {
         self.about
     }
 
-    fn knobs(&self) -> Vec<f64> {
+    fn parameters(&self) -> Vec<f64> {
         decades(self.first, -15)
     }
 
@@ -103,7 +103,7 @@ impl Family for Sky {
             (Engine::Whitstone, Ok(ours)),
             (
                 Engine::Mitsuba,
-                Err("where a direction is on the sky is the driver's formula".to_owned()),
+                Err("the mapping of directions to texture coordinates is a formula of the driver".to_owned()),
             ),
             (Engine::NaiveF64, Ok(double)),
             (Engine::NaiveF32, Ok(single)),

@@ -7,18 +7,18 @@ use whitstone_core::{DVec3, Ray};
 
 const ULPS: &str = "8 ulp x condition, no wrong class";
 
-/// A unit sphere in the distance: naive discriminants lose everything where t² swamps r².
+/// A distant unit sphere: a naive discriminant loses all digits where t² is much larger than r².
 pub(crate) static DISTANCE: RayFamily = RayFamily {
     about: About {
         name: "sphere_distance",
         catalogue: &[1],
-        knob: "distance over radius",
+        parameter: "distance over radius",
         measure: "error of t, in radii",
         promise: ULPS,
         pass: 8.0,
         usable: 1e-3,
     },
-    knobs: || decades(0, 7).into_iter().map(|distance| 2.0 * distance).collect(),
+    parameters: || decades(0, 7).into_iter().map(|distance| 2.0 * distance).collect(),
     scene: |_| "[[shape]]\ntype = \"sphere\"\n".to_owned(),
     ray: |distance, random| {
         let origin = distance * random.direction();
@@ -28,18 +28,18 @@ pub(crate) static DISTANCE: RayFamily = RayFamily {
     one_measure: false,
 };
 
-/// A planet, seen from two units above it, whatever its radius.
+/// A planet of any radius, seen from two units above it.
 pub(crate) static PLANET: RayFamily = RayFamily {
     about: About {
         name: "planet",
         catalogue: &[2],
-        knob: "radius over height of the eye, half",
+        parameter: "radius over half of the height of the camera",
         measure: "relative error of t",
         promise: ULPS,
         pass: 8.0,
         usable: 1e-3,
     },
-    knobs: || decades(0, 8),
+    parameters: || decades(0, 8),
     scene: |radius| {
         format!(
             "[[shape]]\ntype = \"sphere\"\ncenter = [0, {:?}, 0]\nradius = {radius:?}\n",
@@ -61,13 +61,13 @@ pub(crate) static TANGENT: RayFamily = RayFamily {
     about: About {
         name: "tangent",
         catalogue: &[2],
-        knob: "distance of the ray from tangency, in radii",
+        parameter: "distance of the ray from tangency, in radii",
         measure: "error of t, in radii",
         promise: ULPS,
         pass: 8.0,
         usable: 1e-1,
     },
-    knobs: || decades(-1, -14),
+    parameters: || decades(-1, -14),
     scene: |_| "[[shape]]\ntype = \"sphere\"\ncenter = [0, -1, 0]\n".to_owned(),
     ray: |height, random| {
         let side = if random.below(3) == 0 { 1.0 } else { -1.0 };
@@ -83,13 +83,13 @@ pub(crate) static NEAR: RayFamily = RayFamily {
     about: About {
         name: "near_surface",
         catalogue: &[18],
-        knob: "height of the eye above a unit sphere",
+        parameter: "height of the camera above a unit sphere",
         measure: "error of t, over the height",
         promise: ULPS,
         pass: 8.0,
         usable: 1e-3,
     },
-    knobs: || decades(-1, -9),
+    parameters: || decades(-1, -9),
     scene: |_| "[[shape]]\ntype = \"sphere\"\ncenter = [0, -1, 0]\n".to_owned(),
     ray: |height, random| {
         let direction = random.direction();
@@ -105,13 +105,13 @@ pub(crate) static OFFSET: RayFamily = RayFamily {
     about: About {
         name: "world_offset",
         catalogue: &[3],
-        knob: "distance of everything from the origin, in radii",
+        parameter: "distance of the scene from the origin, in radii",
         measure: "error of t, in radii",
         promise: ULPS,
         pass: 8.0,
         usable: 1e-3,
     },
-    knobs: || decades(0, 8),
+    parameters: || decades(0, 8),
     scene: |offset| {
         let [x, y, z] = place(offset).to_array();
         format!("[[shape]]\ntype = \"sphere\"\ncenter = [{x:?}, {y:?}, {z:?}]\n")

@@ -81,7 +81,7 @@ fn all() -> BsdfFlags {
 }
 
 #[test]
-fn a_right_material_passes() {
+fn a_correct_material_passes() {
     material_laws(&Made {
         lobes: all(),
         branches: |point, view| vec![mirrored(point, view), straight(view)],
@@ -90,7 +90,7 @@ fn a_right_material_passes() {
 }
 
 #[test]
-fn what_spreads_its_reflections_passes() {
+fn a_glossy_material_passes() {
     material_laws(&Made {
         lobes: all(),
         ..SPREAD
@@ -98,8 +98,8 @@ fn what_spreads_its_reflections_passes() {
 }
 
 #[test]
-#[should_panic(expected = "says over how many")]
-fn hidden_directions_are_found() {
+#[should_panic(expected = "must declare its number of reflection rays")]
+fn undeclared_reflection_rays_are_found() {
     material_laws(&Made {
         lobes: all(),
         reflections: 1,
@@ -118,7 +118,7 @@ fn a_long_direction_is_found() {
 }
 
 #[test]
-fn what_is_divided_by_pi_keeps_energy_and_is_reciprocal() {
+fn a_lambertian_material_conserves_energy_and_is_reciprocal() {
     let right = Made {
         local: |point, view, light| std::f64::consts::FRAC_1_PI * lambert(point, view, light),
         ..RIGHT
@@ -128,14 +128,14 @@ fn what_is_divided_by_pi_keeps_energy_and_is_reciprocal() {
 }
 
 #[test]
-#[should_panic(expected = "no more light leaves")]
+#[should_panic(expected = "at most the arriving light")]
 fn a_missing_pi_is_found() {
     energy_laws(&RIGHT);
 }
 
 #[test]
-#[should_panic(expected = "both ways alike")]
-fn a_highlight_that_forgets_the_viewer_is_found() {
+#[should_panic(expected = "must be reciprocal")]
+fn a_highlight_that_is_not_reciprocal_is_found() {
     reciprocity_laws(&Made {
         local: |point, view, light| lambert(point, view, light) * (2.0 + point.n_towards(view).dot(view)),
         ..RIGHT
@@ -159,7 +159,7 @@ fn an_unclamped_cosine_is_found() {
 }
 
 #[test]
-#[should_panic(expected = "both sides look the same")]
+#[should_panic(expected = "both sides must respond equally")]
 fn a_dark_inside_is_found() {
     material_laws(&Made {
         local: |point, view, light| {
@@ -174,8 +174,8 @@ fn a_dark_inside_is_found() {
 }
 
 #[test]
-#[should_panic(expected = "says that it needs it")]
-fn a_hidden_shading_normal_is_found() {
+#[should_panic(expected = "must declare that it needs it")]
+fn an_undeclared_shading_normal_is_found() {
     material_laws(&Made {
         needs: SurfaceAttributes::NOTHING,
         ..RIGHT
@@ -183,7 +183,7 @@ fn a_hidden_shading_normal_is_found() {
 }
 
 #[test]
-#[should_panic(expected = "without light there is none")]
+#[should_panic(expected = "local radiance without light")]
 fn a_glow_is_found() {
     material_laws(&Made {
         local: |_, _, _| 1.0,
@@ -192,7 +192,7 @@ fn a_glow_is_found() {
 }
 
 #[test]
-#[should_panic(expected = "in proportion")]
+#[should_panic(expected = "proportional to the light")]
 fn a_response_that_is_not_linear_is_found() {
     material_laws(&Made {
         local: |p, v, l| lambert(p, v, l).sqrt(),
@@ -201,8 +201,8 @@ fn a_response_that_is_not_linear_is_found() {
 }
 
 #[test]
-#[should_panic(expected = "lobes name every kind")]
-fn a_hidden_branch_is_found() {
+#[should_panic(expected = "must declare every kind")]
+fn an_undeclared_specular_ray_is_found() {
     material_laws(&Made {
         branches: |point, view| vec![mirrored(point, view)],
         ..RIGHT
@@ -210,8 +210,8 @@ fn a_hidden_branch_is_found() {
 }
 
 #[test]
-#[should_panic(expected = "lobes name a local")]
-fn a_hidden_local_response_is_found() {
+#[should_panic(expected = "must declare local illumination")]
+fn an_undeclared_local_response_is_found() {
     material_laws(&Made {
         lobes: BsdfFlags::REFLECTION,
         ..RIGHT
@@ -220,7 +220,7 @@ fn a_hidden_local_response_is_found() {
 
 #[test]
 #[should_panic(expected = "unit directions")]
-fn a_long_branch_is_found() {
+fn a_long_specular_direction_is_found() {
     let branches = |point: &SurfaceInteraction, view| {
         let branch = mirrored(point, view);
         vec![SpecularRay {
@@ -236,7 +236,7 @@ fn a_long_branch_is_found() {
 }
 
 #[test]
-#[should_panic(expected = "stays on the viewer's side")]
+#[should_panic(expected = "must stay on the viewer's side")]
 fn a_reflection_into_the_surface_is_found() {
     let branches = |point: &SurfaceInteraction, view| {
         let branch = mirrored(point, view);
@@ -253,7 +253,7 @@ fn a_reflection_into_the_surface_is_found() {
 }
 
 #[test]
-#[should_panic(expected = "no more radiance leaves")]
+#[should_panic(expected = "at most the arriving radiance")]
 fn a_surface_that_adds_energy_is_found() {
     let branches = |point: &SurfaceInteraction, view| vec![mirrored(point, view)];
     furnace_laws(&Made {
@@ -265,7 +265,7 @@ fn a_surface_that_adds_energy_is_found() {
 
 #[test]
 #[should_panic(expected = "the law of refraction")]
-fn glass_that_does_not_bend_is_found() {
+fn glass_that_does_not_refract_is_found() {
     let branches = |point: &SurfaceInteraction, view| {
         let entering = point.n_g.dot(view) > 0.0;
         let weight = Rgb::splat(if entering { 1.0 / 2.25 } else { 2.25 });
@@ -286,7 +286,7 @@ fn glass_that_does_not_bend_is_found() {
 }
 
 #[test]
-#[should_panic(expected = "nothing is lost")]
+#[should_panic(expected = "energy must be conserved")]
 fn glass_that_loses_light_is_found() {
     let branches = |point: &SurfaceInteraction, view| vec![mirrored(point, view)];
     dielectric_laws(

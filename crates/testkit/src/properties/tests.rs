@@ -25,12 +25,12 @@ const LIMIT: f64 = 5.0;
 
 /// Checks that the law is found broken at an amount slightly above the limit, and that the printed
 /// scene breaks it again, but not if the amount is below the limit.
-fn bites<F: Lawful, P: Plugin<F>>(law: &str, laws: &[fn(&F::Product)]) -> toml::Table {
+fn finds_fault<F: Lawful, P: Plugin<F>>(law: &str, laws: &[fn(&F::Product)]) -> toml::Table {
     let found = first_failure::<F, P>(TEXT, laws).expect_err("the law is broken");
     assert!(found.law.contains(law), "{found}");
     assert!(found.to_string().contains(&found.scene), "{found}");
-    let (table, _) =
-        F::read(&found.scene.parse().expect("it is TOML"), P::TYPE).expect("it shows the plugin");
+    let (table, _) = F::read(&found.scene.parse().expect("the scene is TOML"), P::TYPE)
+        .expect("the scene contains the plugin");
     let amount = table["amount"].as_float().expect("it is a number");
     assert!((LIMIT..LIMIT + 0.1).contains(&amount), "not shrunk: {found}");
     assert_eq!(holds_in::<F, P>(&found.scene, laws), Err(found.law.clone()));
@@ -39,7 +39,7 @@ fn bites<F: Lawful, P: Plugin<F>>(law: &str, laws: &[fn(&F::Product)]) -> toml::
         .replace(&format!("amount = {amount:?}"), "amount = 2.5");
     assert_ne!(right, found.scene);
     assert_eq!(holds_in::<F, P>(&right, laws), Ok(()));
-    found.scene.parse().expect("it is TOML")
+    found.scene.parse().expect("the scene is TOML")
 }
 
 struct Wrong;
@@ -82,7 +82,7 @@ impl Shape for WrongBall {
 
 #[test]
 fn a_wrong_shape() {
-    let scene = bites::<Shapes, Wrong>("normals must have unit length", &[]);
+    let scene = finds_fault::<Shapes, Wrong>("normals must have unit length", &[]);
     // The camera looks along the ray. The shape is untransformed, since that is the simplest place.
     assert!(scene["camera"]["look_at"]["origin"].is_array());
     assert_eq!(
@@ -131,8 +131,8 @@ impl Accelerator for Forgetful {
 }
 
 #[test]
-fn a_wrong_accelerator_with_as_few_shapes_as_it_takes() {
-    let scene = bites::<Accelerators, Wrong>("expected", &[]);
+fn a_wrong_accelerator_is_shown_with_the_fewest_shapes() {
+    let scene = finds_fault::<Accelerators, Wrong>("expected", &[]);
     assert_eq!(scene["shape"].as_array().map(Vec::len), Some(4), "{scene}");
 }
 
@@ -167,7 +167,7 @@ impl Material for Grazing {
 
 #[test]
 fn a_wrong_material() {
-    bites::<Materials, Wrong>("finite and not negative", &[]);
+    finds_fault::<Materials, Wrong>("finite and not negative", &[]);
     // Another law instead of the default ones.
     let law: fn(&Arc<dyn Material>) = |_| {};
     assert_eq!(first_failure::<Materials, Wrong>(TEXT, &[law]), Ok(()));
@@ -199,7 +199,7 @@ impl Texture for Negative {
 
 #[test]
 fn a_wrong_texture() {
-    bites::<Textures, Wrong>("finite and not negative", &[]);
+    finds_fault::<Textures, Wrong>("finite and not negative", &[]);
 }
 
 /// Mirrored above the limit.
@@ -224,7 +224,7 @@ impl Camera for Mirrored {
 
 #[test]
 fn a_wrong_camera() {
-    bites::<Cameras, Wrong>("not mirrored", &[]);
+    finds_fault::<Cameras, Wrong>("must not be mirrored", &[]);
 }
 
 /// Negative light above the limit.
@@ -253,17 +253,17 @@ impl Light for Dark {
 
 #[test]
 fn a_wrong_light() {
-    bites::<Lights, Wrong>("finite and >= 0", &[]);
+    finds_fault::<Lights, Wrong>("finite and >= 0", &[]);
 }
 
 #[test]
-#[should_panic(expected = "can never be built")]
-fn a_text_that_is_refused_is_no_pass() {
+#[should_panic(expected = "cannot be built from any configuration")]
+fn a_text_that_is_always_rejected_fails() {
     hold::<Lights, Wrong>(&["amount = 1.0..2\nunknown = 3"], &[]);
 }
 
 #[test]
-fn scenes_of_something_else_are_told() {
+fn scenes_without_the_plugin_are_rejected() {
     let error = holds_in::<Lights, Wrong>("[[light]]\ntype = \"point\"", &[]).unwrap_err();
-    assert_eq!(error, "the scene shows no light \"wrong_light\"");
+    assert_eq!(error, "the scene contains no light \"wrong_light\"");
 }

@@ -1,6 +1,6 @@
 //! 8-bit texels and their differences, in integers.
 
-use crate::raster::{ColorSpace, Store};
+use crate::support::raster::{ColorSpace, Store};
 use whitstone_image::texels::Texels;
 
 /// 8-bit texels, the top row first.

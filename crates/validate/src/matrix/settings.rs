@@ -100,7 +100,9 @@ impl Facts {
         let count = self.elements;
         if count <= ONE_LEAF {
             let elements = crate::counted(count, "element");
-            return Sweep::LeftOut(format!("{elements} fit one leaf: there is nothing to divide"));
+            return Sweep::LeftOut(format!(
+                "{elements} fit into one leaf: there is nothing to subdivide"
+            ));
         }
         let entries = registry
             .entries()
@@ -111,7 +113,7 @@ impl Facts {
             let expensive = name == "brute_force" && tests > MOST_TESTS;
             let why = || {
                 format!(
-                    "trying each of {count} elements for {} rays takes too long",
+                    "testing {count} elements for each of {} rays takes too long",
                     self.rays
                 )
             };

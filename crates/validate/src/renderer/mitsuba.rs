@@ -48,7 +48,7 @@ impl Reference for Mitsuba {
         driver.hello().map(Versions::Mitsuba)
     }
 
-    fn tells_trees(&self) -> bool {
+    fn has_ray_trees(&self) -> bool {
         true
     }
 

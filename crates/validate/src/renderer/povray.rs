@@ -62,7 +62,10 @@ impl Reference for PovRay {
     }
 
     fn adaptations(&self, scene: &toml::Table) -> Vec<Adaptation> {
-        let mut found = Vec::from_iter(without_layers(scene, "POV-Ray has no layers beside the radiance"));
+        let mut found = Vec::from_iter(without_layers(
+            scene,
+            "POV-Ray has no layers other than the radiance",
+        ));
         let integrator = scene.get("integrator");
         let key = |name: &str| integrator.and_then(|table| table.get(name));
         let kind = key("type").and_then(Value::as_str);
@@ -78,13 +81,13 @@ impl Reference for PovRay {
                 };
                 found.push(Adaptation::new(
                     text,
-                    "POV-Ray shows black where it goes no deeper",
+                    "POV-Ray returns black beyond its depth limit",
                 ));
             }
             if key("min_contribution").is_some() {
                 found.push(Adaptation::new(
                     "integrator.min_contribution=0",
-                    "POV-Ray cuts off faint branches by another rule",
+                    "POV-Ray prunes faint rays by another rule",
                 ));
             }
         }

@@ -2,7 +2,8 @@
 //! Mitsuba.
 //!
 //! `direct` renders scenes of directly lit surfaces, `path` those of surfaces that only reflect and
-//! refract. In a scene with both, the reflections are disabled on both sides.
+//! refract, `volpathmis` those of them that absorb. In a scene with both kinds of surfaces, the
+//! reflections are disabled on both sides.
 
 use super::{Adaptation, Reference, mitsuba, without_layers};
 use crate::driver::{Driver, DriverError, Rendered, SceneText, Setting, Versions};
@@ -13,7 +14,8 @@ use toml::Value;
 
 pub(super) struct Stock;
 
-/// Samples per camera ray of the model, from which the noise is estimated.
+/// Samples per camera ray of the model, from which the noise is estimated. The driver takes fewer
+/// where nothing is random, and more where media absorb.
 const REPEATS: u32 = 64;
 
 /// Materials that lights illuminate directly, and those that only reflect and refract.
@@ -93,7 +95,7 @@ impl Reference for Stock {
     fn adaptations(&self, scene: &toml::Table) -> Vec<Adaptation> {
         let mut found = Vec::from_iter(without_layers(
             scene,
-            "Mitsuba's integrators give the radiance alone",
+            "Mitsuba's integrators output only the radiance",
         ));
         let lights = scene.get("light").and_then(Value::as_array);
         for (number, light) in lights.into_iter().flatten().enumerate() {
@@ -125,7 +127,7 @@ impl Reference for Stock {
                 let depth = depth.map_or_else(String::new, |depth| format!(",max_depth={depth}"));
                 found.push(Adaptation::new(
                     format!("integrator={{type=\"whitted\",at_max_depth=\"black\"{depth}{shadows}}}"),
-                    "Mitsuba's `path` shows black where it goes no deeper, and cuts off no faint branches",
+                    "Mitsuba's `path` and `volpathmis` return black beyond their depth limit, and do not prune faint rays",
                 ));
             }
         }

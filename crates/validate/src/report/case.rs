@@ -203,7 +203,7 @@ impl<'a> CaseView<'a> {
             .to_lowercase(),
             size: if rendered {
                 format!(
-                    "{} × {} pixels, {} a pixel",
+                    "{} × {} pixels, {} per pixel",
                     case.width,
                     case.height,
                     samples(case.samples)
@@ -221,7 +221,7 @@ impl<'a> CaseView<'a> {
             unexplained: Limited::count(case.unexplained()),
             nonfinite: Limited::count(case.nonfinite()),
             ids: Limited {
-                value: ids.value.or("no layer of ids was compared"),
+                value: ids.value.or("no id layer was compared"),
                 ..ids
             },
             stock: Limited {
@@ -327,7 +327,7 @@ impl<'a> CaseView<'a> {
             row(
                 "drift",
                 Number::error(case.drift).or("needs a live and a stored reference"),
-                "of the live from the stored reference",
+                "difference between the live and the stored reference",
             ),
             row("built in", ours(case.build_s, "s"), ""),
             row("rendered in", ours(case.render_s, "s"), ""),
@@ -339,7 +339,7 @@ impl<'a> CaseView<'a> {
             row(
                 "our rays",
                 Number::count((case.width > 0).then_some(case.rays)).or("it was not rendered"),
-                "shadow rays included",
+                "including shadow rays",
             ),
             row("our speed", ours(case.mrays_per_s, "Mrays/s"), ""),
         ]
@@ -383,9 +383,9 @@ pub(super) fn reference_name(case: &CaseResult) -> Option<String> {
 fn twin_meaning(twin: &str) -> &'static str {
     match twin {
         "native" => "the reference's own plugins compute all of it",
-        "hosted" => "some formulas are plugins of ours that run inside Mitsuba",
-        "formula" => "the driver adds some terms by itself, or builds them of the reference's parts",
-        "tessellated" => "Mitsuba sees a mesh in place of a shape that it does not have",
+        "hosted" => "some formulas are our own plugins, which run inside Mitsuba",
+        "formula" => "the driver computes some terms itself, or composes them from parts of the reference",
+        "tessellated" => "Mitsuba renders a mesh instead of a shape that it lacks",
         _ => "",
     }
 }
@@ -404,7 +404,7 @@ fn views(case: &CaseResult, pictures: &Pictures) -> Vec<Picture> {
         case.scene,
         case.pixels_over_tolerance,
         case.rel_rmse_interior
-            .map_or_else(|| "not known".to_owned(), scientific),
+            .map_or_else(|| "unknown".to_owned(), scientific),
     );
     vec![
         picture(
@@ -460,8 +460,11 @@ impl<'a> Sensed<'a> {
     fn new(parameter: &'a Parameter) -> Self {
         let (change, effect) = match &parameter.effect {
             Effect::Seen { change, problem } => (*change, problem.clone()),
-            Effect::Unseen { change } => (*change, "not seen up to here, though pixels change".to_owned()),
-            Effect::NoPixel { change } => (*change, "no pixel changes up to here".to_owned()),
+            Effect::Unseen { change } => (
+                *change,
+                "not detected up to this change, although pixels change".to_owned(),
+            ),
+            Effect::NoPixel { change } => (*change, "no pixel differs up to this change".to_owned()),
             Effect::Refused { change, problem } => (*change, format!("refused: {problem}")),
         };
         let part = (parameter.value != 0.0).then(|| change / parameter.value.abs());
@@ -516,7 +519,7 @@ impl<'a> Pixel<'a> {
             }),
             tried: pixel.tried.map(|[min, max]| {
                 let color = |values: [f64; 3]| values.map(precise).join(", ");
-                format!("all tried: {} to {}", color(min), color(max))
+                format!("range of all variations: {} to {}", color(min), color(max))
             }),
             first_difference: pixel.first_difference.as_deref(),
             oracle: pixel.oracle,
@@ -528,20 +531,20 @@ impl<'a> Pixel<'a> {
 fn in_words(reason: &Reason) -> String {
     match reason {
         Reason::Shift { radius_px } => format!(
-            "an edge: a shift of {} pixel takes the reference to our value",
+            "an edge: a shift of {} pixel makes the reference take our value",
             short(*radius_px)
         ),
         Reason::SpawnOffset => {
             "the reference takes our value with another spawn offset or traversal".to_owned()
         }
         Reason::Noise => "the noise of the reference".to_owned(),
-        Reason::Stored => "one of the values that are kept with the stored reference".to_owned(),
+        Reason::Stored => "one of the values that are stored with the reference".to_owned(),
         Reason::Rounding { ulps } => format!(
-            "ill-conditioned: {} units in the last place take the reference to our value",
+            "ill-conditioned: {} units in the last place make the reference take our value",
             plain_count(*ulps)
         ),
         Reason::Vertices { ulps } => format!(
-            "ill-conditioned: {} units in the last place of its rays and one of its vertices take the reference to our value",
+            "ill-conditioned: {} units in the last place of its rays and one of its vertices make the reference take our value",
             plain_count(*ulps)
         ),
     }
@@ -553,8 +556,8 @@ fn layers(case: &CaseResult) -> Vec<Layer<'_>> {
         .map(|layer| Layer {
             name: &layer.name,
             differing: layer.differing.map(|_| Limited::count(case.ids(layer))),
-            rms: Number::error(layer.rms).or("ids are compared as they are"),
-            max_abs: Number::error(layer.max_abs).or("ids are compared as they are"),
+            rms: Number::error(layer.rms).or("ids are compared for equality"),
+            max_abs: Number::error(layer.max_abs).or("ids are compared for equality"),
         })
         .collect()
 }

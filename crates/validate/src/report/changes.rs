@@ -185,7 +185,7 @@ fn changes(old: &CaseResult, new: &CaseResult) -> Vec<Change> {
         ("reference", version(old), version(new)),
         ("twin", old.twin.clone(), new.twin.clone()),
         ("size", size(old), size(new)),
-        ("left out", old.left_out.join("; "), new.left_out.join("; ")),
+        ("skipped work", old.left_out.join("; "), new.left_out.join("; ")),
         ("plugins", old.plugins.join(", "), new.plugins.join(", ")),
     ];
     for (what, before, after) in others.into_iter().filter(|(_, before, after)| before != after) {
@@ -195,7 +195,7 @@ fn changes(old: &CaseResult, new: &CaseResult) -> Vec<Change> {
 }
 
 fn size(case: &CaseResult) -> String {
-    format!("{} x {}, {} a pixel", case.width, case.height, case.samples)
+    format!("{} x {}, {} per pixel", case.width, case.height, case.samples)
 }
 
 #[cfg(test)]
@@ -254,7 +254,7 @@ mod tests {
                 "pixels unexplained",
                 Kind::Better,
             ),
-            (|cases| cases[1].left_out.clear(), "left out", Kind::Other),
+            (|cases| cases[1].left_out.clear(), "skipped work", Kind::Other),
             (|cases| cases[1].twin = "hosted".to_owned(), "twin", Kind::Other),
         ];
         for (alter, what, kind) in alter {

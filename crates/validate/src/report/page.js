@@ -3,7 +3,7 @@
   const all = (selector, root = document) => [...root.querySelectorAll(selector)];
   for (const tools of all(".tools, .copy")) tools.hidden = false;
 
-  // Sorting: numbers worst first, text from A; what is absent always comes last.
+  // Sorting: numbers worst first, text from A. Absent values always come last.
   const table = document.querySelector("table.sortable");
   const body = table.tBodies[0];
   const key = (row, column) => {
@@ -49,7 +49,7 @@
       const uses = !plugin?.value || row.dataset.plugins.split(" ").includes(plugin.value);
       const fits = uses && words.every((word) => row.dataset.words.includes(word));
       row.hidden = !fits || (failures.checked && !row.classList.contains("failed"));
-      // Where each scene has a page of its own, there is none here.
+      // There is no section if each scene has its own page.
       const section = document.getElementById(row.dataset.case);
       if (section) section.hidden = row.hidden;
       count += !row.hidden;

@@ -1,4 +1,4 @@
-// Diagrams: what a dot is and the command that measures it again, by pointer and by keyboard.
+// Diagrams: shows the label of a dot and the command that measures it again, by pointer and keyboard.
 (() => {
   for (const study of document.querySelectorAll(".study")) {
     const output = study.querySelector(".point output");
@@ -13,7 +13,7 @@
     dots.forEach((dot, index) => {
       dot.setAttribute("role", "img");
       dot.setAttribute("aria-label", dot.querySelector("title").textContent);
-      // One stop for Tab; arrows go on from there.
+      // One stop for Tab; arrow keys move to the other dots.
       dot.setAttribute("tabindex", index === 0 ? "0" : "-1");
       dot.addEventListener("pointerenter", () => show(dot));
       dot.addEventListener("focus", () => show(dot));

@@ -35,12 +35,12 @@ pub(super) struct Page<'a> {
     matrix: Vec<Row<'a>>,
     sections: Vec<Section<'a>>,
     changes: Option<&'a Changes>,
-    shape: Shape<'a>,
+    kind: PageKind<'a>,
 }
 
 /// The part of a report that a page contains.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Shape<'a> {
+pub(super) enum PageKind<'a> {
     /// The whole report.
     Whole,
     /// The tables. Cases are on pages of their own; the map has their paths by scene.
@@ -101,7 +101,7 @@ const COLUMNS: [Column; 15] = [
     column(
         "Verdict",
         false,
-        "pass: all limits are kept; confirmed: the reference is too weak, the oracle confirms ours; FAIL: ours is wrong; undecided: nobody can tell",
+        "pass: all limits hold; confirmed: the reference is too inaccurate, and the oracle confirms ours; FAIL: ours is wrong; undecided: neither the reference nor the oracle can decide",
     ),
     column("Scene", false, "path below scenes/"),
     column("Interior error", true, "rel_rmse_interior, at most its limit"),
@@ -118,42 +118,44 @@ const COLUMNS: [Column; 15] = [
     column(
         "Unexplained",
         true,
-        "pixels over tolerance that nothing explains: none may be",
+        "pixels over tolerance that the reference's own variation does not explain; must be 0",
     ),
     column(
         "Not finite",
         true,
-        "NaN or infinite values in either picture: none may be",
+        "NaN or infinite values in either image; must be 0",
     ),
     column(
         "Ids differ",
         true,
-        "pixels where the two see another shape or primitive, in the worst layer",
+        "pixels where the two images show different shapes or primitives, in the worst layer",
     ),
     column(
         "Stock differs",
         true,
-        "pixels whose difference from Mitsuba's own integrators its noise does not explain, at most 0.25 %",
+        "pixels that differ from Mitsuba's own integrators by more than noise explains, at most 0.25 %",
     ),
     column("RMSE", true, "over all pixels, in units of radiance"),
     column("Twin", false, "how independent the reference is"),
-    column("Reference", false, "rendered now (live) or kept (stored)"),
+    column("Reference", false, "rendered now (live) or stored"),
     column("Ours, s", true, "time to render, in seconds"),
     column("Reference, s", true, "time to trace, in seconds"),
-    column("Mrays/s", true, "our rays a second, in millions"),
+    column("Mrays/s", true, "our rays per second, in millions"),
 ];
 
 impl<'a> Page<'a> {
     /// Failures come first.
-    pub(super) fn new(results: &'a Results, extras: &'a Extras, shape: Shape<'a>) -> Self {
+    pub(super) fn new(results: &'a Results, extras: &'a Extras, kind: PageKind<'a>) -> Self {
         let mut cases: Vec<CaseView> = results
             .results
             .iter()
             .enumerate()
-            .map(|(index, case)| match shape {
+            .map(|(index, case)| match kind {
                 // Skips the parts that this page does not show.
-                Shape::Index(_) => CaseView::row(index, case),
-                Shape::Whole | Shape::Scene(_) => CaseView::new(index, case, extras.sensitivity_of(case)),
+                PageKind::Index(_) => CaseView::row(index, case),
+                PageKind::Whole | PageKind::Scene(_) => {
+                    CaseView::new(index, case, extras.sensitivity_of(case))
+                }
             })
             .collect();
         cases.sort_by_key(|case| match case.case.status {
@@ -194,27 +196,27 @@ impl<'a> Page<'a> {
             matrix: rows(&results.matrix),
             sections: sections(extras),
             changes: extras.changes.as_ref(),
-            shape,
+            kind,
         }
     }
 
     /// The address at which a case is shown.
     fn link(&self, view: &CaseView<'_>) -> String {
-        match self.shape {
-            Shape::Index(pages) => pages.get(&*view.case.scene).cloned().unwrap_or_default(),
-            Shape::Whole | Shape::Scene(_) => format!("#{}", view.id),
+        match self.kind {
+            PageKind::Index(pages) => pages.get(&*view.case.scene).cloned().unwrap_or_default(),
+            PageKind::Whole | PageKind::Scene(_) => format!("#{}", view.id),
         }
     }
 
     fn is_index(&self) -> bool {
-        matches!(self.shape, Shape::Index(_))
+        matches!(self.kind, PageKind::Index(_))
     }
 
     /// The address of the index, on the page of a scene.
     fn up(&self) -> Option<&str> {
-        match self.shape {
-            Shape::Scene(index) => Some(index),
-            Shape::Whole | Shape::Index(_) => None,
+        match self.kind {
+            PageKind::Scene(index) => Some(index),
+            PageKind::Whole | PageKind::Index(_) => None,
         }
     }
 
@@ -235,8 +237,8 @@ fn sections(extras: &Extras) -> Vec<Section<'_>> {
         },
         Section {
             id: "stress",
-            heading: "Stiff and extreme cases",
-            note: "error against the knob of each family and against time; filled dots are of use",
+            heading: "Ill-conditioned and extreme cases",
+            note: "error against the parameter of each family and against time; filled dots are usable",
             open: false,
             diagrams: &extras.stress,
         },
@@ -252,9 +254,9 @@ fn verdict(results: &Results) -> Verdict {
     let settings = match Tally::of(&results.matrix).failed {
         0 => String::new(),
         count => format!(
-            "; {} of the matrix {} not hold",
+            "; {} of the matrix {}",
             counted(count, "setting"),
-            if count == 1 { "does" } else { "do" }
+            if count == 1 { "fails" } else { "fail" }
         ),
     };
     let text = match (cases, failed) {
@@ -306,14 +308,14 @@ fn tiles(results: &Results) -> Vec<Tile> {
         count("pixels explained", summary.explained, false),
         count("pixels unexplained", summary.unexplained, summary.unexplained > 0),
         count("values not finite", summary.nonfinite, summary.nonfinite > 0),
-        count("scenes left out", summary.left_out, false),
+        count("scenes skipped", summary.left_out, false),
         Tile {
             label: "median interior error",
             value: Number::error(summary.median_rel_rmse_interior).or("no case has one"),
             bad: false,
         },
         Tile {
-            label: "in all",
+            label: "total time",
             value: Number::with_unit(summary.seconds, "s"),
             bad: false,
         },
@@ -322,7 +324,7 @@ fn tiles(results: &Results) -> Vec<Tile> {
 
 fn provenance(provenance: &Provenance, cases: &[CaseResult]) -> Vec<(&'static str, String)> {
     let threads = |threads: usize| match threads {
-        0 => "one thread a core".to_owned(),
+        0 => "one thread per core".to_owned(),
         1 => "1 thread".to_owned(),
         n => format!("{n} threads"),
     };

@@ -1,4 +1,5 @@
-// The pixels of a case: both pictures in one by a slider, other exposures, other errors, the values of each.
+// The pixels of a case: a slider between both images, other exposures, other error images, and the
+// values of each pixel.
 (() => {
   const all = (selector, root = document) => [...root.querySelectorAll(selector)];
   const drawing = JSON.parse(document.querySelector("main").dataset.drawing);
@@ -7,11 +8,11 @@
   const JUDGEMENTS = [
     "within tolerance",
     "UNEXPLAINED",
-    "explained: an edge, a tiny shift of the sample takes the reference to our value",
+    "explained: an edge, a tiny shift of the sample makes the reference take our value",
     "explained: the reference takes our value with another spawn offset or traversal",
-    "explained: within the range that is kept with the stored reference",
-    "explained: ill-conditioned, its last digits take the reference to our value",
-    "explained: ill-conditioned, the last digits of its rays and of a vertex take the reference to our value",
+    "explained: within the range that is stored with the reference",
+    "explained: ill-conditioned, a change of its last digits makes the reference take our value",
+    "explained: ill-conditioned, a change of the last digits of its rays and of a vertex makes the reference take our value",
   ];
   const ERRORS = {
     relative: { label: "relative, turbo", caption: "relative error", ends: drawing.relative, colors: drawing.turbo },
@@ -34,10 +35,10 @@
     return new Uint8Array(await new Response(stream).arrayBuffer());
   };
 
-  // The planes that `pixels.rs` tells of.
+  // The planes that `pixels.rs` describes.
   const unpack = async (text, count) => {
     const bytes = await inflate(text);
-    if (bytes.length !== 8 + 17 * count) throw new Error("the packed pixels have another size than the pictures");
+    if (bytes.length !== 8 + 17 * count) throw new Error("the packed pixels do not have the size of the pictures");
     const mean = new DataView(bytes.buffer).getFloat64(0, true);
     const plane = (index) => bytes.subarray(8 + index * count, 8 + (index + 1) * count);
     const step = (index, pixel) => {
@@ -54,7 +55,7 @@
         [ours[channel][pixel], reference[channel][pixel]] = [a, b];
         const code = codes[pixel] & 127;
         let residual = code === 0 ? 0 : drawing.least * 10 ** ((code - 1) / drawing.codes);
-        // Where half floats see the difference, they know it better.
+        // Where half floats resolve the difference, they are more accurate.
         if (residual > 0.02) residual = Math.abs(a - b) / Math.max(Math.abs(b) + mean, 1.2e-38);
         relative[channel][pixel] = code === 127 ? NaN : codes[pixel] > 127 ? -residual : residual;
       }
@@ -109,7 +110,7 @@
     const name = section.querySelector("h3").textContent;
     const state = { pixels: null, exposure: 0, error: "relative", split: 100, pixel: null, kept: null };
 
-    // What is drawn lies over the pictures, whose texts stay for those who cannot see them.
+    // The canvases cover the pictures, whose alternative texts remain for screen readers.
     const canvas = (frame) => {
       const made = element("canvas", { width, height });
       made.setAttribute("aria-hidden", "true");
@@ -117,13 +118,13 @@
       return made;
     };
     const [ours, beside, reference, error] = [oursFrame, oursFrame, referenceFrame, errorFrame].map(canvas);
-    // After the other of its frame: it was put before it.
+    // Move it behind the other canvas of its frame.
     oursFrame.insertBefore(beside, ours.nextSibling);
     beside.className = "beside";
 
     const range = (label, className, min, max, step, value) =>
       element("input", { type: "range", className, min, max, step, value, ariaLabel: label });
-    const slider = range("Part of ours; the rest is the reference", "split", 0, 100, 1, 100);
+    const slider = range("Part that shows ours; the rest shows the reference", "split", 0, 100, 1, 100);
     const exposure = range("Exposure in stops", "exposure", -10, 10, 0.5, 0);
     const stops = element("output", { className: "stops", textContent: "0" });
     const flip = element("button", { type: "button", className: "flip", textContent: "Flip" });
@@ -144,7 +145,7 @@
     readout.setAttribute("role", "status");
     pictures.tabIndex = 0;
     pictures.setAttribute("role", "group");
-    pictures.setAttribute("aria-label", `Pictures of ${name}. Arrow keys go from pixel to pixel, N and P through the worst, F flips, + and − change the exposure, E the error.`);
+    pictures.setAttribute("aria-label", `Pictures of ${name}. Arrow keys move from pixel to pixel, N and P go through the worst ones, F flips, + and − change the exposure, E changes the error image.`);
 
     const caption = oursFrame.parentElement.querySelector("figcaption");
     const errorCaption = errorFrame.parentElement.querySelector("figcaption");
@@ -181,7 +182,7 @@
       beside.style.setProperty("--split", `${split}%`);
       oursFrame.style.setProperty("--split", `${split}%`);
       oursFrame.classList.toggle("is-split", split > 0 && split < 100);
-      caption.textContent = split === 100 ? "ours" : split === 0 ? "reference, in the place of ours" : "ours, then the reference";
+      caption.textContent = split === 100 ? "ours" : split === 0 ? "reference, in place of ours" : "ours, then the reference";
     };
     const setExposure = (stops_) => {
       state.exposure = Math.min(10, Math.max(-10, stops_));
@@ -202,7 +203,7 @@
       const index = y * width + x;
       const triple = (of, text) => [0, 1, 2].map((channel) => text(of(channel))).join(", ");
       const row = worst.find((row) => Number(row.dataset.x) === x && Number(row.dataset.y) === y);
-      // The table has all digits, and what exactly explains it.
+      // The table has all digits and the exact explanation.
       const cell = (column) => row.cells[column].textContent.trim().replace(/\s+/g, " ");
       return [
         place,
@@ -312,7 +313,7 @@
     );
   };
 
-  // Only cases that someone looks at: a page has many.
+  // Unpack only the cases that are open: a page has many.
   for (const section of all("details.case")) {
     const pictures = section.querySelector(".pictures[data-pixels]");
     if (!pictures) continue;

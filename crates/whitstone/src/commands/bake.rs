@@ -8,9 +8,13 @@ use whitstone_core::{DVec3, Registry, Rgb, SceneErrors};
 use whitstone_image::{Image, atomic, exr_io};
 use whitstone_scene::{Description, Pipeline, Plan, Sources};
 
-/// Convert assets for file-based plugins
+/// Convert assets for file-based plugins, such as a sky for the light `environment`
 #[derive(Args, Debug)]
-#[command(arg_required_else_help = true)]
+#[command(
+    arg_required_else_help = true,
+    help_template = super::HELP_TEMPLATE,
+    after_help = "Example:\n  whitstone bake cubemap sky.exr --size 256 -o sky"
+)]
 pub struct Arguments {
     #[command(subcommand)]
     what: What,
@@ -35,15 +39,18 @@ enum What {
 /// times its curvature, except within half a texel of the cube's edges, where a face is not blended
 /// with its neighbours.
 #[derive(Args, Debug)]
-#[command(after_help = "Example:\n  whitstone bake cubemap sky.exr --size 256 -o sky")]
+#[command(
+    help_template = super::HELP_TEMPLATE,
+    after_help = "Example:\n  whitstone bake cubemap sky.exr --size 256 -o sky"
+)]
 struct Cubemap {
     /// Latitude-longitude picture, twice as wide as high: PNG, JPEG (both sRGB) or EXR (linear). -z
     /// is at its middle, +x to the right of it, +y at its top
     #[arg(value_name = "PICTURE")]
     picture: PathBuf,
-    /// Side of the faces in texels [default: a quarter of the picture's width, which matches the
-    /// picture's resolution at its horizon]
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=4096))]
+    /// Width and height of each face in texels, at most 4096 [default: a quarter of the picture's
+    /// width, which matches the picture's resolution at its horizon]
+    #[arg(long, value_name = "TEXELS", value_parser = clap::value_parser!(u32).range(1..=4096))]
     size: Option<u32>,
     /// Folder for the files, created if needed [default: the picture's name without its extension,
     /// in the working folder]
@@ -123,7 +130,7 @@ fn sky(picture: &Path, registry: &Registry) -> Result<Pipeline, Failure> {
     let name = picture.file_name().and_then(|name| name.to_str());
     let Some(name) = name else {
         return Err(Failure::usage(format!(
-            "{}: no name of a picture",
+            "{}: expected the path of an image file",
             picture.display()
         )));
     };
@@ -135,11 +142,11 @@ fn sky(picture: &Path, registry: &Registry) -> Result<Pipeline, Failure> {
     );
     let folder = picture.parent().unwrap_or(Path::new(""));
     // An error is an error of the picture: the user has not written the scene around it.
-    let told = |errors: SceneErrors| Failure::usage(errors);
-    let sources = Sources::from_text("sky", &text, folder, &[]).map_err(|error| told(error.errors))?;
-    let description = Description::parse(&sources).map_err(told)?;
-    let plan = Plan::new(&description, registry).map_err(told)?;
-    Pipeline::build(&plan, registry).map_err(told)
+    let failure = |errors: SceneErrors| Failure::usage(errors);
+    let sources = Sources::from_text("sky", &text, folder, &[]).map_err(|error| failure(error.errors))?;
+    let description = Description::parse(&sources).map_err(failure)?;
+    let plan = Plan::new(&description, registry).map_err(failure)?;
+    Pipeline::build(&plan, registry).map_err(failure)
 }
 
 /// The mean of `seen` over `parts` x `parts` points of the texel at a column and row. `seen`

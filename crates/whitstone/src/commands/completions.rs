@@ -4,9 +4,10 @@ use crate::terminal::{Exit, Failure, out};
 use clap::{Args, Command};
 use clap_complete::Shell;
 
-/// Print a completion script for a shell
+/// Print a completion script for a shell, such as bash or zsh
 #[derive(Args, Debug)]
 #[command(
+    help_template = super::HELP_TEMPLATE,
     after_help = "Example:\n  whitstone completions bash > ~/.local/share/bash-completion/completions/whitstone"
 )]
 pub struct Arguments {

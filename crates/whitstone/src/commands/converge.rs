@@ -32,11 +32,13 @@ const PICTURES: &str = "images/converge";
 /// a setting could not be measured, or if the truth is too inaccurate for any claim.
 #[derive(Args, Debug)]
 #[command(
+    help_template = super::HELP_TEMPLATE,
     after_help = "Examples:\n  whitstone converge samples\n  whitstone converge studies/lens.toml --plots plots\n  whitstone converge scenes/showcase/cornell.toml\n  whitstone converge --quick"
 )]
 pub struct Arguments {
     /// Names of stored studies, study files, or scenes, whose samples per pixel are swept [default:
     /// all stored studies]
+    #[arg(value_name = "STUDY")]
     studies: Vec<String>,
     /// Run the reduced form of the studies that have one, without Mitsuba: seconds instead of
     /// minutes
@@ -60,8 +62,8 @@ pub struct Arguments {
     /// Approximate limit in seconds for the repeats of one setting; at least three are always run
     #[arg(long, default_value_t = 20.0, value_name = "SECONDS", value_parser = super::finite)]
     budget: f64,
-    /// Threads of both renderers; 0 means one per core
-    #[arg(long, default_value_t = 0, value_parser = super::threads)]
+    /// Number of threads of both renderers; 0 means one per core
+    #[arg(long, value_name = "COUNT", default_value_t = 0, value_parser = super::threads)]
     threads: usize,
     /// Write all results to this file as JSON
     #[arg(long, value_name = "FILE")]
@@ -72,13 +74,13 @@ pub struct Arguments {
     /// Plot error against time into this folder, one file per study
     #[arg(long, value_name = "DIR")]
     plots: Option<PathBuf>,
-    /// Write the tables into this Markdown file, between its marks; can be repeated
+    /// Write the tables into this Markdown file, between its marker comments; can be repeated
     #[arg(long, value_name = "FILE")]
     page: Vec<PathBuf>,
-    /// Folder of the Python environment and of finished measurements
+    /// Folder for the Python environment and for finished measurements
     #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
     target: PathBuf,
-    /// Folder of the reference drivers
+    /// Folder with the reference drivers
     #[arg(long, default_value = "references", value_name = "DIR")]
     references: PathBuf,
     /// Time limit for one rendering by Mitsuba, in seconds
@@ -109,17 +111,17 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     let cache = Cache::new(arguments.target.join("converge"), !arguments.fresh);
     let mut lab = Lab::new(registry, driver, &driver_hash, cache, options);
     // The checks of `--quick` do not depend on time.
-    let sittings = if arguments.quick { 1 } else { 2 };
-    let bar = progress(sittings * studies.len() as u64, "converge");
+    let sessions = if arguments.quick { 1 } else { 2 };
+    let bar = progress(sessions * studies.len() as u64, "converge");
     for study in studies.iter().filter(|_| !arguments.quick) {
-        let told = |what: &str| bar.set_message(format!("first sitting, {}: {what}", study.name));
-        lab.sit(study, &told).map_err(Failure::usage)?;
+        let stage = |what: &str| bar.set_message(format!("first session, {}: {what}", study.name));
+        lab.measure_first_session(study, &stage).map_err(Failure::usage)?;
         bar.inc(1);
     }
     let mut reports: Vec<StudyReport> = Vec::new();
     for study in &studies {
-        let told = |what: &str| bar.set_message(format!("{}: {what}", study.name));
-        let report = lab.measure(study, &told).map_err(Failure::usage)?;
+        let stage = |what: &str| bar.set_message(format!("{}: {what}", study.name));
+        let report = lab.measure(study, &stage).map_err(Failure::usage)?;
         bar.inc(1);
         bar.suspend(|| print(&report, arguments.points));
         reports.push(report);
@@ -146,7 +148,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
 fn chosen(arguments: &Arguments) -> Result<Vec<Study>, Failure> {
     let stored = || -> Result<Vec<PathBuf>, Failure> {
         let folder = std::fs::read_dir(STUDIES);
-        let folder = folder.map_err(|error| Failure::usage(format!("{STUDIES}: {error}; name a study or a scene, or call it in the folder of Whitstone's repository")))?;
+        let folder = folder.map_err(|error| Failure::usage(format!("{STUDIES}: {error}; name a study file or a scene, or run the command in the root of a Whitstone checkout")))?;
         let files = folder.filter_map(|entry| Some(entry.ok()?.path()));
         let mut files: Vec<PathBuf> = files
             .filter(|path| path.extension().is_some_and(|e| e == "toml"))
@@ -181,7 +183,7 @@ fn chosen(arguments: &Arguments) -> Result<Vec<Study>, Failure> {
                 .collect();
             let near = whitstone_core::nearest(name, known.iter().map(String::as_str));
             let help = near.map_or_else(
-                || "`whitstone converge --list` shows all".to_owned(),
+                || "`whitstone converge --list` lists all studies".to_owned(),
                 |near| format!("did you mean \"{near}\"?"),
             );
             return Err(Failure::usage(format!("there is no study \"{name}\"; {help}")));
@@ -205,7 +207,7 @@ fn of_scene(path: &Path) -> Result<Study, Failure> {
     let shown = toml_text(&path.display().to_string());
     let text = format!(
         r#"title = {shown}
-about = "Samples a pixel."
+about = "Samples per pixel."
 scene = {scene}
 [truth]
 set = ["sampler={{ type = \"grid\", samples_per_axis = 32 }}"]
@@ -236,10 +238,10 @@ fn toml_text(text: &str) -> String {
 fn mitsuba(arguments: &Arguments, studies: &[Study]) -> Result<(Result<Driver, String>, String), Failure> {
     let absent = |why: &str| Ok((Err(why.to_owned()), String::new()));
     if arguments.no_mitsuba {
-        return absent("left out by --no-mitsuba");
+        return absent("skipped because of --no-mitsuba");
     }
     if arguments.quick {
-        return absent("left out by --quick");
+        return absent("skipped because of --quick");
     }
     let wanted = studies.iter().any(|study| {
         let truths = std::iter::once(&study.truth).chain(&study.checks);
@@ -248,13 +250,13 @@ fn mitsuba(arguments: &Arguments, studies: &[Study]) -> Result<(Result<Driver, S
             || truths.into_iter().any(|truth| truth.engine == Engine::Mitsuba)
     });
     if !wanted {
-        return absent("no study asks for it");
+        return absent("no study uses it");
     }
     let environment = Environment::ensure(&arguments.target, &arguments.references, &|what| {
         eprintln!("{what}")
     });
     let environment = environment
-        .map_err(|error| Failure::environment(format!("{error}; without Mitsuba: --no-mitsuba")))?;
+        .map_err(|error| Failure::environment(format!("{error}; use --no-mitsuba to run without Mitsuba")))?;
     let hash = hash_sources(&environment);
     let limit = Duration::from_secs(arguments.time_limit);
     let mut driver = Driver::start(&environment, limit).map_err(Failure::environment)?;
@@ -293,7 +295,7 @@ fn write(arguments: &Arguments, reports: &[StudyReport]) -> Result<(), Failure> 
     Ok(())
 }
 
-/// The marks around the parts of a page that are replaced: all curves, and the ratios to Mitsuba.
+/// The markers around the parts of a page that are replaced: all curves, and the ratios to Mitsuba.
 const TABLE: Marks = [
     "<!-- studies: written by `cargo xtask converge --page` -->",
     "<!-- end of studies -->",
@@ -317,7 +319,7 @@ fn print(report: &StudyReport, points: bool) {
     for series in &report.series {
         let name = format!("{} ({})", series.configuration, series.engine.name());
         if let Some(why) = &series.absent {
-            println!("  {name:<28} takes no part: {why}");
+            println!("  {name:<28} not run: {why}");
             continue;
         }
         let slope = match (series.slope, series.slope_interval) {

@@ -13,7 +13,7 @@ use whitstone_validate::environment::Environment;
 use whitstone_validate::stored::Stored;
 use whitstone_validate::{Live, Renderer};
 
-/// Check that rendering and live validation work on this machine, and suggest fixes
+/// Check that rendering and live validation work on this machine, and suggest how to fix problems
 ///
 /// Renders a small picture, looks for Python, creates the private Python environment if it does not
 /// exist (a download of about 100 MB, once; see --no-install), starts Mitsuba in it, and queries
@@ -22,7 +22,10 @@ use whitstone_validate::{Live, Renderer};
 /// Exit code 0 if rendering and live validation with Mitsuba work, 3 if not. POV-Ray is a second,
 /// optional reference (`validate --reference povray`).
 #[derive(Args, Debug)]
-#[command(after_help = "Example:\n  whitstone doctor --json doctor.json")]
+#[command(
+    help_template = super::HELP_TEMPLATE,
+    after_help = "Examples:\n  whitstone doctor\n  whitstone doctor --no-install --json doctor.json"
+)]
 pub struct Arguments {
     /// Write the findings to this file as JSON
     #[arg(long, value_name = "FILE")]
@@ -30,10 +33,10 @@ pub struct Arguments {
     /// Do not create the Python environment, only look for it
     #[arg(long)]
     no_install: bool,
-    /// Folder of the environment
+    /// Folder for the Python environment
     #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
     target: PathBuf,
-    /// Folder of the drivers and the stored references
+    /// Folder with the reference drivers and the stored references
     #[arg(long, default_value = "references", value_name = "DIR")]
     references: PathBuf,
     /// Time limit for the start of Mitsuba, in seconds
@@ -59,7 +62,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     let live = if arguments.no_install
         && Environment::existing(&arguments.target, &arguments.references).is_none()
     {
-        Err("its Python environment has not been made yet; `validate` and `doctor` make it".to_owned())
+        Err("its Python environment does not exist yet; run `validate`, or `doctor` without --no-install, to create it".to_owned())
     } else {
         start(arguments)
     };
@@ -78,7 +81,9 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         write_json(path, &report(&findings))?;
     }
     match (&findings.rendering, &findings.live) {
-        (Err(_), _) => Err(Failure::environment("rendering does not work")),
+        (Err(_), _) => Err(Failure::environment(
+            "rendering does not work; see the problem reported above",
+        )),
         (Ok(_), Err(_)) if findings.stored > 0 => Err(Failure::environment(format!(
             "live Mitsuba is not available; the {} stored references still work",
             findings.stored
@@ -98,7 +103,7 @@ light = [{ type = "background", radiance = 0.25 }, { type = "ambient", radiance 
 shape = [{ type = "sphere" }]
 "#;
 
-/// Renders a picture whose pixels are known: diffuse grey of 0.5 under an ambient light of 2.
+/// Renders an image whose pixels are known: diffuse grey of 0.5 under an ambient light of 2.
 fn render(registry: &Registry) -> Result<f64, String> {
     let start = Instant::now();
     let sources =
@@ -112,7 +117,7 @@ fn render(registry: &Registry) -> Result<f64, String> {
         Ok(start.elapsed().as_secs_f64())
     } else {
         Err(format!(
-            "a known picture came out wrong: {corner:?} in the corner, {middle:?} in the middle"
+            "the test image is wrong: expected 0.25 in the corner and 1 in the middle, found {corner:?} and {middle:?}"
         ))
     }
 }
@@ -137,7 +142,7 @@ fn start(arguments: &Arguments) -> Result<Hello, String> {
         .map_err(|error| error.to_string())?;
     match live.versions() {
         Some(Versions::Mitsuba(hello)) => Ok(hello.clone()),
-        _ => Err("the driver does not tell its version".to_owned()),
+        _ => Err("the driver does not report its version".to_owned()),
     }
 }
 
@@ -148,7 +153,7 @@ fn start_povray(arguments: &Arguments) -> Result<PovRay, String> {
         .map_err(|error| error.to_string())?;
     match live.versions() {
         Some(Versions::PovRay(found)) => Ok(found.clone()),
-        _ => Err("the driver does not tell its version".to_owned()),
+        _ => Err("the driver does not report its version".to_owned()),
     }
 }
 
@@ -177,17 +182,17 @@ fn print(findings: &Findings) {
         &format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
     );
     row("threads", &findings.threads.to_string());
-    row("vectors", &Level::current().to_string());
+    row("SIMD level", &Level::current().to_string());
     match &findings.rendering {
-        Ok(seconds) => row(
-            "rendering",
-            &format!("works ({seconds:.3} s for a picture of known values)"),
-        ),
+        Ok(seconds) => row("rendering", &format!("works ({seconds:.3} s for a test image)")),
         Err(problem) => row("rendering", &format!("FAILS: {problem}")),
     }
     row(
         "environments",
-        &format!("{} complete at the start", findings.environments),
+        &format!(
+            "{} complete Python environments at the start",
+            findings.environments
+        ),
     );
     match &findings.live {
         Ok(hello) => {
@@ -227,12 +232,12 @@ fn print(findings: &Findings) {
 fn advice(problem: &str) -> &'static str {
     let problem = problem.to_lowercase();
     if problem.contains("llvm") {
-        "install libLLVM 16 or newer (on Debian: apt-get install libllvm19), or name it in DRJIT_LIBLLVM_PATH; \
-         the one of a Rust toolchain serves too: $(rustc --print sysroot)/lib"
+        "install libLLVM 16 or newer (on Debian: apt-get install libllvm19), or set DRJIT_LIBLLVM_PATH to its path; \
+         the library of a Rust toolchain works too: $(rustc --print sysroot)/lib"
     } else if problem.contains("python environment") || problem.contains("install mitsuba") {
-        "give access to PyPI once (or set PIP_INDEX_URL to a mirror), then run `doctor` again"
+        "allow access to PyPI once (or set PIP_INDEX_URL to a mirror), then run `doctor` again"
     } else {
-        "follow the reason given; until then, validate with --reference stored"
+        "fix the problem reported above; until then, use `validate --reference stored`"
     }
 }
 

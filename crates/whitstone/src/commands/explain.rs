@@ -11,10 +11,13 @@ use std::sync::Arc;
 use whitstone_core::{Counters, Geometry, Registry, SurfaceAttributes};
 use whitstone_scene::{Cost, Pipeline, Plan, RenderOptions};
 
-/// Explain what is built for a scene and which optimisations apply; with --pixel, print one pixel's
-/// ray tree and compare it with Mitsuba's
+/// Show what Whitstone builds for a scene and what it omits; with --pixel, print the ray tree of a
+/// pixel and compare it with Mitsuba's
 #[derive(Args, Debug)]
-#[command(after_help = "Example:\n  whitstone explain scenes/showcase/classic.toml --pixel 256,300")]
+#[command(
+    help_template = super::HELP_TEMPLATE,
+    after_help = "Examples:\n  whitstone explain scenes/showcase/classic.toml\n  whitstone explain scenes/showcase/classic.toml --pixel 256,300"
+)]
 pub struct Arguments {
     #[command(flatten)]
     scene: SceneArguments,
@@ -27,7 +30,7 @@ pub struct Arguments {
     /// Deepest level of boxes to draw
     #[arg(long, value_name = "N", default_value_t = 4, requires = "draw_bounds")]
     bounds_depth: usize,
-    /// Render the scene and count the rays
+    /// Also render the scene, and count its rays
     #[arg(long)]
     measure: bool,
     /// Write everything to this file as JSON, including the whole ray tree
@@ -35,7 +38,7 @@ pub struct Arguments {
     json: Option<PathBuf>,
 }
 
-/// Names that the description has and the pipeline has not.
+/// Names from the scene description, which the pipeline does not keep.
 pub(super) struct Names {
     camera: String,
     sampler: String,
@@ -93,9 +96,9 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
             uv,
             textured,
         } = counted;
-        println!("counted        {closest} rays for the nearest hit, {shadow} for shadows");
+        println!("counted        {closest} closest-hit rays, {shadow} shadow rays");
         println!(
-            "               {shaded} points shaded, {uv} with texture coordinates, {textured} with textures"
+            "               {shaded} shaded points, {uv} with texture coordinates, {textured} with textures"
         );
     }
     if let Some(tree) = &tree {
@@ -195,12 +198,15 @@ fn print_pipeline(pipeline: &Pipeline, names: &Names) {
         &format!("{} x {}, layers: {}", size.width, size.height, or_none(layers)),
     );
     row("camera", &names.camera);
-    row("sampler", &format!("{}, {samples} a pixel", names.sampler));
+    row(
+        "sampler",
+        &format!("{}, {samples} samples per pixel", names.sampler),
+    );
     row("integrator", &names.integrator);
     let (accelerator, why) = &pipeline.accelerator;
     row("accelerator", &format!("{accelerator} ({why})"));
     if let Some(approximation_note) = pipeline.scene.accelerator.approximation_note() {
-        println!("  {approximation_note}: the image depends on it");
+        println!("  {approximation_note}, so the image depends on the accelerator");
     }
     for (name, value) in pipeline.scene.accelerator.statistics() {
         println!("  {name:<20} {value}");
@@ -208,7 +214,7 @@ fn print_pipeline(pipeline: &Pipeline, names: &Names) {
     let (shapes, elements) = (names.shapes.len(), elements(pipeline));
     row(
         "shapes",
-        &format!("{shapes}, as {elements} elements (triangles and whole shapes)"),
+        &format!("{shapes}, lowered to {elements} elements (triangles and whole shapes)"),
     );
     for built in &pipeline.groups {
         let (accelerator, why) = &built.accelerator;
@@ -217,11 +223,11 @@ fn print_pipeline(pipeline: &Pipeline, names: &Names) {
             println!("  {name:<20} {value}");
         }
     }
-    let copies = pipeline.scene.geometry.paths() - 1;
-    if copies > 0 {
+    let instances = pipeline.scene.geometry.paths() - 1;
+    if instances > 0 {
         row(
-            "copies",
-            &format!("{copies} of groups, those within copies counted"),
+            "instances",
+            &format!("{instances}, including instances inside instances"),
         );
     }
     let used: Vec<&str> = pipeline.used.iter().map(|(_, name)| *name).collect();
@@ -241,17 +247,17 @@ fn print_pipeline(pipeline: &Pipeline, names: &Names) {
     }
     let reflections = reflections(pipeline);
     if reflections > 1 {
-        let text = format!("up to {reflections} in the place of one; rays are followed one by one");
+        let text = format!("up to {reflections} reflection rays per hit; rays are traced one by one");
         row("reflections", &text);
     }
     row("needs", &or_none(needs(pipeline)));
     let costs = pipeline.costs();
-    println!("costs: bytes, and the work to be expected");
+    println!("costs: bytes, and the expected work");
     for Cost { part, bytes, work } in &costs {
-        let bytes = bytes.map_or_else(|| "not told".to_owned(), |bytes| bytes.to_string());
+        let bytes = bytes.map_or_else(|| "not reported".to_owned(), |bytes| bytes.to_string());
         println!("  {part:<28} {bytes:>12}  {work}");
     }
-    row("bytes", &format!("{} in all, of what is told", bytes(&costs)));
+    row("bytes", &format!("{} in total (reported items)", bytes(&costs)));
     row("built in", &format!("{:.6} s", pipeline.build_seconds));
     row("scene hash", &pipeline.scene_hash);
     for pair in pipeline.coincident.iter().take(MOST_COINCIDENT) {
@@ -264,7 +270,7 @@ fn print_pipeline(pipeline: &Pipeline, names: &Names) {
     for why in &pipeline.coincident_unknown {
         row("coincident", &format!("not examined: {why}"));
     }
-    println!("left out");
+    println!("omitted, because the scene does not need it");
     for part in &pipeline.left_out {
         println!("  {}: {}", part.what, part.why);
     }

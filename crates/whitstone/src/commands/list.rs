@@ -7,10 +7,13 @@ use whitstone_core::{Entry, FamilyName, Registry, nearest};
 
 /// List all plugins that a scene can name, with their crate and a description
 #[derive(Args, Debug)]
-#[command(after_help = "Example:\n  whitstone list shapes")]
+#[command(
+    help_template = super::HELP_TEMPLATE,
+    after_help = "Examples:\n  whitstone list\n  whitstone list shapes"
+)]
 pub struct Arguments {
     /// List only this family: cameras, shapes, accelerators, materials, textures, lights, samplers,
-    /// integrators
+    /// integrators [default: all]
     family: Option<String>,
     /// Print JSON, with each plugin's twin in a reference renderer, its example scene, and the laws
     /// (property tests) that it passes
@@ -62,9 +65,9 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     Ok(Exit::Pass)
 }
 
-/// Not a plugin: a word that a scene may use as an accelerator's type.
+/// Not a plugin: a value that a scene may use as the type of its accelerator.
 const AUTO: &str = "auto";
-const AUTO_SUMMARY: &str = "Leaves the choice to the program, also where no accelerator is named; `explain` says what it chose and why.";
+const AUTO_SUMMARY: &str = "Lets Whitstone choose the accelerator, as if the scene named none; `explain` prints the choice and the reason.";
 
 /// The other values that a scene may name in this family.
 fn choice(family: FamilyName) -> Option<Value> {
@@ -110,7 +113,7 @@ pub fn family(name: &str) -> Result<FamilyName, Failure> {
         let known = FamilyName::ALL.map(FamilyName::plural);
         let advice = match nearest(&wanted, known) {
             Some(near) => format!("did you mean \"{near}\"?"),
-            None => format!("families are {}", known.join(", ")),
+            None => format!("expected one of {}", known.join(", ")),
         };
         Failure::usage(format!("unknown family \"{name}\": {advice}"))
     })

@@ -7,14 +7,17 @@ use std::path::{Path, PathBuf};
 use whitstone_core::{FamilyName, Registry};
 use whitstone_image::atomic;
 
-/// Generate a package with a working plugin that passes the property tests, as a starting point
+/// Generate a Cargo package with a working plugin, as a starting point for your own
 ///
 /// The template is a superquadric for a shape, chalk for a material, ripples for a texture, a moon
-/// for a light, and a fisheye for a camera. The package contains the plugin, its property tests, an
-/// example scene, and a command line with this plugin and all of Whitstone's. It depends on
-/// Whitstone's crates by path.
+/// for a light, and a fisheye for a camera. The package contains the plugin, its property tests,
+/// which pass, an example scene, and a command line with this plugin and all of Whitstone's. It
+/// depends on Whitstone's crates by path.
 #[derive(Args, Debug)]
-#[command(after_help = "Example:\n  whitstone new-plugin shape blob --into ../blob")]
+#[command(
+    help_template = super::HELP_TEMPLATE,
+    after_help = "Example:\n  whitstone new-plugin shape blob --into ../blob"
+)]
 pub struct Arguments {
     /// Family of the plugin: shape, material, texture, light or camera
     family: String,
@@ -23,7 +26,7 @@ pub struct Arguments {
     /// Folder to create [default: the name, in the working folder]
     #[arg(long, value_name = "FOLDER")]
     into: Option<PathBuf>,
-    /// Root of the Whitstone repository [default: the one that contains the working folder]
+    /// Root of the Whitstone checkout [default: the one that contains the working folder]
     #[arg(long, value_name = "FOLDER")]
     whitstone: Option<PathBuf>,
 }
@@ -64,7 +67,7 @@ const OF_TWIN: [&str; 4] = [
     "    registry.add_twin(\"mitsuba\", \"superquadric.py\", include_str!(\"superquadric.py\"));\n",
     ", and what Mitsuba's driver needs to render them",
     "cargo run --release -- validate scenes/superquadric.toml --references ../../references   # against a live Mitsuba\n",
-    "- `src/superquadric.py`: its twin for Mitsuba's driver. It is written from what the shape promises,\n  by another method. `../../references/mitsuba/whitstone_mitsuba/twins.py` says what such a file may\n  contain.\n",
+    "- `src/superquadric.py`: its twin for Mitsuba's driver, which computes the same shape by another\n  method. `../../references/mitsuba/whitstone_mitsuba/twins.py` documents what such a file may\n  contain.\n",
 ];
 
 /// All templates. The tests of the repository compile and test each of them.
@@ -141,7 +144,8 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     let family = family(&arguments.family)?;
     let Some(scaffold) = SCAFFOLDS.iter().find(|scaffold| scaffold.family == family) else {
         return Err(Failure::usage(format!(
-            "there is no {} to copy; it is written like those of crates/{}",
+            "there is no template for the family {}; expected shape, material, texture, light or camera. \
+             Copy a plugin of crates/{} instead",
             family.singular(),
             family.plural()
         )));
@@ -150,13 +154,16 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     check(family, name, registry)?;
     let into = arguments.into.clone().unwrap_or_else(|| name.into());
     if into.exists() {
-        return Err(Failure::usage(format!("{} is there already", into.display())));
+        return Err(Failure::usage(format!(
+            "{} already exists; choose another folder with --into",
+            into.display()
+        )));
     }
     let whitstone = match &arguments.whitstone {
         Some(folder) => folder.clone(),
         None => around().ok_or_else(|| {
             Failure::usage(
-                "Whitstone's repository is not around the working folder: --whitstone says where it is",
+                "the working folder is not inside a Whitstone checkout; pass its root with --whitstone",
             )
         })?,
     };
@@ -165,7 +172,12 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         .canonicalize()
         .ok()
         .filter(|folder| folder.join("core/Cargo.toml").is_file())
-        .ok_or_else(|| Failure::usage(format!("{} is not Whitstone's repository", whitstone.display())))?;
+        .ok_or_else(|| {
+            Failure::usage(format!(
+                "{} is not the root of a Whitstone checkout: it has no crates/core/Cargo.toml",
+                whitstone.display()
+            ))
+        })?;
     for (file, text) in scaffold.files(name) {
         let path = into.join(file);
         let text = text.replace("../../crates", &crates.display().to_string());
@@ -175,7 +187,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         make_folder(folder)?;
         atomic::write_bytes(&path, text.as_bytes()).map_err(Failure::environment)?;
     }
-    println!("{}: written", into.display());
+    println!("created {}", into.display());
     println!(
         "next: cd {}; cargo test; cargo run --release -- render scenes/{name}.toml --png",
         into.display()
@@ -192,14 +204,14 @@ fn check(family: FamilyName, name: &str, registry: &Registry) -> Result<(), Fail
         || KEYWORDS.contains(&name)
     {
         return Err(Failure::usage(format!(
-            "{name}: expected a name of small letters, digits and _, that begins with a letter and is no word of Rust"
+            "\"{name}\" cannot be a type name; expected at most 40 lower-case letters, digits and _, a letter first, and no Rust keyword"
         )));
     }
     match registry.get(family, name) {
         Ok(entry) => Err(Failure::usage(format!(
-            "{} has the {} type \"{name}\" already",
-            entry.crate_name,
-            family.singular()
+            "the {} type \"{name}\" already exists in {}; choose another name",
+            family.singular(),
+            entry.crate_name
         ))),
         Err(_) => Ok(()),
     }
@@ -246,12 +258,12 @@ mod tests {
         let registry = crate::registry();
         for (name, expected) in [
             ("sphere", "already"),
-            ("Blob", "small letters"),
-            ("2d", "small letters"),
+            ("Blob", "lower-case letters"),
+            ("2d", "lower-case letters"),
             ("match", "Rust"),
         ] {
             let Err(Failure::Usage(message)) = check(FamilyName::Shape, name, &registry) else {
-                panic!("{name} is refused");
+                panic!("{name} is rejected");
             };
             assert!(message.contains(expected), "{message}");
         }

@@ -1,4 +1,4 @@
-//! Markdown pages with parts that a command writes, between marks.
+//! Markdown pages with parts that a command writes between marker comments.
 
 use crate::terminal::Failure;
 use std::path::Path;
@@ -7,7 +7,7 @@ use whitstone_image::atomic;
 /// The two lines that delimit a part; they are kept.
 pub(super) type Marks = [&'static str; 2];
 
-/// Puts each text between its marks, if the page has them. A page with none of the marks is an
+/// Puts each text between its markers, if the page has them. A page with none of the markers is an
 /// error.
 pub(super) fn write(path: &Path, parts: &[(Marks, String)]) -> Result<(), Failure> {
     let at = |problem: String| Failure::usage(format!("{}: {problem}", path.display()));
@@ -24,7 +24,10 @@ pub(super) fn write(path: &Path, parts: &[(Marks, String)]) -> Result<(), Failur
             .iter()
             .map(|([begin, end], _)| format!("{begin} and {end}"))
             .collect();
-        return Err(at(format!("there are no marks {}", wanted.join(", or "))));
+        return Err(at(format!(
+            "the page has no marker comments; expected {}",
+            wanted.join(", or ")
+        )));
     }
     atomic::write_bytes(path, page.as_bytes()).map_err(Failure::environment)
 }

@@ -22,27 +22,27 @@ const COLUMN: usize = 48;
 /// Selects the pixel.
 #[derive(Args, Clone, Debug)]
 pub(super) struct PixelArguments {
-    /// Print the ray tree of this pixel, next to Mitsuba's up to the first difference; column from
-    /// the left and row from the top, both from 0
+    /// Print the ray tree of this pixel, next to Mitsuba's up to the first difference; X is the
+    /// column from the left and Y the row from the top, both from 0
     #[arg(long, value_name = "X,Y", value_parser = parse)]
     pixel: Option<[usize; 2]>,
-    /// Sample of the pixel
+    /// Sample of the pixel, from 0
     #[arg(long, value_name = "N", default_value_t = 0, requires = "pixel")]
     sample: u32,
-    /// Maximum number of rays to print
+    /// Maximum number of rays of the tree to print
     #[arg(long, value_name = "N", default_value_t = 200)]
     max_rays: usize,
     /// Whether to trace the pixel with Mitsuba too
-    #[arg(long, value_enum, default_value_t = Beside::Auto, requires = "pixel")]
-    reference: Beside,
-    /// Folder of Mitsuba's driver
+    #[arg(long, value_enum, default_value_t = LiveReference::Auto, requires = "pixel")]
+    reference: LiveReference,
+    /// Folder with the reference drivers
     #[arg(long, default_value = "references", value_name = "DIR")]
     references: PathBuf,
 }
 
 /// Whether the reference takes part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Beside {
+enum LiveReference {
     /// If its environment already exists
     Auto,
     /// Create its environment if needed; exit code 3 if it cannot answer
@@ -91,17 +91,17 @@ impl PixelArguments {
         if pixel[0] >= width || pixel[1] >= height {
             let [x, y] = pixel;
             return Err(Failure::usage(format!(
-                "pixel {x},{y} is outside of the image of {width} x {height}"
+                "pixel {x},{y} is outside the image of {width} x {height} pixels; columns and rows start at 0"
             )));
         }
         let (count, sample) = (pipeline.samples(), self.sample);
         if sample >= count {
             return Err(Failure::usage(format!(
-                "sample {sample}: a pixel has {count}, counted from 0"
+                "sample {sample} does not exist: a pixel has {count} samples, numbered from 0"
             )));
         }
         let theirs = self.theirs(scene, registry, pixel);
-        if let (Err(problem), Beside::Live) = (&theirs, self.reference) {
+        if let (Err(problem), LiveReference::Live) = (&theirs, self.reference) {
             return Err(Failure::environment(problem));
         }
         Ok(Some(PixelTree {
@@ -121,11 +121,13 @@ impl PixelArguments {
         pixel: [usize; 2],
     ) -> Result<Theirs, String> {
         let environment = match self.reference {
-            Beside::None => return Err("--reference none".to_owned()),
-            Beside::Live => Environment::ensure(&scene.target, &self.references, &|text| eprintln!("{text}"))
-                .map_err(|error| error.to_string())?,
-            Beside::Auto => Environment::existing(&scene.target, &self.references)
-                .ok_or("there is no environment of Mitsuba here; --reference live makes it")?,
+            LiveReference::None => return Err("--reference none is set".to_owned()),
+            LiveReference::Live => {
+                Environment::ensure(&scene.target, &self.references, &|text| eprintln!("{text}"))
+                    .map_err(|error| error.to_string())?
+            }
+            LiveReference::Auto => Environment::existing(&scene.target, &self.references)
+                .ok_or("the Python environment of Mitsuba does not exist; create it with --reference live")?,
         };
         let environment = environment
             .with_twins(registry, &scene.target)
@@ -154,56 +156,59 @@ impl PixelTree {
         let [x, y] = self.pixel;
         println!("pixel ({x}, {y}): {}", colour(self.value));
         match &self.theirs {
-            Ok(theirs) => self.print_beside(theirs, names),
+            Ok(theirs) => self.print_side_by_side(theirs, names),
             Err(why) => {
                 println!(
-                    "rays of sample {} (R reflected, with a number where in several directions; T transmitted):",
+                    "rays of sample {} (R: reflected, numbered if there are several directions; T: transmitted):",
                     self.sample
                 );
                 for node in in_order(&self.nodes).into_iter().take(self.most) {
                     print_node(pipeline, node, names);
                 }
                 self.print_rest(self.nodes.len());
-                println!("without those of Mitsuba: {why}");
+                println!("Mitsuba's rays are not shown: {why}");
             }
         }
     }
 
     fn print_rest(&self, all: usize) {
         if all > self.most {
-            println!("... and {} more; --max-rays shows them", all - self.most);
+            println!(
+                "... and {} more; increase --max-rays to print them",
+                all - self.most
+            );
         }
     }
 
     /// Prints both trees up to the first ray in which they differ; later rays cannot agree.
-    fn print_beside(&self, theirs: &Theirs, names: &Names) {
+    fn print_side_by_side(&self, theirs: &Theirs, names: &Names) {
         let pairs = tree::pairs(&self.nodes, &theirs.nodes);
-        let parted = pairs.iter().position(|pair| pair.difference.is_some());
-        let shown = parted.map_or(pairs.len(), |place| place + 1);
+        let first_difference = pairs.iter().position(|pair| pair.difference.is_some());
+        let shown = first_difference.map_or(pairs.len(), |place| place + 1);
         println!(
-            "rays of sample {} by depth (R reflected, with a number where in several directions; T transmitted), numbers in single precision:",
+            "rays of sample {} by depth (R: reflected, numbered if there are several directions; T: transmitted), numbers in single precision:",
             self.sample
         );
         println!("{:13}{:COLUMN$}  {}", "", "ours", theirs.name);
         // The ray that differs is always printed.
-        let left_out = shown.saturating_sub(self.most);
+        let hidden = shown.saturating_sub(self.most);
         for pair in pairs[..shown].iter().take(self.most.saturating_sub(1)) {
             print_pair(pair, names);
         }
-        if left_out > 0 {
-            println!("... {left_out} that agree; --max-rays shows them");
+        if hidden > 0 {
+            println!("... {hidden} more that agree; increase --max-rays to print them");
         }
         if let Some(last) = pairs[..shown].last().filter(|_| shown >= self.most.max(1)) {
             print_pair(last, names);
         }
-        match parted.map(|place| &pairs[place]) {
-            None => println!("the two trees agree: {}", counted(pairs.len(), "ray")),
+        match first_difference.map(|place| &pairs[place]) {
+            None => println!("the ray trees agree: {}", counted(pairs.len(), "ray")),
             Some(pair) => {
                 let difference = pair.difference.as_deref().unwrap_or_default();
-                println!("the two part at {}: {difference}", pair.name());
+                println!("the ray trees first differ at {}: {difference}", pair.name());
                 let behind = pairs.len() - shown;
                 if behind > 0 {
-                    println!("{behind} more rays are not shown: --json writes all");
+                    println!("{behind} more rays are not shown; --json writes all");
                 }
             }
         }
@@ -303,8 +308,8 @@ fn vector(values: [f64; 3]) -> String {
 }
 
 /// The chain of instances that leads to an object, outermost first.
-fn placed_by(pipeline: &Pipeline, copy: u32) -> Vec<u32> {
-    pipeline.scene.geometry.placed_by(InstanceId(copy))
+fn placed_by(pipeline: &Pipeline, instance: u32) -> Vec<u32> {
+    pipeline.scene.geometry.placed_by(InstanceId(instance))
 }
 
 fn print_node(pipeline: &Pipeline, node: &TreeNode, names: &Names) {
@@ -332,13 +337,13 @@ fn print_node(pipeline: &Pipeline, node: &TreeNode, names: &Names) {
         );
         return;
     }
-    let copies = placed_by(pipeline, node.copy).into_iter().map(|place| {
+    let instances = placed_by(pipeline, node.copy).into_iter().map(|place| {
         let place = i64::from(place);
         format!(" in shape {place} ({})", names.shape(place))
     });
-    let copies: String = copies.rev().collect();
+    let instances: String = instances.rev().collect();
     println!(
-        "{indent}{name}: shape {} ({}){copies}, primitive {}, t {}, normal {:?}, throughput {}, local {}",
+        "{indent}{name}: shape {} ({}){instances}, primitive {}, t {}, normal {:?}, throughput {}, local {}",
         node.shape,
         names.shape(node.shape),
         node.primitive,

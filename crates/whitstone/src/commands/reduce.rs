@@ -18,16 +18,17 @@ use whitstone_validate::reduce::reduce;
 #[derive(Args, Debug)]
 #[command(
     mut_arg("reference", |argument| argument.default_value("live")),
-    mut_arg("paths", |argument| argument.value_name("SCENE").help("A scene file").default_value(None::<&str>).required(true).num_args(1).action(clap::ArgAction::Set)),
-    after_help = "Example, with a fault put in:\n  whitstone reduce scenes/showcase/classic.toml --ours camera.fov=50.1 -o small.toml"
+    mut_arg("paths", |argument| argument.value_name("SCENE").help("Scene file (TOML)").default_value(None::<&str>).required(true).num_args(1).action(clap::ArgAction::Set)),
+    help_template = super::HELP_TEMPLATE,
+    after_help = "Example, with an injected fault:\n  whitstone reduce scenes/showcase/classic.toml --ours camera.fov=50.1 -o small.toml"
 )]
 pub struct Arguments {
     #[command(flatten)]
     validate: validate::Scenes,
-    /// Change a value on our side only, to inject a fault: PATH=VALUE
+    /// Override a value in Whitstone only, to inject a fault; can be repeated
     #[arg(long, value_name = "PATH=VALUE")]
     ours: Vec<String>,
-    /// File for the reduced scene [default: the terminal]
+    /// File for the reduced scene [default: standard output]
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
 }
@@ -37,7 +38,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     let scenes = arguments.validate.find()?;
     let [scene] = &scenes[..] else {
         return Err(Failure::usage(format!(
-            "expected one scene, found {}",
+            "expected one scene, found {}; name a single scene file",
             scenes.len()
         )));
     };
@@ -56,7 +57,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     bar.finish_and_clear();
     let left = left.map_err(Failure::usage)?;
     let text = format!(
-        "# What is left of {} that still fails.\n\n{left}",
+        "# Reduced from {}: the comparison still fails.\n\n{left}",
         scene.display()
     );
     match &arguments.output {

@@ -14,20 +14,25 @@ use whitstone_validate::{Mode, Validator, quoted, scene_key};
 /// Maximum size of a stored image, in pixels: the references of a repository must stay small.
 const MAX_PIXELS: u64 = 192 * 192;
 
-/// Render the references to be stored with a live Mitsuba or POV-Ray and show them; store with
-/// --accept
+/// Render reference images with a live Mitsuba or POV-Ray, and store them with --accept
 ///
 /// Handles each scene whose stored reference is missing or belongs to another version of the scene.
 /// Writes a picture of our image, the reference and the error. Nothing is stored without --accept,
 /// and never an image of more than 192 x 192 pixels.
+///
+/// Exit code 1 if a reference was rendered and not stored, else 0.
 #[derive(Args, Debug)]
+#[command(
+    help_template = super::HELP_TEMPLATE,
+    after_help = "Examples:\n  whitstone reference scenes/shapes/sphere.toml\n  whitstone reference --accept scenes/shapes/sphere.toml\n  whitstone reference --accept --reference povray scenes/shapes/sphere.toml"
+)]
 pub struct Arguments {
     #[command(flatten)]
     scenes: super::validate::Scenes,
-    /// Store the references
+    /// Store the rendered references
     #[arg(long)]
     accept: bool,
-    /// Include references that are up to date
+    /// Also render references that are up to date
     #[arg(long)]
     all: bool,
 }
@@ -62,7 +67,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         let size = pipeline.film.size;
         if u64::from(size.width) * u64::from(size.height) > MAX_PIXELS {
             return Err(Failure::usage(format!(
-                "{}: {} x {} is more than {MAX_PIXELS} pixels (192 x 192), the most that is stored; make its film smaller",
+                "{}: {} x {} is more than {MAX_PIXELS} pixels (192 x 192), the maximum of a stored reference; reduce film.width and film.height",
                 path.display(),
                 size.width,
                 size.height
@@ -83,7 +88,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         bar.finish_and_clear();
         if stored.meta.rehits > 0 {
             return Err(Failure::environment(format!(
-                "{}: {} of the reference's rays met again the surface that they had just left; such an image is not stored",
+                "{}: {} rays of the reference hit the surface again that they had just left (re-hits); such an image is not stored",
                 path.display(),
                 stored.meta.rehits
             )));
@@ -108,7 +113,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         .collect();
     let all = if arguments.all { " --all" } else { "" };
     println!(
-        "\nreferences that are not stored: {waiting}; to keep them: {program} reference --accept{all}{paths}{}",
+        "\nreferences that are not stored: {waiting}; to store them: {program} reference --accept{all}{paths}{}",
         arguments.scenes.flags()
     );
     Ok(Exit::Differs)

@@ -10,28 +10,36 @@ use whitstone_core::Registry;
 use whitstone_image::{Raster, ToneMap, atomic, exr_io};
 use whitstone_scene::{Plan, RenderOptions};
 
-/// Render a scene to OpenEXR (float32) and, with --png or a .png name, to a picture
+/// Render a scene to an image file: OpenEXR (32-bit float), PNG, or both
+///
+/// Prints the image size, the number of rays, the render time and the build time.
 #[derive(Args, Debug)]
+#[command(
+    help_template = super::HELP_TEMPLATE,
+    after_help = "Examples:\n  whitstone render scenes/showcase/classic.toml --png\n  whitstone render scenes/showcase/classic.toml --set camera.fov=30 -o classic.png"
+)]
 pub struct Arguments {
     #[command(flatten)]
     scene: SceneArguments,
-    /// Image to write: .exr or .png [default: the scene's name with .exr, in the working folder]
+    /// Image file to write: .exr or .png [default: the scene's name with .exr, in the working
+    /// folder]
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Also write a PNG preview next to the EXR
+    /// Also write a PNG preview next to the EXR file, with the same name
     #[arg(long)]
     png: bool,
-    /// Exposure of PNG pictures, in stops; afterwards values are clamped at 1 and encoded as sRGB
-    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_parser = super::finite)]
+    /// Exposure of the PNG preview, in stops; the scaled values are clamped to 1 and encoded as
+    /// sRGB
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true, value_parser = super::finite)]
     exposure: f64,
-    /// Threads; 0 means one per core. The image does not depend on it
-    #[arg(long, default_value_t = 0, value_parser = super::threads)]
+    /// Number of threads; 0 means one per core. The image does not depend on it
+    #[arg(long, value_name = "COUNT", default_value_t = 0, value_parser = super::threads)]
     threads: usize,
-    /// Disable all scene-specific specialisation; the image is identical, and the extra time is
-    /// what specialisation saves
-    #[arg(long)]
+    /// Disable all scene-specific specialisation, to measure how much time it saves; the image is
+    /// bit-identical
+    #[arg(long = "no-specialization")]
     without_specialization: bool,
-    /// Write sizes, times and ray counts to this file as JSON
+    /// Write the image size, times and ray counts to this file as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
@@ -47,7 +55,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         Some("png") => true,
         _ => {
             return Err(Failure::usage(format!(
-                "{}: expected a name that ends in .exr or .png",
+                "{}: unknown image format; expected a file name that ends in .exr or .png",
                 output.display()
             )));
         }
@@ -93,7 +101,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     }
     let rays = film.counters.total();
     let mrays = rays as f64 / film.render_seconds / 1e6;
-    slim::tell(&output, &pipeline, &film);
+    slim::print_summary(&output, &pipeline, &film);
     if let Some(path) = &arguments.json {
         let report = json!({
             "output": output, "width": film.width, "height": film.height, "samples": film.samples,
@@ -112,11 +120,11 @@ fn check_apart(outputs: &[&Path], inputs: &[PathBuf]) -> Result<(), Failure> {
     for (k, output) in outputs.iter().enumerate() {
         let same = |other: &&Path| identity(other) == identity(output);
         if outputs[..k].iter().any(same) {
-            let problem = "two results would be written to this file; name another one";
+            let problem = "two results would be written to this file; choose different paths";
             return Err(Failure::usage(format!("{}: {problem}", output.display())));
         }
         if inputs.iter().map(PathBuf::as_path).any(|input| same(&input)) {
-            let problem = "the scene reads this file; name another one to write to";
+            let problem = "the scene reads this file; choose another path for the output";
             return Err(Failure::usage(format!("{}: {problem}", output.display())));
         }
     }

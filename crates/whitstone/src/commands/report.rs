@@ -13,8 +13,8 @@ use whitstone_validate::report::{Baseline, Changes, Diagram, Extras, Kind, SCENE
 use whitstone_validate::sensitivity::Parameter;
 use whitstone_validate::{CaseResult, Pictures, Results, counted};
 
-/// Rewrite the report of the last `validate`, with the last results of `converge`, `stress` and
-/// `sensitivity`; with --open, show it
+/// Write the HTML report of the last `validate`, with the latest results of `converge`, `stress`
+/// and `sensitivity`; with --open, show it in a browser
 ///
 /// The page is index.html in the folder of the results. It is one file that works from disk,
 /// without a network. With more than 150 cases it becomes an index, and each scene has its own page
@@ -24,6 +24,7 @@ use whitstone_validate::{CaseResult, Pictures, Results, counted};
 /// Exit code 1 if a case that passed in the baseline fails now or is missing; else 0.
 #[derive(Args, Debug)]
 #[command(
+    help_template = super::HELP_TEMPLATE,
     after_help = "Examples:\n  whitstone report --open\n  whitstone report --baseline main/results.json"
 )]
 pub struct Arguments {
@@ -131,7 +132,7 @@ fn kept<T: serde::de::DeserializeOwned + Default>(path: &Path) -> T {
         return T::default();
     }
     from_json(path).unwrap_or_else(|problem| {
-        eprintln!("warning: {problem}; the report is without it");
+        eprintln!("warning: {problem}; the report omits these results");
         T::default()
     })
 }
@@ -168,7 +169,7 @@ fn read(target: &Path, program: &str) -> Result<Results, Failure> {
     let path = folder(target).join("results.json");
     if !path.is_file() {
         return Err(Failure::usage(format!(
-            "there is no {}: `{program} validate` makes it",
+            "{} does not exist; run `{program} validate` to create it",
             path.display()
         )));
     }
@@ -183,12 +184,12 @@ fn read(target: &Path, program: &str) -> Result<Results, Failure> {
                 }
             } else {
                 eprintln!(
-                    "warning: {} is of other results; there are no pictures",
+                    "warning: {} belongs to other results; the report has no pictures",
                     path.display()
                 );
             }
         }
-        Err(problem) => eprintln!("warning: {problem}; there are no pictures"),
+        Err(problem) => eprintln!("warning: {problem}; the report has no pictures"),
     }
     Ok(results)
 }
@@ -251,7 +252,7 @@ fn print(changes: &Changes) {
     }
     let worse = changes.rows.iter().filter(|row| row.kind == Kind::Worse).count();
     println!(
-        "since {}: {} as before, {}, of which {} broken and {worse} worse",
+        "compared with {}: {} unchanged, {}, of which {} broken and {worse} worse",
         changes.baseline,
         counted(changes.same, "case"),
         counted(changes.rows.len(), "change"),
@@ -282,7 +283,7 @@ fn open(page: &Path) -> Result<(), Failure> {
         Err(error) => format!("`{program}`: {error}"),
     };
     Err(Failure::environment(format!(
-        "{problem}: open {} in a browser by hand",
+        "{problem}; open {} in a browser by hand",
         page.display()
     )))
 }

@@ -8,14 +8,17 @@ use whitstone_core::Registry;
 use whitstone_image::atomic;
 use whitstone_scene::{scene_schema, table_schema};
 
-/// Print the JSON Schema of whole scenes, or of one plugin's table
+/// Print the JSON Schema of scene files, or of the table of one plugin
 ///
 /// Editors that support it, for example through taplo, complete and check scenes: put
 /// `#:schema ./scene.schema.json` into the first line of a scene.
 #[derive(Args, Debug)]
-#[command(after_help = "Examples:\n  whitstone schema -o scene.schema.json\n  whitstone schema shape sphere")]
+#[command(
+    help_template = super::HELP_TEMPLATE,
+    after_help = "Examples:\n  whitstone schema -o scene.schema.json\n  whitstone schema shape sphere"
+)]
 pub struct Arguments {
-    /// Family of the plugin, such as shape
+    /// Family of the plugin, such as shape [default: the schema of whole scenes]
     family: Option<String>,
     /// Type of the plugin, such as sphere
     #[arg(id = "type", value_name = "TYPE")]

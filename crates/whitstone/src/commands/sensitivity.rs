@@ -16,7 +16,7 @@ const SCENES: &str = "scenes";
 
 /// Find the smallest change of each number of a scene that the comparison detects
 ///
-/// Changes one number at a time, on our side only, until the comparison fails. Numbers of the film
+/// Changes one number at a time, in Whitstone only, until the comparison fails. Numbers of the film
 /// and of the table `expect` are skipped. A number is changed by a ten-millionth of itself, then by
 /// ten times as much, and so on up to ten times itself; a whole number by one and by itself.
 /// Reports undetectable parameters, and parameters that change no pixel at all. The next `report`
@@ -24,7 +24,10 @@ const SCENES: &str = "scenes";
 ///
 /// Exit code 0; 1 if the unchanged scene does not pass.
 #[derive(Args, Debug)]
-#[command(after_help = "Example:\n  whitstone sensitivity scenes/shapes/sphere.toml")]
+#[command(
+    help_template = super::HELP_TEMPLATE,
+    after_help = "Example:\n  whitstone sensitivity scenes/shapes/sphere.toml"
+)]
 pub struct Arguments {
     /// Scene file (TOML)
     scene: PathBuf,
@@ -34,14 +37,14 @@ pub struct Arguments {
     /// Write all numbers to this file as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Folder of the environment and of live references
+    /// Folder for the Python environment and live references
     #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
     target: PathBuf,
-    /// Folder of the drivers and the stored references
+    /// Folder with the reference drivers and the stored references
     #[arg(long, default_value = "references", value_name = "DIR")]
     references: PathBuf,
-    /// Threads; 0 means one per core
-    #[arg(long, default_value_t = 0, value_parser = super::threads)]
+    /// Number of threads; 0 means one per core
+    #[arg(long, value_name = "COUNT", default_value_t = 0, value_parser = super::threads)]
     threads: usize,
 }
 
@@ -49,7 +52,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<Exit, Failure> {
     if !arguments.scene.is_file() {
         return Err(Failure::usage(format!(
-            "there is no file {}",
+            "there is no scene file {}",
             arguments.scene.display()
         )));
     }
@@ -72,12 +75,12 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     let mut validator =
         Validator::new(registry, options, &|text| eprintln!("{text}")).map_err(Failure::environment)?;
     let bar = progress(1, "sensitivity");
-    let told = |index: usize, all: usize, name: &str| {
+    let advance = |index: usize, all: usize, name: &str| {
         bar.set_length(all as u64);
         bar.set_position(index as u64);
         bar.set_message(name.to_owned());
     };
-    let found = validator.sensitivity(&arguments.scene, &told);
+    let found = validator.sensitivity(&arguments.scene, &advance);
     bar.finish_and_clear();
     let found = match found {
         Ok(found) => found,
@@ -108,14 +111,17 @@ fn print(found: &[Parameter]) {
         .max(6);
     println!(
         "{:<width$}  {:>12}  {:>10}  {:>10}",
-        "number", "value", "change", "of itself"
+        "number", "value", "change", "relative"
     );
     for Parameter { path, value, effect } in found {
         let (change, text) = match effect {
-            Effect::Seen { change, problem } => (*change, format!("seen: {problem}")),
-            Effect::Unseen { change } => (*change, "NOT SEEN up to here, though pixels change".to_owned()),
-            Effect::NoPixel { change } => (*change, "no pixel changes up to here".to_owned()),
-            Effect::Refused { change, problem } => (*change, format!("refused: {problem}")),
+            Effect::Seen { change, problem } => (*change, format!("detected: {problem}")),
+            Effect::Unseen { change } => (
+                *change,
+                "NOT DETECTED up to this change, although pixels change".to_owned(),
+            ),
+            Effect::NoPixel { change } => (*change, "no pixel changes up to this change".to_owned()),
+            Effect::Refused { change, problem } => (*change, format!("rejected: {problem}")),
         };
         let part = match value {
             0.0 => "-".to_owned(),
@@ -125,7 +131,7 @@ fn print(found: &[Parameter]) {
     }
     let count = |of: fn(&Effect) -> bool| found.iter().filter(|parameter| of(&parameter.effect)).count();
     println!(
-        "\n{} numbers: {} seen, {} not seen, {} without a pixel, {} that cannot be changed",
+        "\n{} numbers: {} detected, {} not detected, {} without effect on any pixel, {} that cannot be changed",
         found.len(),
         count(|effect| matches!(effect, Effect::Seen { .. })),
         count(|effect| matches!(effect, Effect::Unseen { .. })),

@@ -33,10 +33,12 @@ use whitstone_validate::report::Diagram;
 /// Mitsuba and Embree, and at least one naive variant of the family fails; 1 if not.
 #[derive(Args, Debug)]
 #[command(
+    help_template = super::HELP_TEMPLATE,
     after_help = "Examples:\n  whitstone stress --quick\n  whitstone stress planet --steps\n  whitstone stress --list"
 )]
 pub struct Arguments {
-    /// Families to run [default: all]
+    /// Families of cases to run [default: all]
+    #[arg(value_name = "FAMILY")]
     families: Vec<String>,
     /// Run 60 queries at each step
     #[arg(long, conflicts_with = "rays")]
@@ -63,13 +65,14 @@ pub struct Arguments {
     /// Plot error against the parameter and against time into this folder, one file per family
     #[arg(long, value_name = "DIR")]
     plots: Option<PathBuf>,
-    /// Write the table of frontiers into this Markdown file, between its marks; can be repeated
+    /// Write the table of frontiers into this Markdown file, between its marker comments; can be
+    /// repeated
     #[arg(long, value_name = "FILE")]
     page: Vec<PathBuf>,
-    /// Folder of the Python environment
+    /// Folder for the Python environment and for results
     #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
     target: PathBuf,
-    /// Folder of the reference drivers
+    /// Folder with the reference drivers
     #[arg(long, default_value = "references", value_name = "DIR")]
     references: PathBuf,
     /// Time limit for one step of Mitsuba, in seconds
@@ -83,7 +86,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     if arguments.list {
         for family in families {
             let about = family.about();
-            println!("{:<20} {}; {}", about.name, about.knob, about.measure);
+            println!("{:<20} {}; {}", about.name, about.parameter, about.measure);
         }
         for (number, what, file) in ELSEWHERE {
             println!("case {number:<15} {what}: {file}");
@@ -100,7 +103,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         arguments.rays as usize
     };
     let lab = Lab::new(registry, mitsuba, rays);
-    let steps: usize = families.iter().map(|family| family.knobs().len()).sum();
+    let steps: usize = families.iter().map(|family| family.parameters().len()).sum();
     let bar = progress(steps as u64, "stress");
     let engines: Vec<Engine> = lab.engines().collect();
     let settings = format!("{rays} rays, {engines:?}, Mitsuba: {}", !arguments.no_mitsuba);
@@ -109,19 +112,19 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     for family in families {
         let name = family.about().name;
         if let Some(report) = unfinished.find(name) {
-            bar.inc(report.knobs.len() as u64);
+            bar.inc(report.parameters.len() as u64);
             bar.suspend(|| {
                 print(report, &engines, arguments.steps, reports.is_empty());
-                eprintln!("  {name} is of a run that was broken off; --fresh measures it again");
+                eprintln!("  {name}: result of an interrupted run; use --fresh to measure it again");
             });
             reports.push(report.clone());
             continue;
         }
-        let told = |knob: f64| {
-            bar.set_message(format!("{name} at {knob:.0e}"));
+        let report_step = |parameter: f64| {
+            bar.set_message(format!("{name} at {parameter:.0e}"));
             bar.inc(1);
         };
-        let report = FamilyReport::measure(family, &lab, &told).map_err(Failure::environment)?;
+        let report = FamilyReport::measure(family, &lab, &report_step).map_err(Failure::environment)?;
         bar.suspend(|| print(&report, &engines, arguments.steps, reports.is_empty()));
         unfinished.add(report.clone())?;
         reports.push(report);
@@ -158,17 +161,17 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
 fn diagram(family: &FamilyReport) -> Diagram {
     Diagram {
         name: family.family.clone(),
-        title: family.knob.clone(),
+        title: family.parameter.clone(),
         about: format!(
-            "Error: {}; of use up to {:e}; promise: {}.",
+            "Error: {}; usable up to {:e}; promise: {}.",
             family.measure, family.usable_level, family.pass_level
         ),
         verdict: format!(
-            "frontier {}, of Mitsuba {}{}: {}",
+            "frontier: Whitstone {}, Mitsuba {}{}: {}",
             family.frontier(Engine::Whitstone),
             family.frontier(Engine::Mitsuba),
             if family.takes_part(Engine::Embree) {
-                format!(", of Embree {}", family.frontier(Engine::Embree))
+                format!(", Embree {}", family.frontier(Engine::Embree))
             } else {
                 String::new()
             },
@@ -199,7 +202,7 @@ fn chosen(names: &[String]) -> Result<Vec<&'static dyn Family>, Failure> {
     }
     let unknown = |name: &String| {
         Failure::usage(format!(
-            "there is no family \"{name}\"; `whitstone stress --list` shows all"
+            "unknown family \"{name}\"; `whitstone stress --list` lists all families"
         ))
     };
     let mut chosen = Vec::new();
@@ -215,7 +218,7 @@ fn mitsuba(arguments: &Arguments) -> Result<Driver, Failure> {
         eprintln!("{what}")
     });
     let environment = environment
-        .map_err(|error| Failure::environment(format!("{error}; without Mitsuba: --no-mitsuba")))?;
+        .map_err(|error| Failure::environment(format!("{error}; use --no-mitsuba to run without Mitsuba")))?;
     Driver::start(&environment, Duration::from_secs(arguments.time_limit)).map_err(Failure::environment)
 }
 
@@ -234,21 +237,21 @@ fn print(report: &FamilyReport, engines: &[Engine], steps: bool, first: bool) {
         return;
     }
     println!(
-        "  knob: {}; error: {}; usable up to {:e}; promise: {}",
-        report.knob, report.measure, report.usable_level, report.pass_level
+        "  parameter: {}; error: {}; usable up to {:e}; promise: {}",
+        report.parameter, report.measure, report.usable_level, report.pass_level
     );
     for engine in &report.engines {
         for step in &engine.steps {
             println!(
-                "  {:<10} {:>8.0e}  error {:>9.2e}  strict {:>9.2e}  wrong {:>4}  no number {:>3}  {:>7} ns{}{}",
+                "  {:<10} {:>8.0e}  error {:>9.2e}  strict {:>9.2e}  wrong {:>4}  not finite {:>3}  {:>7} ns{}{}",
                 engine.engine.name(),
-                step.knob,
+                step.parameter,
                 step.error,
                 step.strict,
                 step.failures,
                 step.nonfinite,
                 step.ns_per_op.map_or("–".to_owned(), |ns| format!("{ns:.0}")),
-                if step.usable { "" } else { "  of no use" },
+                if step.usable { "" } else { "  unusable" },
                 if step.passes || engine.engine != Engine::Whitstone {
                     ""
                 } else {
@@ -257,7 +260,7 @@ fn print(report: &FamilyReport, engines: &[Engine], steps: bool, first: bool) {
             );
         }
         if let Some(why) = &engine.absent {
-            println!("  {:<10} takes no part: {why}", engine.engine.name());
+            println!("  {:<10} not run: {why}", engine.engine.name());
         }
     }
 }

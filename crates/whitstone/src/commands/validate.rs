@@ -20,13 +20,14 @@ const REFERENCES: &str = "references";
 /// In seconds.
 const TIME_LIMIT: u64 = 300;
 
-/// Render scenes with Whitstone and with a reference renderer, and judge the differences
+/// Compare Whitstone's images of scenes with those of a reference renderer, and write a report
 ///
 /// The reference is a live Mitsuba in a private Python environment that is created on first use,
 /// or, with --reference povray, the installed POV-Ray. If it is not available, the stored
 /// references of the repository are used, and the report says so. A scene that the reference cannot
 /// render is skipped and listed if another renderer has a stored reference of it; otherwise it is
-/// undecided. --reference mitsuba-stock compares with Mitsuba's own direct and path integrators.
+/// undecided. --reference mitsuba-stock compares with Mitsuba's own direct, path and volpathmis
+/// integrators.
 ///
 /// Verdicts: pass (the images agree), confirmed (the reference is too inaccurate in this scene, and
 /// the arbitrary-precision oracle confirms our image), FAIL (our image is wrong), undecided
@@ -34,6 +35,10 @@ const TIME_LIMIT: u64 = 300;
 /// confirmed, 1 if one fails or is undecided, 2 for a wrong command line or scene, 3 if nothing
 /// could be compared.
 #[derive(Args, Debug)]
+#[command(
+    help_template = super::HELP_TEMPLATE,
+    after_help = "Examples:\n  whitstone validate scenes/shapes\n  whitstone validate scenes/showcase/classic.toml --reference povray\n  whitstone validate --reference stored --junit validate.xml"
+)]
 pub struct Arguments {
     #[command(flatten)]
     scenes: Scenes,
@@ -68,28 +73,28 @@ pub struct Arguments {
 // An unnamed group, because it is part of several commands.
 #[group(skip)]
 pub struct Scenes {
-    /// Scene files, or folders of them
-    #[arg(default_value = SCENES)]
+    /// Scene files (TOML), or folders of them
+    #[arg(default_value = SCENES, value_name = "SCENE")]
     pub paths: Vec<PathBuf>,
     /// Source of the references
     #[arg(long, value_enum, default_value_t = ReferenceMode::Auto)]
     pub reference: ReferenceMode,
-    /// Override a value of every scene: PATH=VALUE
+    /// Override a value of every scene, for example `camera.fov=30`; can be repeated
     #[arg(long = "set", value_name = "PATH=VALUE")]
     pub overrides: Vec<String>,
     /// Render all references again, including those of unchanged scenes
     #[arg(long)]
     pub fresh: bool,
-    /// Folder of the environment, live references and the report
+    /// Folder for the Python environment, live references and the report
     #[arg(long, default_value = TARGET, value_name = "DIR")]
     pub target: PathBuf,
-    /// Folder of the drivers and the stored references
+    /// Folder with the reference drivers and the stored references
     #[arg(long, default_value = REFERENCES, value_name = "DIR")]
     pub references: PathBuf,
-    /// Threads; 0 means one per core
-    #[arg(long, default_value_t = 0, value_parser = super::threads)]
+    /// Number of threads; 0 means one per core
+    #[arg(long, value_name = "COUNT", default_value_t = 0, value_parser = super::threads)]
     pub threads: usize,
-    /// Time limit for one answer of the driver, in seconds
+    /// Time limit for one request to the reference renderer's driver, in seconds
     #[arg(long, default_value_t = TIME_LIMIT, value_name = "SECONDS")]
     pub time_limit: u64,
 }
@@ -109,8 +114,8 @@ pub enum ReferenceMode {
     PovrayLive,
     /// Stored references of POV-Ray only
     PovrayStored,
-    /// Mitsuba's own direct and path integrators, live, or exit code 3: shows that the driver
-    /// agrees with Mitsuba
+    /// Mitsuba's own direct, path and volpathmis integrators, live, or exit code 3: shows that the
+    /// driver agrees with Mitsuba
     MitsubaStock,
 }
 
@@ -184,14 +189,16 @@ impl Scenes {
     pub fn find(&self) -> Result<Vec<PathBuf>, Failure> {
         let scenes = find_scenes(&self.paths).map_err(|error| {
             let hint = if self.paths == [PathBuf::from(SCENES)] {
-                "; name scenes, or call it in the folder of Whitstone's repository"
+                "; name scene files, or run the command in the root of a Whitstone checkout"
             } else {
                 ""
             };
             Failure::usage(format!("{error}{hint}"))
         })?;
         if scenes.is_empty() {
-            return Err(Failure::usage("no scenes were found"));
+            return Err(Failure::usage(
+                "no scenes were found; name scene files (TOML), or folders of them",
+            ));
         }
         Ok(scenes)
     }
@@ -219,7 +226,9 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     });
     if let Some(why) = validator.not_live() {
         let (renderer, _) = arguments.scenes.reference.parts();
-        eprintln!("warning: no live {renderer}: {why}\nwarning: comparing with the stored references");
+        eprintln!(
+            "warning: live {renderer} is not available: {why}\nwarning: comparing with the stored references"
+        );
     }
     let bar = progress(scenes.len() as u64, "validating");
     // The clock also runs while the driver is busy.
@@ -229,8 +238,8 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     let mut matrix = Vec::new();
     print_header();
     for path in &scenes {
-        let (name, teller) = (path.display().to_string(), bar.clone());
-        validator.tell(move |stage| teller.set_message(format!("{name}: {stage}")));
+        let (name, stage_bar) = (path.display().to_string(), bar.clone());
+        validator.on_stage(move |stage| stage_bar.set_message(format!("{name}: {stage}")));
         let mut case = validator.validate(path);
         if let Some(other_reference) = case.other_reference.take() {
             let left = LeftOut {
@@ -300,8 +309,8 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
             return Err(Failure::environment(problem));
         }
         eprintln!(
-            "warning: the live {renderer} failed, stored references served instead: {problem}\n\
-             warning: `{program} doctor` tells more"
+            "warning: the live {renderer} failed, so stored references were used: {problem}\n\
+             warning: run `{program} doctor` for details"
         );
     }
     let wrong = results.results.iter().filter(|case| case.scene_error).count();
@@ -312,7 +321,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     }
     if results.results.is_empty() {
         return Err(Failure::environment(
-            "nothing was compared: this reference has no twin of any of the scenes; see above",
+            "nothing was compared: the reference renderer cannot render any of the scenes; see above",
         ));
     }
     verdict(&results.results, results.summary.matrix, arguments.strict)
@@ -371,9 +380,9 @@ fn junit_cases(results: &Results) -> Vec<Case> {
         name: format!("{}, {} {}", cell.scene, cell.axis, cell.setting),
         seconds: 0.0,
         outcome: match cell.outcome {
-            matrix::Outcome::Fail => Outcome::Fails(cell.told.clone()),
+            matrix::Outcome::Fail => Outcome::Fails(cell.detail.clone()),
             matrix::Outcome::Pass => Outcome::Pass,
-            matrix::Outcome::Skipped => Outcome::Skipped(cell.told.clone()),
+            matrix::Outcome::Skipped => Outcome::Skipped(cell.detail.clone()),
         },
     });
     compared.chain(left_out).chain(own).collect()
@@ -432,7 +441,7 @@ fn print_case(case: &CaseResult) {
         println!("      {approximation_note}");
     }
     for change in &case.adapted {
-        println!("      on both sides {change}");
+        println!("      changed on both sides: {change}");
     }
     if let Some(opinion) = case
         .opinion
@@ -475,7 +484,7 @@ fn print_case(case: &CaseResult) {
         println!("      the reference is inexact here: {note}");
     }
     if !case.problems.is_empty() {
-        println!("      again: {}", case.command);
+        println!("      reproduce: {}", case.command);
     }
 }
 
@@ -484,7 +493,7 @@ fn print_row(row: &Row<'_>) {
     let axis = row.axis;
     if !row.passed.is_empty() {
         println!(
-            "      {axis:<11} holds beside {}: {}",
+            "      {axis:<11} agrees with {}: {}",
             row.against,
             row.passed.join(", ")
         );
@@ -497,7 +506,7 @@ fn print_row(row: &Row<'_>) {
     }
     for (settings, why) in &row.skipped {
         println!(
-            "      {axis:<11} left out, {settings}: {}",
+            "      {axis:<11} skipped, {settings}: {}",
             why.replace('\n', "\n      ")
         );
     }
@@ -505,7 +514,7 @@ fn print_row(row: &Row<'_>) {
 
 fn print_left_out(left: &LeftOut) {
     println!(
-        "skipped   {:<30} {} has a reference of it; {}",
+        "skipped   {:<30} {} has a stored reference of this scene; {}",
         left.scene,
         left.other_reference,
         left.reason.replace('\n', "\n      "),
@@ -537,7 +546,7 @@ fn print_summary(summary: &Summary, folder: &Path) {
     } = summary.matrix;
     if summary.matrix != Tally::default() {
         println!(
-            "matrix: {} held, {failed} did not; {skipped} left out",
+            "matrix: {} passed, {failed} failed, {skipped} skipped",
             counted(passed, "setting")
         );
     }

@@ -102,7 +102,7 @@ def window_of(fields: Fields, other: str) -> Optional[Tuple[Window, float]]:
 def no_near(fields: Fields) -> None:
     """Refuses a near limit, which POV-Ray lacks."""
     if fields.number("near", 0.0) != 0:
-        fields.unsupported("POV-Ray sees what is near", "near")
+        fields.unsupported("POV-Ray has no near limit", "near")
 
 
 def placed(fields: Fields, kind: str, window: Window, distance: float, width: int, height: int) -> Camera:
@@ -114,7 +114,7 @@ def placed(fields: Fields, kind: str, window: Window, distance: float, width: in
     w = unit(sub(origin, target))
     u = unit(cross(up, w))
     if not any(u) and not fields.context.errors:
-        look.error("", "the view has no direction, or up is parallel to it")
+        look.error("", "`target` must differ from `origin`, and `up` must not be parallel to the view direction")
     return Camera(kind, origin, (u, cross(w, u), w), window, distance, width, height)
 
 

@@ -66,7 +66,7 @@ def read(tables: Any, context: Context) -> Lights:
             fields.close()
             for other in lights:
                 if light.position and other.position and math.dist(light.position, other.position) <= light.shell + other.shell:
-                    fields.unsupported("a spot light of POV-Ray filters the light of others in the same place")
+                    fields.unsupported("the twin of a spot light is a shell, which would also filter another light at the same place")
             lights.append(light)
 
     def total(colors: List[Vector]) -> Vector:

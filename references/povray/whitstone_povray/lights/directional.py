@@ -17,7 +17,7 @@ def twin(fields: Fields) -> Light:
     """`direction`, `irradiance`."""
     direction = unit(fields.vector("direction", REQUIRED))
     if not any(direction):
-        fields.error("direction", "has no length")
+        fields.error("direction", "must not have length zero")
     far = -FAR * fields.context.setting.scale
     place = sdl.vector([far * component for component in direction])
     color = sdl.rgb(exposed(fields, fields.color("irradiance", REQUIRED)))

@@ -74,7 +74,7 @@ def medium(fields: Fields) -> Medium:
     outside = fields.number("exterior_ior", 1.0, lambda ior: ior > 0, "an index > 0")
     absorption = [component / fields.context.setting.scale for component in fields.color("absorption", 0.0)]
     if any(fields.color("exterior_absorption", 0.0)):
-        fields.unsupported("POV-Ray knows the medium outside from the object around, not from the one inside", "exterior_absorption")
+        fields.unsupported("POV-Ray takes the medium outside from the enclosing object, not from this material", "exterior_absorption")
     media = f" media {{ absorption {sdl.rgb(absorption)} }}" if any(absorption) else ""
     return Medium(inside, outside, f"interior {{ ior {sdl.number(inside / outside)}{media} }}")
 

@@ -19,7 +19,7 @@ class Lobes:
         same = not fields.has("k_a")
         k_a = self.k_d if same else textures.value(fields, "k_a", 0.0)
         if k_s.constant is None:
-            fields.unsupported("POV-Ray has one number for the highlights of a whole object, no texture", "k_s")
+            fields.unsupported("POV-Ray has one highlight strength per object: expected a colour, no texture", "k_s")
         self.k_s = grey(fields, k_s.constant or (0.0, 0.0, 0.0))
         if same or not any(ambient):
             # One pigment serves both.
@@ -28,7 +28,7 @@ class Lobes:
             self.pigment, self.diffuse = Texture(WHITE), grey(fields, self.k_d.constant)
             self.emission = tuple(k * radiance for k, radiance in zip(k_a.constant, ambient))
         else:
-            fields.unsupported("POV-Ray has one pigment for k_d and k_a: they must be one texture, or colours", "k_a")
+            fields.unsupported("POV-Ray has one pigment for `k_d` and `k_a`: expected the same texture for both, or two colours", "k_a")
             self.pigment, self.diffuse, self.emission = self.k_d, 1.0, ambient
 
     def highlight(self, blinn: bool) -> str:

@@ -69,11 +69,11 @@ def _indices(fields: Fields) -> Tuple[Vector, Vector]:
         for key in ("eta", "k"):
             if fields.has(key):
                 fields.take(key)
-                fields.error(key, "expected none of a metal with a name")
+                fields.error(key, "cannot be given together with `metal`")
         return tuple(map(fields.seen, METALS[metal]))
     eta, k = fields.color("eta", REQUIRED, 1000.0), fields.color("k", REQUIRED, 1000.0)
     if not all(component > 0 for component in eta) and not fields.context.errors:
-        fields.error("eta", "expected components above 0")
+        fields.error("eta", "expected components > 0")
     return tuple(component or 1.0 for component in eta), k
 
 
@@ -93,7 +93,7 @@ def twin(fields: Fields, textures: Library, ambient: Vector) -> Material:
     tint = textures.value(fields, "tint", 1.0, 1.0)
     angles = corners(eta, k)
     if error(angles, eta, k) > ERROR:
-        fields.unsupported("POV-Ray's twin is a polygon, and this reflectance bends too sharply for it: eta below 1 with a small k")
+        fields.unsupported("the twin interpolates the reflectance linearly by the angle, and this one bends too sharply: eta below 1 with a small k")
 
     def mirror(angle: float, color: Vector) -> str:
         seen = [t * reflectance(e, x, math.cos(angle)) for t, e, x in zip(color, eta, k)]

@@ -20,7 +20,7 @@ def _side(word: str, passes: float) -> str:
 def twin(fields: Fields, textures: Library, ambient: Vector) -> Material:
     """`interior_ior`, `exterior_ior`, `absorption`, `exterior_absorption`; no `priority`."""
     if fields.take("priority") is not None:
-        fields.unsupported("POV-Ray knows no priorities of bodies that overlap", "priority")
+        fields.unsupported("POV-Ray has no priorities for bodies that overlap", "priority")
     media = medium(fields)
     squared = (media.outside / media.inside) ** 2
 

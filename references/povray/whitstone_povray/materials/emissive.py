@@ -9,5 +9,5 @@ def twin(fields: Fields, textures: Library, ambient: Vector) -> Material:
     """`radiance`; no `material`."""
     radiance = textures.value(fields, "radiance", 1.0)
     if fields.take("material") is not None:
-        fields.unsupported("POV-Ray has one pigment for what a surface emits and what it reflects", "material")
+        fields.unsupported("POV-Ray has one pigment for emission and reflection", "material")
     return Material(plain(radiance, finish(0.0, (fields.context.setting.exposure,) * 3)))

@@ -21,7 +21,7 @@ def twin(fields: Fields, textures: Library, ambient: Vector) -> Material:
     k_refl = textures.value(fields, "k_refl", 0.0).constant
     k_refr = textures.value(fields, "k_refr", 0.0).constant
     if k_refl is None or k_refr is None:
-        fields.unsupported("POV-Ray has one colour of reflection and of refraction for a whole object, no texture")
+        fields.unsupported("POV-Ray has one colour of reflection and one of refraction per object: `k_refl` and `k_refr` must be colours, no textures")
         k_refl = k_refr = (0.0, 0.0, 0.0)
     media = medium(fields)
     reflection = f"{lobes.highlight(False)} reflection {{ {sdl.rgb(k_refl)} }}"
@@ -29,7 +29,7 @@ def twin(fields: Fields, textures: Library, ambient: Vector) -> Material:
         look = finish(lobes.diffuse, lobes.emission, reflection)
         return Material(lambda surface: f"texture {{ {lobes.pigment.pigment(surface)} {look} }}", branches=any(k_refl))
     if lobes.pigment.constant is None:
-        fields.unsupported("POV-Ray has one pigment for k_d and k_refr: k_d must be a colour", "k_d")
+        fields.unsupported("POV-Ray has one pigment for `k_d` and `k_refr`: expected a colour, no texture", "k_d")
         return Material(lambda surface: "")
     # The pigment is the transmitted part. The rest is the same pigment times (1 - FILTER), which
     # must result in k_d.

@@ -35,7 +35,7 @@ class _OfOperands:
     @property
     def u(self) -> str:
         """Not a single expression."""
-        raise Unsupported("shape: POV-Ray has no twin of texture coordinates on a csg, which are those of its operands")
+        raise Unsupported("shape: POV-Ray has no twin of texture coordinates on a csg: they are those of its operands")
 
     v = u
 
@@ -59,7 +59,7 @@ def _operand(table: object, where: str, fields: Fields, place: Place, depth: int
     # box replaces planes.
     body = f"box {{ {place.point((-_FAR, -_FAR, -_FAR))}, {place.point((_FAR, _FAR, 0))}" if plane else solid.body
     if not (plane or solid.closed):
-        inner.error("", "bounds no volume, so it cannot be an operand")
+        inner.error("", "is not closed, so it cannot be an operand")
     if solid.matrix is not None:
         # A mesh is in world space already, so the enclosing transform must be undone.
         own = transforms.inverse(place.own)

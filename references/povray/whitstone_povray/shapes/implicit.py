@@ -249,7 +249,7 @@ def twin(fields: Fields, place: Place) -> Solid:
     if bounds is None:
         reach = field.reach(0.0)
         if not 0 < reach < math.inf:
-            fields.error("bounds", "is required: the field may be negative without end, or is so nowhere")
+            fields.error("bounds", "is required: the region where the field is negative may be unbounded or empty")
             reach = 1.0
         low, high = (-1.001 * reach,) * 3, (1.001 * reach,) * 3
     else:

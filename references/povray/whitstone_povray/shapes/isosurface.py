@@ -55,7 +55,7 @@ def values(fields: Fields, size: List[int]) -> Optional[List[float]]:
     count = math.prod(size)
     sources = [key for key in ("values", "file", "generator") if fields.has(key)]
     if len(sources) != 1:
-        fields.error("", "expected one of values, file, generator")
+        fields.error("", "expected exactly one of `values`, `file`, `generator`")
         return None
     if sources[0] == "values":
         found = fields.take("values")
@@ -120,7 +120,7 @@ def twin(fields: Fields, place: Place) -> Solid:
         fields.error("size", "expected three integers from 2 to 2048")
         return nothing
     if math.prod(size) > MAX_VALUES:
-        fields.unsupported(f"POV-Ray has no twin of a density of more than {MAX_VALUES} values", "size")
+        fields.unsupported(f"POV-Ray has no twin of a density with more than {MAX_VALUES} values", "size")
         for key in ("values", "file", "format", "generator", "seed", "balls"):
             fields.take(key)
         return nothing

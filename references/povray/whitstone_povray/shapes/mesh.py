@@ -19,9 +19,9 @@ def twin(fields: Fields, place: Place) -> Solid:
     smooth = fields.choice("shading", "smooth", ("smooth", "flat")) == "smooth"
     surface = Surface("x", "y", mapped=True)
     if fields.take("subdivision") is not None:
-        fields.unsupported("POV-Ray does not subdivide: the twin would be the mesh that Mitsuba's is", "subdivision")
+        fields.unsupported("POV-Ray does not subdivide: the twin would be the same mesh as Mitsuba's", "subdivision")
     if fields.take("displacement") is not None:
-        fields.unsupported("POV-Ray does not displace: the twin would be the mesh that Mitsuba's is", "displacement")
+        fields.unsupported("POV-Ray does not displace: the twin would be the same mesh as Mitsuba's", "displacement")
     try:
         mesh = meshes.load(path)
     except SceneError as error:

@@ -46,7 +46,7 @@ def twin(fields: Fields, place: Place) -> Solid:
     middle = [math.fsum(column) / len(vertices) for column in zip(*vertices)]
     farthest = max(abs(dot(sub(vertex, middle), normal)) for vertex in vertices)
     if farthest > FLATNESS * size:
-        fields.error("vertices", f"lie up to {farthest:g} m beside their plane")
+        fields.error("vertices", f"must lie in a plane; they are up to {farthest:g} m away from it")
     # Texture coordinates omit the axis along which the normal is largest; the first one wins ties.
     largest = max(map(abs, normal)) * (1 - 1e-9)
     left_out = next(axis for axis in range(3) if abs(normal[axis]) >= largest)

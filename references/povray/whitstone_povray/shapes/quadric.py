@@ -8,7 +8,7 @@ from . import _round
 
 def _coefficients(fields: Fields) -> tuple:
     if fields.has("matrix") == fields.has("coefficients"):
-        fields.error("", "expected one of matrix and coefficients")
+        fields.error("", "expected exactly one of `matrix`, `coefficients`")
         return (1.0,) * 10
     if fields.has("coefficients"):
         return fields.vector("coefficients", REQUIRED, 10)

@@ -10,7 +10,7 @@ def twin(fields: Fields, place: Place) -> Solid:
     major = fields.number("major_radius", 1.0, lambda metres: metres > 0, "a radius > 0")
     minor = fields.number("minor_radius", 0.25, lambda metres: metres > 0, "a radius > 0")
     if minor >= major:
-        fields.error("minor_radius", f"expected less than the major_radius, {major}, found {minor}")
+        fields.error("minor_radius", f"must be less than `major_radius` = {major}, found {minor}")
     if similarity(place.own) is None:
         fields.error("transform", "must be a similarity")
     x, y, z = axes(place)

@@ -69,7 +69,7 @@ def read(fields: Fields, usual: str) -> Mapping:
     projection = inner.choice("projection", usual, PROJECTIONS) if given else usual
     matrix = transforms.read(inner.take("transform"), f"{inner.where}.transform", fields.context)
     if projection == "triplanar":
-        inner.number("sharpness", 4.0, lambda number: number > 0, "a number above 0")
-        inner.unsupported("POV-Ray's functions of a point do not know the normal", "projection")
+        inner.number("sharpness", 4.0, lambda number: number > 0, "a number > 0")
+        inner.unsupported("POV-Ray's functions of a point have no access to the normal", "projection")
     inner.close()
     return Mapping(projection, matrix)

@@ -7,7 +7,7 @@ from . import Fields, Point, Texture, cell, function, sdl, two_colors
 
 def twin(fields: Fields) -> Texture:
     """`a`, `b`, `scale`, `offset`, `mapping`."""
-    size = sdl.number(fields.number("scale", 1.0, lambda number: number > 0, "a number above 0"))
+    size = sdl.number(fields.number("scale", 1.0, lambda number: number > 0, "a number > 0"))
     offset = fields.vector("offset", (0.0, 0.0, 0.0))
 
     def value(q: Point) -> str:

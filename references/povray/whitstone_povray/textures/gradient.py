@@ -14,7 +14,7 @@ def _stops(fields: Fields) -> Tuple[Tuple[float, Vector], ...]:
     for key in ("a", "b"):
         if fields.has(key):
             fields.take(key)
-            fields.error(key, "expected none where there are stops")
+            fields.error(key, "cannot be given together with `stops`")
     tables: Any = fields.take("stops")
     if not isinstance(tables, list) or not 2 <= len(tables) <= 64:
         fields.error("stops", "expected 2 to 64 tables")
@@ -26,13 +26,13 @@ def _stops(fields: Fields) -> Tuple[Tuple[float, Vector], ...]:
         stops.append((place, inner.color("color", REQUIRED)))
         inner.close()
     if any(before[0] >= after[0] for before, after in zip(stops, stops[1:])):
-        fields.error("stops", "expected places in ascending order")
+        fields.error("stops", "expected positions `at` in ascending order")
     return tuple(stops)
 
 
 def twin(fields: Fields) -> Texture:
     """`a`, `b` or `stops`, `scale`, `offset`, `wrap`, `mapping`."""
-    size = sdl.number(fields.number("scale", 1.0, lambda number: number > 0, "a number above 0"))
+    size = sdl.number(fields.number("scale", 1.0, lambda number: number > 0, "a number > 0"))
     offset = sdl.number(fields.number("offset", 0.0))
     wrap = fields.choice("wrap", "repeat", ("repeat", "clamp", "mirror"))
 

@@ -9,7 +9,7 @@ from . import Fields, Point, Texture, cell, function, sdl, two_colors
 
 def layers(fields: Fields, along: Callable[[Point], str]) -> Texture:
     """`a`, `b`, `scale`, `offset`, `mapping`; the colours alternate along a coordinate."""
-    size = sdl.number(fields.number("scale", 1.0, lambda number: number > 0, "a number above 0"))
+    size = sdl.number(fields.number("scale", 1.0, lambda number: number > 0, "a number > 0"))
     offset = sdl.number(fields.number("offset", 0.0))
     return function(fields, "solid", two_colors(fields), lambda q: f"abs(mod({cell(f'{along(q)}*{size}+{offset}')},2))")
 

@@ -8,30 +8,30 @@ use whitstone_scene::Description;
 
 /// Optical properties of a dielectric or of the surroundings.
 #[derive(Clone, Copy)]
-pub(super) struct Substance {
+pub(super) struct Medium {
     pub(super) ior: f64,
     pub(super) absorption: Rgb,
 }
 
 /// The prioritised dielectrics of a scene, the highest priority first.
-type Substances = Arc<[Substance]>;
+type Media = Arc<[Medium]>;
 
 /// The surface of a prioritised dielectric.
 pub(in super::super) struct Face {
     rank: u32,
-    all: Substances,
+    all: Media,
 }
 
 /// For each shape of the scene, its face if it is a prioritised dielectric.
 pub(in super::super) fn faces(description: &Description<'_>) -> Result<Vec<Option<Face>>, SceneErrors> {
     let mut ranked = Vec::new();
     for (number, shape) in description.shapes.iter().enumerate() {
-        if let Some((priority, substance)) = read::body(description, shape)? {
-            ranked.push((Reverse(priority), number, substance));
+        if let Some((priority, medium)) = read::body(description, shape)? {
+            ranked.push((Reverse(priority), number, medium));
         }
     }
     ranked.sort_by_key(|(priority, number, _)| (*priority, *number));
-    let all: Substances = ranked.iter().map(|(.., substance)| *substance).collect();
+    let all: Media = ranked.iter().map(|(.., medium)| *medium).collect();
     let mut faces: Vec<_> = description.shapes.iter().map(|_| None).collect();
     for (rank, (_, number, _)) in (0..).zip(ranked) {
         faces[number] = Some(Face {
@@ -55,8 +55,8 @@ impl Face {
     }
 
     /// The dominant media on both sides; `None` if they are the same.
-    pub(super) fn between(&self, own: u64, other: u64) -> Option<[Substance; 2]> {
-        let none = Substance {
+    pub(super) fn between(&self, own: u64, other: u64) -> Option<[Medium; 2]> {
+        let none = Medium {
             ior: 1.0,
             absorption: Rgb::splat(0.0),
         };

@@ -1,6 +1,6 @@
 //! Parses the tables of materials.
 
-use super::bodies::Substance;
+use super::bodies::Medium;
 use super::{Highlight, Interface, Kind, Tangent, lobe};
 use crate::tracer::texture::{Texture, table};
 use crate::tracer::unknown;
@@ -153,18 +153,18 @@ const METALS: [(&str, [f64; 3], [f64; 3]); 10] = [
 pub(super) fn body(
     description: &Description<'_>,
     shape: &ShapeTable<'_>,
-) -> Result<Option<(u32, Substance)>, SceneErrors> {
+) -> Result<Option<(u32, Medium)>, SceneErrors> {
     let reference = shape.material.as_ref().map(|(_, reference)| reference);
     let plugin = reference.and_then(|reference| table(description, &description.materials, reference));
     let Some(plugin) = plugin.filter(|plugin| plugin.name == "dielectric") else {
         return Ok(None);
     };
     let glass: Glass = decode(&plugin.table)?;
-    let substance = Substance {
+    let medium = Medium {
         ior: glass.interior_ior.unwrap_or(1.5),
         absorption: glass.absorption.map_or(Rgb::splat(0.0), Color::get),
     };
-    Ok(glass.priority.map(|priority| (priority, substance)))
+    Ok(glass.priority.map(|priority| (priority, medium)))
 }
 
 /// Where materials are looked up.
@@ -273,7 +273,7 @@ impl Source<'_, '_> {
                     [gloss.interior_ior, gloss.exterior_ior],
                     [gloss.absorption, gloss.exterior_absorption],
                 );
-                let branches = [self.texture(gloss.k_refl, 0.0)?, self.texture(gloss.k_refr, 0.0)?];
+                let specular_rays = [self.texture(gloss.k_refl, 0.0)?, self.texture(gloss.k_refr, 0.0)?];
                 Kind::Gloss {
                     k: Box::new([
                         self.texture(gloss.k_d, default)?,
@@ -285,7 +285,7 @@ impl Source<'_, '_> {
                         true => Highlight::Blinn,
                         false => Highlight::Phong,
                     },
-                    branches: whitted.then(|| Box::new((branches, interface))),
+                    specular_rays: whitted.then(|| Box::new((specular_rays, interface))),
                 }
             }
             _ => return Err(unknown(plugin, "material")),

@@ -23,7 +23,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Failure> {
     let all: BTreeSet<&PathBuf> = ours.union(&reference).collect();
     if all.is_empty() {
         return Err(Failure::usage(format!(
-            "there are no files *.exr below {} and {}",
+            "there are no files *.exr in {} and {}",
             arguments.ours.display(),
             arguments.reference.display()
         )));
@@ -35,8 +35,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Failure> {
         bar.set_message(name.clone());
         let found = match (ours.contains(path), reference.contains(path)) {
             (true, true) => compare(arguments, path),
-            (true, false) => Err(format!("it is not below {}", arguments.reference.display())),
-            _ => Err(format!("it is not below {}", arguments.ours.display())),
+            (true, false) => Err(format!("missing in {}", arguments.reference.display())),
+            _ => Err(format!("missing in {}", arguments.ours.display())),
         };
         let [ours, reference] = [&arguments.ours, &arguments.reference].map(|folder| folder.join(path));
         let json = match &found {
@@ -53,16 +53,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Failure> {
 }
 
 fn compare(arguments: &Arguments, path: &Path) -> Result<Comparison, String> {
-    let told = |failure: Failure| match failure {
+    let message = |failure: Failure| match failure {
         Failure::Usage(problem) | Failure::Environment(problem) => problem,
     };
     let [ours, reference] = [&arguments.ours, &arguments.reference].map(|folder| folder.join(path));
-    let (comparison, [ours, reference]) = pair(arguments, &ours, &reference).map_err(told)?;
+    let (comparison, [ours, reference]) = pair(arguments, &ours, &reference).map_err(message)?;
     if let Some(folder) = &arguments.png {
         let picture = folder.join(path).with_extension("png");
         let parent = picture.parent().unwrap_or(folder);
         std::fs::create_dir_all(parent).map_err(|error| format!("{}: {error}", parent.display()))?;
-        write_trio(arguments, &ours, &reference, &picture).map_err(told)?;
+        write_trio(arguments, &ours, &reference, &picture).map_err(message)?;
     }
     Ok(comparison)
 }

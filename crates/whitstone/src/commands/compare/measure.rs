@@ -107,14 +107,14 @@ pub(super) fn measure(
         Some(explained) => combined(&over, explained, |over, explained| over && !explained),
         None => over,
     };
-    let left_out = match (&exclude, &explained) {
+    let outside_interior = match (&exclude, &explained) {
         (Some(edges), Some(explained)) => Some(combined(edges, explained, |a, b| a || b)),
         (Some(mask), None) | (None, Some(mask)) => Some(mask.clone()),
         (None, None) => None,
     };
     let options = CompareOptions {
         tolerance,
-        exclude: left_out.as_ref(),
+        exclude: outside_interior.as_ref(),
         psnr_peak: None,
     };
     let when = |wanted: bool| finite && wanted;
@@ -135,7 +135,7 @@ pub(super) fn measure(
     };
     if arguments.min_ssim.is_some() && ssim == Some(None) {
         return Err(Failure::usage(
-            "the images are too small for SSIM, whose window has 11 x 11 pixels",
+            "the images are too small for SSIM, whose window has 11 x 11 pixels; omit --min-ssim",
         ));
     }
     let significance = match finite {
@@ -188,7 +188,7 @@ impl Comparison {
         if let Some(metrics) = &self.metrics {
             let interior = (metrics.rel_rmse_interior, arguments.max_rel_rmse_interior);
             if let (None, Some(_)) = interior {
-                broken.push("there is no interior to compare: all pixels are at edges".to_owned());
+                broken.push("there are no interior pixels to compare: all pixels are at edges".to_owned());
             }
             let limits = [
                 ("rmse", Some(metrics.rmse), arguments.max_rmse),
@@ -221,7 +221,7 @@ impl Comparison {
             && self.over > limit
         {
             broken.push(format!(
-                "{} pixels are over tolerance, more than {limit}",
+                "{} pixels are over tolerance; the limit is {limit}",
                 self.over
             ));
         }
@@ -229,7 +229,7 @@ impl Comparison {
             && area.pixels > limit
         {
             broken.push(format!(
-                "{} connected pixels are over tolerance, more than {limit}",
+                "{} connected pixels are over tolerance; the limit is {limit}",
                 area.pixels
             ));
         }
@@ -258,7 +258,7 @@ impl Comparison {
         }
         if let Some(ssim) = self.ssim {
             let value = ssim.map_or_else(
-                || "- (smaller than its window of 11 x 11 pixels)".to_owned(),
+                || "- (the image is smaller than the SSIM window of 11 x 11 pixels)".to_owned(),
                 |ssim| format!("{ssim:.6}"),
             );
             row("ssim", &value);
@@ -283,14 +283,14 @@ impl Comparison {
         );
         if let Some(explained) = self.explained {
             let value = format!(
-                "{} with a value that the reference takes, not counted as over tolerance",
+                "{} with a value that the reference takes under its own variation; not counted as over tolerance",
                 counted(explained, "pixel")
             );
             row("explained", &value);
         }
         if let Some(ambiguous) = self.ambiguous.filter(|count| *count > 0) {
             let value = format!(
-                "{} between values that the reference takes, counted as over tolerance",
+                "{} between values that the reference takes under its own variation; counted as over tolerance",
                 counted(ambiguous, "pixel")
             );
             row("ambiguous", &value);
@@ -298,7 +298,7 @@ impl Comparison {
         if self.vacuous {
             row(
                 "vacuous",
-                "each image shows one colour: nothing but this colour is compared",
+                "each image shows one colour only, so the comparison proves nothing",
             );
         }
         if let Some(Area { pixels, from, to }) = self.area {
@@ -310,7 +310,7 @@ impl Comparison {
                 to[0],
                 to[1]
             );
-            row("largest area of them", &value);
+            row("largest connected area", &value);
         }
         for pixel in &self.worst {
             println!(

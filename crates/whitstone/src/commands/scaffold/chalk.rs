@@ -2,7 +2,8 @@
 //! in Lunar Photometry*, 1941).
 //!
 //! The BRDF is f = reflectance/pi (cos of the light · cos of the viewer)^(darkening - 1). It is
-//! reciprocal, and its reflection of uniform illumination has the closed form in `local_illumination`.
+//! reciprocal, and its reflection of uniform illumination has the closed form in
+//! `local_illumination`.
 //!
 //! - Twin: none; the tests check energy, reciprocity, and the matte surface as a special case.
 //! - Example: `scenes/chalk.toml`.
@@ -128,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn too_little_darkening_is_told_at_its_place() {
+    fn too_little_darkening_is_reported_at_its_place() {
         let errors = build::<Materials, Chalk>("darkening = 0.5", ()).err().unwrap();
         assert_eq!(errors.0[0].span, Some(12..15));
     }

@@ -61,7 +61,8 @@ impl Plugin<Cameras> for Fisheye {
         let forward = (config.target.get_ref().get() - origin).try_normalize();
         let right = forward.and_then(|forward| forward.cross(config.up.get()).try_normalize());
         if right.is_none() {
-            let message = "expected a target away from the origin, and not straight up or down";
+            let message =
+                "expected a target that differs from the origin and does not lie along the up direction";
             errors.0.push(SceneError::at(config.target.span(), message));
         }
         let (forward, right) = (forward.unwrap_or(DVec3::NEG_Z), right.unwrap_or(DVec3::X));
@@ -83,12 +84,12 @@ impl Camera for Fisheye {
         let distance = from_middle.length();
         let (sine, cosine) = (self.angle * distance).sin_cos();
         // The exact centre has no direction to the side.
-        let aside = if distance > 0.0 {
+        let sideways = if distance > 0.0 {
             from_middle * (sine / distance)
         } else {
             DVec2::ZERO
         };
-        let direction = cosine * self.forward + aside.x * self.right - aside.y * self.up;
+        let direction = cosine * self.forward + sideways.x * self.right - sideways.y * self.up;
         Ray::new(self.origin, direction.normalize())
     }
 }
@@ -119,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn both_faults_are_told() {
+    fn both_errors_are_reported() {
         let film = FilmSize { width: 2, height: 2 };
         let errors = build::<Cameras, Fisheye>("origin = [0, 0, 0]\ntarget = [0, 1, 0]\nfov = 0", film);
         assert_eq!(errors.err().unwrap().0.len(), 2);

@@ -31,7 +31,7 @@ pub struct Config {
     phase: Option<Spanned<Finite>>,
 }
 
-/// The light; it gives the same sample everywhere.
+/// The light; its sample is the same everywhere.
 pub struct Moon {
     sample: LightSample,
 }
@@ -42,14 +42,17 @@ impl Plugin<Lights> for Moon {
 
     fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Arc<dyn Light>, SceneErrors> {
         let mut errors = SceneErrors::default();
-        let mut refuse = |span, message: String| errors.0.push(SceneError::at(span, message));
+        let mut reject = |span, message: String| errors.0.push(SceneError::at(span, message));
         let travel = config.direction.get_ref().get().try_normalize();
         if travel.is_none() {
-            refuse(config.direction.span(), "the light has no direction".to_owned());
+            reject(
+                config.direction.span(),
+                "expected a direction that is not zero".to_owned(),
+            );
         }
         let phase = config.phase.as_ref().map_or(0.0, |phase| phase.get_ref().get());
         if let Some(written) = config.phase.filter(|_| !(0.0..=180.0).contains(&phase)) {
-            refuse(
+            reject(
                 written.span(),
                 format!("expected a phase from 0 to 180 degrees, found {phase}"),
             );
@@ -104,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn both_faults_are_told() {
+    fn both_errors_are_reported() {
         let errors = build::<Lights, Moon>("direction = [0, 0, 0]\nirradiance = 1\nphase = 270", ());
         assert_eq!(errors.err().unwrap().0.len(), 2);
     }

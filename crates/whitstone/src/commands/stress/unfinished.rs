@@ -70,7 +70,7 @@ mod tests {
     use whitstone_stress::{FAMILIES, Lab};
 
     #[test]
-    fn a_run_goes_on_where_it_was_broken_off() {
+    fn an_interrupted_run_continues_where_it_stopped() {
         let folder = tempfile::tempdir().unwrap();
         let registry = crate::registry();
         let lab = Lab::new(&registry, None, 2);

@@ -1,0 +1,5 @@
+//! Shared by the cameras.
+
+pub(crate) mod near;
+pub(crate) mod pinhole;
+pub(crate) mod view;

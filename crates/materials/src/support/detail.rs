@@ -1,0 +1,118 @@
+//! Perturbed shading normals, shared by `bump` and `normal_map`.
+
+use std::sync::Arc;
+use toml::Spanned;
+use whitstone_core::config::Vector3;
+use whitstone_core::{
+    BsdfFlags, ColorSource, DVec3, GlossyLobe, LightSamples, Material, Rgb, SceneError, SceneErrors,
+    SpecularRays, SurfaceAttributes, SurfaceInteraction, Transmittance,
+};
+
+/// Decodes a colour into a vector: 2 * colour - 1.
+pub(crate) fn coded(colors: &ColorSource, point: &SurfaceInteraction) -> DVec3 {
+    DVec3::from_array(colors.value(point).to_array().map(|part| 2.0 * part - 1.0))
+}
+
+/// Tangent frame, defined by a tangent direction or by an axis around which tangents run.
+pub(crate) enum Frame {
+    Along(DVec3),
+    Around(DVec3),
+}
+
+impl Frame {
+    /// Creates a frame from a world-space tangent or axis; the tangent is +x by default.
+    pub(crate) fn new(
+        tangent: Option<&Spanned<Vector3>>,
+        axis: Option<&Spanned<Vector3>>,
+    ) -> Result<Self, SceneErrors> {
+        let unit = |vector: &Spanned<Vector3>| {
+            let error = || SceneError::at(vector.span(), "expected a direction, found a zero vector");
+            vector.get_ref().get().try_normalize().ok_or_else(error)
+        };
+        Ok(match (tangent, axis) {
+            (None, None) => Self::Along(DVec3::X),
+            (Some(tangent), None) => Self::Along(unit(tangent)?),
+            (None, Some(axis)) => Self::Around(unit(axis)?),
+            (Some(_), Some(axis)) => {
+                let message = "`tangent` and `axis` exclude each other";
+                return Err(SceneError::at(axis.span(), message).into());
+            }
+        })
+    }
+
+    /// Decodes a tangent-space vector into world space; `None` where the tangent is degenerate.
+    pub(crate) fn vector(&self, parts: &ColorSource, point: &SurfaceInteraction) -> Option<DVec3> {
+        let n = point.n_s;
+        let t = match self {
+            Self::Along(direction) => direction - direction.dot(n) * n,
+            Self::Around(axis) => axis.cross(n),
+        };
+        let t = t.try_normalize()?;
+        let DVec3 { x, y, z } = coded(parts, point);
+        Some(x * t + y * n.cross(t) + z * n)
+    }
+}
+
+/// A source of perturbed shading normals.
+pub(crate) trait Detail: Send + Sync {
+    /// The surface attributes that it reads.
+    fn needs(&self) -> SurfaceAttributes;
+
+    /// The unit normal that replaces n_s, on the outside of the surface; `None` to keep n_s.
+    fn normal(&self, point: &SurfaceInteraction) -> Option<DVec3>;
+}
+
+/// A material that is shaded with perturbed normals.
+pub(crate) struct Detailed<D> {
+    pub(crate) detail: D,
+    pub(crate) inner: Arc<dyn Material>,
+}
+
+impl<D: Detail> Detailed<D> {
+    /// The point with the perturbed normal. Keeps n_s where the viewer would be on different sides
+    /// of the perturbed and the geometric normal.
+    fn at(&self, point: &SurfaceInteraction, view: DVec3) -> SurfaceInteraction {
+        let mut turned = *point;
+        if let Some(n) = self.detail.normal(point)
+            && n.dot(view) * point.n_g.dot(view) > 0.0
+        {
+            turned.n_s = n;
+        }
+        turned
+    }
+}
+
+impl<D: Detail> Material for Detailed<D> {
+    fn flags(&self) -> BsdfFlags {
+        self.inner.flags() | BsdfFlags::NORMAL_MAPPED
+    }
+
+    fn needs(&self) -> SurfaceAttributes {
+        self.inner.needs() | self.detail.needs() | SurfaceAttributes::SHADING_NORMAL
+    }
+
+    fn local_illumination(&self, point: &SurfaceInteraction, view: DVec3, light: &LightSamples<'_>) -> Rgb {
+        self.inner.local_illumination(&self.at(point, view), view, light)
+    }
+
+    fn emission(&self, point: &SurfaceInteraction, view: DVec3) -> Rgb {
+        self.inner.emission(&self.at(point, view), view)
+    }
+
+    fn shadow(&self, point: &SurfaceInteraction, direction: DVec3, filtered: bool) -> Transmittance {
+        self.inner
+            .shadow(&self.at(point, -direction), direction, filtered)
+    }
+
+    fn specular_rays(&self, point: &SurfaceInteraction, view: DVec3, out: &mut SpecularRays) {
+        self.inner.specular_rays(&self.at(point, view), view, out);
+    }
+
+    fn reflections(&self) -> u32 {
+        self.inner.reflections()
+    }
+
+    fn glossy_lobe(&self, point: &SurfaceInteraction, view: DVec3) -> Option<GlossyLobe<'_>> {
+        self.inner.glossy_lobe(&self.at(point, view), view)
+    }
+}

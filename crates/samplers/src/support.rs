@@ -1,0 +1,3 @@
+//! Shared by the samplers.
+
+pub(crate) mod scrambled;

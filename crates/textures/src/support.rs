@@ -1,0 +1,9 @@
+//! Shared by the textures: mapping, images, filters.
+
+pub(crate) mod cells;
+pub(crate) mod mapping;
+#[cfg(any(feature = "image", feature = "synthesized"))]
+pub(crate) mod pyramid;
+#[cfg(any(feature = "image", feature = "synthesized"))]
+pub(crate) mod raster;
+pub(crate) mod wrap;

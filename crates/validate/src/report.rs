@@ -1,0 +1,155 @@
+//! The report for people: one HTML file without external parts.
+//!
+//! `page.html` and `case.html` are its templates, compiled and escaped by `askama`. `view` converts
+//! results to the data of the templates. `page.css` and the scripts are embedded unchanged. The
+//! page is readable without scripts. They sort, filter and copy (`page.js`), display pixels in
+//! other ways than the pictures (`viewer.js`) and highlight the points of diagrams (`studies.js`).
+
+mod case;
+mod changes;
+mod number;
+mod script;
+mod view;
+
+#[cfg(test)]
+pub(crate) mod tests;
+
+pub use changes::{Baseline, Change, Changes, Kind};
+
+use crate::matrix::{Cell, Tally};
+use crate::sensitivity::Parameter;
+use crate::{CaseResult, Results, Summary};
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
+use view::{Page, PageKind};
+use whitstone_image::error_map::{ErrorView, Quantity, Scale};
+
+/// The quantity that the error pictures of a report show, and its legend.
+pub const ERROR_VIEW: ErrorView = ErrorView {
+    quantity: Quantity::Relative,
+    scale: Scale::Log { min: 1e-7, max: 1e-1 },
+};
+
+/// Maximum number of cases on one page. With more, each scene gets its own page.
+pub const ON_ONE_PAGE: usize = 150;
+
+/// The page of all scenes.
+const INDEX: &str = "index.html";
+/// Folder of the pages of scenes, next to it.
+pub const SCENES: &str = "scenes";
+
+/// Further data for a page besides the results.
+#[derive(Debug, Default)]
+pub struct Extras {
+    /// Diagrams of error against run time.
+    pub diagrams: Vec<Diagram>,
+    /// Diagrams of the stress families.
+    pub stress: Vec<Diagram>,
+    /// For each scene, the smallest detectable change of each of its numbers.
+    pub sensitivity: BTreeMap<String, Vec<Parameter>>,
+    /// The changes since an earlier run.
+    pub changes: Option<Changes>,
+}
+
+impl Extras {
+    /// Only for the unchanged scene, because it was measured there.
+    fn sensitivity_of(&self, case: &CaseResult) -> &[Parameter] {
+        let known = self.sensitivity.get(&case.scene);
+        known
+            .filter(|_| case.config == "default")
+            .map_or(&[], Vec::as_slice)
+    }
+}
+
+/// A diagram of a study.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Diagram {
+    /// Name of the study.
+    pub name: String,
+    /// One line.
+    pub title: String,
+    /// What the study measures.
+    pub about: String,
+    /// Its verdict.
+    pub verdict: String,
+    /// The picture. It is embedded unescaped, because it is well-formed SVG that this program
+    /// generated.
+    pub svg: String,
+}
+
+/// The complete page, without anything from a network, to be opened from disk.
+pub fn html(results: &Results, extras: &Extras) -> String {
+    Page::new(results, extras, PageKind::Whole).to_string()
+}
+
+/// The files of a report by path: a single page, or for more than [`ON_ONE_PAGE`] cases an index
+/// and a page for each scene.
+pub fn pages(results: &Results, extras: &Extras) -> Vec<(String, String)> {
+    if results.results.len() <= ON_ONE_PAGE {
+        return vec![(INDEX.to_owned(), html(results, extras))];
+    }
+    let paths = paths(results);
+    let index = Page::new(results, extras, PageKind::Index(&paths)).to_string();
+    let up = format!("../{INDEX}");
+    let scene_extras = Extras {
+        sensitivity: extras.sensitivity.clone(),
+        ..Extras::default()
+    };
+    let scenes = paths.iter().map(|(scene, path)| {
+        let page = Page::new(&of_scene(results, scene), &scene_extras, PageKind::Scene(&up)).to_string();
+        (path.clone(), page)
+    });
+    std::iter::once((INDEX.to_owned(), index)).chain(scenes).collect()
+}
+
+/// A path for each scene: its name, with only those characters that every file system supports.
+fn paths(results: &Results) -> BTreeMap<&str, String> {
+    let mut taken = BTreeSet::new();
+    let mut paths = BTreeMap::new();
+    for case in &results.results {
+        paths.entry(case.scene.as_str()).or_insert_with(|| {
+            let plain = |c: char| {
+                if c.is_ascii_alphanumeric() || c == '_' {
+                    c
+                } else {
+                    '-'
+                }
+            };
+            let name: String = case.scene.chars().map(plain).collect();
+            let mut path = format!("{SCENES}/{name}.html");
+            let mut number = 1;
+            while !taken.insert(path.to_lowercase()) {
+                number += 1;
+                path = format!("{SCENES}/{name}-{number}.html");
+            }
+            path
+        });
+    }
+    paths
+}
+
+/// The part of the results that belongs to one scene.
+fn of_scene(results: &Results, scene: &str) -> Results {
+    let cases: Vec<CaseResult> = results
+        .results
+        .iter()
+        .filter(|case| case.scene == scene)
+        .cloned()
+        .collect();
+    let matrix: Vec<Cell> = results
+        .matrix
+        .iter()
+        .filter(|cell| cell.scene == scene)
+        .cloned()
+        .collect();
+    let seconds = cases.iter().map(|case| case.build_s + case.render_s).sum();
+    let mut summary = Summary::of(&cases, results.summary.references.clone(), seconds);
+    summary.matrix = Tally::of(&matrix);
+    Results {
+        summary,
+        provenance: results.provenance.clone(),
+        results: cases,
+        left_out: Vec::new(),
+        matrix,
+    }
+}

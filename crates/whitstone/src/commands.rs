@@ -1,0 +1,255 @@
+//! The commands, one file each.
+
+pub mod bake;
+pub mod compare;
+pub mod completions;
+#[cfg(feature = "converge")]
+pub mod converge;
+pub mod doctor;
+pub mod explain;
+mod junit;
+pub mod list;
+pub mod new_plugin;
+#[cfg(any(feature = "converge", feature = "stress"))]
+mod page;
+mod pixel;
+pub mod reduce;
+pub mod reference;
+pub mod render;
+pub mod report;
+pub mod schema;
+pub mod sensitivity;
+#[cfg(feature = "stress")]
+pub mod stress;
+pub mod validate;
+
+use crate::terminal::{self, Exit, Failure};
+use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use whitstone_core::simd::Level;
+use whitstone_core::{DuplicateType, Registry};
+use whitstone_scene::{BuildOptions, Cache, Description, Pipeline, Plan, Sources, all_errors_with};
+
+/// A Whitted ray tracer that is validated against Mitsuba 3, pixel by pixel.
+///
+/// Exit codes: 0 success; 1 a comparison differs; 2 the command line, a scene or an input file is
+/// wrong; 3 something that the command needs is missing or broken, such as a live Mitsuba.
+#[derive(Parser)]
+#[command(version, arg_required_else_help = true, max_term_width = 100)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+/// The template of help texts with examples: they come before the arguments.
+pub const HELP_TEMPLATE: &str = "{about-with-newline}\n{usage-heading} {usage}{after-help}\n\n{all-args}";
+
+/// The commands with their arguments.
+#[derive(Subcommand)]
+#[expect(
+    missing_docs,
+    reason = "clap would show documentation here instead of that of the arguments"
+)]
+pub enum Command {
+    Render(render::Arguments),
+    Validate(validate::Arguments),
+    Reduce(reduce::Arguments),
+    Report(report::Arguments),
+    Compare(compare::Arguments),
+    Explain(explain::Arguments),
+    #[cfg(feature = "stress")]
+    Stress(stress::Arguments),
+    #[cfg(feature = "converge")]
+    Converge(converge::Arguments),
+    Bake(bake::Arguments),
+    List(list::Arguments),
+    Schema(schema::Arguments),
+    Sensitivity(sensitivity::Arguments),
+    NewPlugin(new_plugin::Arguments),
+    Doctor(doctor::Arguments),
+    Completions(completions::Arguments),
+    Reference(reference::Arguments),
+}
+
+impl Command {
+    /// Runs the command. Messages call the executable `program`.
+    pub fn run(&self, registry: &Registry, program: &str) -> Result<Exit, Failure> {
+        Level::wanted().map_err(Failure::usage)?;
+        match self {
+            Self::Render(arguments) => render::run(arguments, registry),
+            Self::Validate(arguments) => validate::run(arguments, registry, program),
+            Self::Reduce(arguments) => reduce::run(arguments, registry, program),
+            Self::Report(arguments) => report::run(arguments, program),
+            Self::Compare(arguments) => compare::run(arguments),
+            Self::Explain(arguments) => explain::run(arguments, registry),
+            #[cfg(feature = "stress")]
+            Self::Stress(arguments) => stress::run(arguments, registry),
+            #[cfg(feature = "converge")]
+            Self::Converge(arguments) => converge::run(arguments, registry, program),
+            Self::Bake(arguments) => bake::run(arguments, registry),
+            Self::List(arguments) => list::run(arguments, registry),
+            Self::NewPlugin(arguments) => new_plugin::run(arguments, registry),
+            Self::Sensitivity(arguments) => sensitivity::run(arguments, registry, program),
+            Self::Schema(arguments) => schema::run(arguments, registry),
+            Self::Doctor(arguments) => doctor::run(arguments, registry),
+            Self::Completions(arguments) => completions::run(arguments, Arguments::command(), program),
+            Self::Reference(arguments) => reference::run(arguments, registry, program),
+        }
+    }
+}
+
+/// The command line and its plugins. A third party adds its own:
+///
+/// ```no_run
+/// # fn register(_: &mut whitstone::core::Registry) -> Result<(), whitstone::core::DuplicateType> { Ok(()) }
+/// fn main() -> std::process::ExitCode {
+///     whitstone::Cli::new("whitstone").with(register).run()
+/// }
+/// ```
+pub struct Cli {
+    program: &'static str,
+    registry: Registry,
+    duplicate: Option<DuplicateType>,
+}
+
+impl Cli {
+    /// A command line with all built-in plugins. Messages call the executable `program`.
+    pub fn new(program: &'static str) -> Self {
+        Self {
+            program,
+            registry: crate::registry(),
+            duplicate: None,
+        }
+    }
+
+    /// Adds the plugins of a `register` function.
+    #[must_use]
+    pub fn with(mut self, register: fn(&mut Registry) -> Result<(), DuplicateType>) -> Self {
+        if let Err(duplicate) = register(&mut self.registry) {
+            self.duplicate.get_or_insert(duplicate);
+        }
+        self
+    }
+
+    /// Reads the arguments of the process and runs the command.
+    pub fn run(self) -> ExitCode {
+        if let Some(duplicate) = self.duplicate {
+            return terminal::finish(Err(Failure::usage(duplicate)));
+        }
+        let matches = Arguments::command().name(self.program).get_matches();
+        let arguments = match Arguments::from_arg_matches(&matches) {
+            Ok(arguments) => arguments,
+            Err(error) => error.exit(),
+        };
+        terminal::finish(arguments.command.run(&self.registry, self.program))
+    }
+}
+
+/// Parses a number of threads. The limit exists because more threads than any machine has only wait
+/// for each other, and starting tens of thousands can exhaust the machine.
+fn threads(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(count) if count <= 1024 => Ok(count),
+        _ => Err("expected a whole number from 0 to 1024; 0 means one thread per core".to_owned()),
+    }
+}
+
+/// Parses a size in GiB; returns bytes.
+fn gib(text: &str) -> Result<u64, String> {
+    match text.parse::<f64>() {
+        Ok(gib) if gib > 0.0 && gib <= 1e9 => Ok((gib * (1u64 << 30) as f64) as u64),
+        _ => Err("expected a number of GiB above 0 and at most 1e9, such as 4 or 0.5".to_owned()),
+    }
+}
+
+/// Parses a finite number.
+fn finite(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| "expected a number".to_owned())?;
+    if value.is_finite() {
+        Ok(value)
+    } else {
+        Err("expected a finite number".to_owned())
+    }
+}
+
+/// A scene on the command line.
+#[derive(Args, Clone, Debug)]
+pub struct SceneArguments {
+    /// Scene file (TOML)
+    pub scene: PathBuf,
+    /// Override a value of the scene: `camera.fov=30`, `shape.glass.radius=0.5`,
+    /// `'film={width=64,height=64}'`; can be repeated
+    #[arg(long = "set", value_name = "PATH=VALUE")]
+    pub overrides: Vec<String>,
+    /// Reject a scene whose meshes and accelerators need more memory than this, in GiB [default:
+    /// the available memory]
+    #[arg(long, value_name = "GIB", value_parser = gib)]
+    pub max_memory: Option<u64>,
+    /// Folder for cached textures and the Python environment of Mitsuba
+    #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
+    pub target: PathBuf,
+    /// Ignore cached files and build them again
+    #[arg(long)]
+    pub fresh: bool,
+}
+
+/// Builds a scene. The error is a report of everything that is wrong with it.
+pub fn build(arguments: &SceneArguments, registry: &Registry) -> Result<Pipeline, Failure> {
+    let (pipeline, ()) = build_with(arguments, registry, |_| ())?;
+    Ok(pipeline)
+}
+
+/// Like [`build`], and also returns the result of `note` for the planned scene.
+pub fn build_with<T>(
+    arguments: &SceneArguments,
+    registry: &Registry,
+    note: impl FnOnce(&Plan<'_, '_>) -> T,
+) -> Result<(Pipeline, T), Failure> {
+    let color = terminal::color();
+    let sources = Sources::load(&arguments.scene, &arguments.overrides)
+        .map_err(|error| Failure::usage(error.sources.report(&error.errors, color)))?;
+    let bar = terminal::spinner("building");
+    let progress = |what: &str| bar.set_message(format!("building {what}"));
+    let kept = arguments.target.join("kept");
+    let options = BuildOptions {
+        max_memory: arguments.max_memory,
+        cache: Some(Cache {
+            folder: &kept,
+            reuse: !arguments.fresh,
+        }),
+        progress: Some(&progress),
+    };
+    let report = |_| {
+        let errors = all_errors_with(&sources, registry, options);
+        bar.finish_and_clear();
+        Failure::usage(sources.report(&errors, color))
+    };
+    let description = Description::parse(&sources).map_err(report)?;
+    let plan = Plan::new(&description, registry).map_err(report)?;
+    let pipeline = Pipeline::build_with(&plan, registry, options).map_err(report)?;
+    bar.finish_and_clear();
+    if !pipeline.warnings.is_empty() {
+        eprintln!("{}", sources.report_warnings(&pipeline.warnings, color));
+    }
+    Ok((pipeline, note(&plan)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_core::Shapes;
+
+    #[test]
+    fn a_duplicate_type_is_rejected_and_both_crates_are_named() {
+        let again =
+            |registry: &mut Registry| registry.add::<Shapes, whitstone_shapes::sphere::Sphere>("stranger");
+        let message = Cli::new("mine")
+            .with(again)
+            .duplicate
+            .map(|duplicate| duplicate.to_string());
+        let expected = "shape type \"sphere\" is registered twice: by whitstone-shapes and by stranger";
+        assert_eq!(message.as_deref(), Some(expected));
+        assert!(Cli::new("mine").with(|_| Ok(())).duplicate.is_none());
+    }
+}

@@ -1,0 +1,222 @@
+//! `compare`: compares two images, or two folders of images, number by number.
+
+mod folders;
+mod measure;
+
+use super::junit;
+use crate::terminal::{Exit, Failure, write_json};
+use clap::Args;
+use measure::{Comparison, measure};
+use std::path::{Path, PathBuf};
+use whitstone_image::edges::EdgeLayer;
+use whitstone_image::error_map::trio;
+use whitstone_image::range::Ranges;
+use whitstone_image::{ErrorView, Image, Limits, Tolerance, ToneMap, exr_io};
+use whitstone_validate::Variants;
+use whitstone_validate::stored::read_variants;
+
+/// Compare an image with a reference image, or a folder of images with a folder of references
+///
+/// Prints all metrics, the number of pixels over tolerance, and the worst pixels.
+///
+/// Both files are OpenEXR; their channels R, G, B are compared. Images of different sizes or
+/// without these channels are an error (exit code 2): nothing is cropped or resampled. Non-finite
+/// values are counted first, and a single one fails the comparison. A pixel is over tolerance if on
+/// any channel
+/// |ours - reference| > RELATIVE * |reference| + ABSOLUTE * mean |reference|.
+///
+/// For two folders, all *.exr files with the same relative path are compared. A file that exists in
+/// only one of them is an error.
+///
+/// Images with layers of variance are also tested for differences that noise does not explain:
+/// docs/compare.md.
+///
+/// Exit code 0 if no given limit is exceeded, 1 if one is. Without limits no pixel may be over
+/// tolerance.
+#[derive(Args, Debug)]
+#[command(
+    help_template = super::HELP_TEMPLATE,
+    after_help = "Examples:\n  whitstone compare ours.exr reference.exr --max-rel-rmse-interior 1e-5 --png trio.png\n  whitstone compare renders references --junit compare.xml"
+)]
+pub struct Arguments {
+    /// Image under test (OpenEXR), or a folder of images
+    #[arg(value_name = "OURS")]
+    ours: PathBuf,
+    /// Reference image (OpenEXR), or a folder of images
+    #[arg(value_name = "REFERENCE")]
+    reference: PathBuf,
+    /// Write all numbers and the verdict to this file as JSON
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Write the verdict to this file as JUnit XML, which most CI systems display
+    #[arg(long, value_name = "FILE")]
+    junit: Option<PathBuf>,
+    /// Write a picture of the image, the reference, and the relative error with its colour scale;
+    /// for two folders, write a folder of pictures
+    #[arg(long, value_name = "PATH")]
+    png: Option<PathBuf>,
+    /// Exposure of the picture and of the images that SSIM compares, in stops
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true, value_parser = super::finite)]
+    exposure: f64,
+    /// Maximum root mean square difference
+    #[arg(long, value_name = "X", value_parser = at_least_0)]
+    max_rmse: Option<f64>,
+    /// Maximum relative root mean square difference over the interior: all pixels except explained
+    /// ones and those that --edges-of excludes
+    #[arg(long, value_name = "X", value_parser = at_least_0)]
+    max_rel_rmse_interior: Option<f64>,
+    /// Exclude pixels at the edges of this layer of either image from the interior; numeric layers
+    /// need a step, as in depth.Z=0.1; can be repeated
+    #[arg(long = "edges-of", value_name = "LAYER[=STEP]", value_parser = edge_layer)]
+    edges_of: Vec<EdgeLayer>,
+    /// Maximum number of pixels over tolerance [default: 0 if no other limit is given, else
+    /// unlimited]
+    #[arg(long, value_name = "N")]
+    max_over: Option<usize>,
+    /// Maximum size of a connected area of pixels over tolerance, in pixels
+    #[arg(long, value_name = "N")]
+    max_area: Option<usize>,
+    /// Tolerance of a pixel, as a fraction of the reference's value there
+    #[arg(long, value_name = "RELATIVE", default_value_t = Tolerance::default().relative, value_parser = at_least_0)]
+    relative: f64,
+    /// Tolerance of a pixel, as a fraction of the mean of the reference
+    #[arg(long, value_name = "ABSOLUTE", default_value_t = Tolerance::default().absolute, value_parser = at_least_0)]
+    absolute: f64,
+    /// Also compute the visible difference (FLIP), over exposures and at exposure 0; takes seconds
+    /// per megapixel
+    #[arg(long)]
+    flip: bool,
+    /// Maximum mean of FLIP over exposures, 0 to 1
+    #[arg(long, value_name = "X", value_parser = at_least_0)]
+    max_flip: Option<f64>,
+    /// Also compute the structural similarity (SSIM) of the displayed images
+    #[arg(long)]
+    ssim: bool,
+    /// Minimum SSIM, at most 1
+    #[arg(long, value_name = "X", allow_negative_numbers = true, value_parser = super::finite)]
+    min_ssim: Option<f64>,
+    /// Significance level over the whole image: fail if a difference is larger than noise explains
+    /// at this level; needs layers of variance
+    #[arg(long, value_name = "P", value_parser = probability)]
+    significance: Option<f64>,
+    /// Number of worst pixels to list
+    #[arg(long, value_name = "N", default_value_t = 10)]
+    worst: usize,
+}
+
+fn at_least_0(text: &str) -> Result<f64, String> {
+    match super::finite(text)? {
+        value if value >= 0.0 => Ok(value),
+        _ => Err("expected a number of at least 0".to_owned()),
+    }
+}
+
+fn probability(text: &str) -> Result<f64, String> {
+    match super::finite(text)? {
+        value if value > 0.0 && value < 1.0 => Ok(value),
+        _ => Err("expected a number above 0 and below 1".to_owned()),
+    }
+}
+
+fn edge_layer(text: &str) -> Result<EdgeLayer, String> {
+    let (channel, step) = match text.rsplit_once('=') {
+        Some((channel, step)) => (channel, at_least_0(step)?),
+        None if text.ends_with(".I") => (text, 0.0),
+        None => {
+            return Err(format!(
+                "the layer {text} needs a step: write {text}=STEP; only id layers, whose names end in .I, need none"
+            ));
+        }
+    };
+    Ok(EdgeLayer {
+        channel: channel.to_owned(),
+        step,
+    })
+}
+
+impl Arguments {
+    fn tolerance(&self) -> Tolerance {
+        Tolerance {
+            relative: self.relative,
+            absolute: self.absolute,
+        }
+    }
+
+    fn tone(&self) -> ToneMap {
+        ToneMap {
+            exposure: self.exposure,
+        }
+    }
+
+    /// The limit of the number of pixels over tolerance; none if other limits are given.
+    fn max_over(&self) -> Option<usize> {
+        let measured = [
+            self.max_rmse,
+            self.max_rel_rmse_interior,
+            self.max_flip,
+            self.min_ssim,
+            self.significance,
+        ];
+        let others = self.max_area.is_some() || measured.iter().any(Option::is_some);
+        self.max_over.or((!others).then_some(0))
+    }
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> Result<Exit, Failure> {
+    match [&arguments.ours, &arguments.reference].map(|path| path.is_dir()) {
+        [true, true] => folders::run(arguments),
+        [false, false] => run_files(arguments),
+        [ours, _] => {
+            let (folder, file) = match ours {
+                true => (&arguments.ours, &arguments.reference),
+                false => (&arguments.reference, &arguments.ours),
+            };
+            Err(Failure::usage(format!(
+                "{} is a folder and {} is not; name two images or two folders",
+                folder.display(),
+                file.display()
+            )))
+        }
+    }
+}
+
+fn run_files(arguments: &Arguments) -> Result<Exit, Failure> {
+    let (comparison, [ours, reference]) = pair(arguments, &arguments.ours, &arguments.reference)?;
+    comparison.print(&ours, &reference);
+    if let Some(path) = &arguments.png {
+        write_trio(arguments, &ours, &reference, path)?;
+    }
+    if let Some(path) = &arguments.json {
+        write_json(
+            path,
+            &comparison.json(arguments, &arguments.ours, &arguments.reference),
+        )?;
+    }
+    if let Some(path) = &arguments.junit {
+        let name = arguments.ours.display().to_string();
+        junit::write(path, "whitstone compare", &[comparison.junit(name)])?;
+    }
+    Ok(comparison.exit())
+}
+
+/// Compares two files; also returns their contents.
+fn pair(arguments: &Arguments, ours: &Path, reference: &Path) -> Result<(Comparison, [Image; 2]), Failure> {
+    let read = |path: &Path| exr_io::read(path, Limits::IMAGE).map_err(Failure::usage);
+    let images = [read(ours)?, read(reference)?];
+    let variants = match Ranges::of(&images[1]).map_err(Failure::usage)? {
+        Some(_) => read_variants(&variants_of(reference)).map_err(Failure::usage)?,
+        None => Variants::default(),
+    };
+    Ok((measure(arguments, &images[0], &images[1], &variants)?, images))
+}
+
+/// The file of the values that a stored reference takes, next to its image.
+fn variants_of(reference: &Path) -> PathBuf {
+    reference.with_extension("variants.exr")
+}
+
+fn write_trio(arguments: &Arguments, ours: &Image, reference: &Image, path: &Path) -> Result<(), Failure> {
+    let picture = trio(ours, reference, arguments.tone(), ErrorView::default()).map_err(Failure::usage)?;
+    picture.write_png(path).map_err(Failure::environment)
+}
