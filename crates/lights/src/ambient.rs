@@ -10,6 +10,8 @@ use whitstone_core::config::Color;
 use whitstone_core::{Context, Light, LightFlags, Lights, Plugin, Rgb, SceneErrors};
 
 /// Uniform ambient light from all directions, never shadowed.
+///
+/// Materials reflect it by their ambient terms. A ray that hits nothing does not see it.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {

@@ -21,7 +21,8 @@ pub struct Config {
     position: Vector3,
     /// Radiant intensity in W/sr.
     intensity: Color,
-    /// Falloff of the irradiance with the distance d: "inverse_square" (I/d²) or "none" (I).
+    /// Falloff of the irradiance with the distance d: "inverse_square" (I/d²), or "none": then
+    /// `intensity` is the irradiance itself, in W/m², at any distance.
     #[serde(default)]
     falloff: Falloff,
 }
