@@ -102,8 +102,8 @@ impl Plugin<Textures> for Worley {
 /// farther than sqrt(a_1^2 + a_2^2 + a_3^2) <= sqrt(3). Let a_1 be the largest a_k. The cell on the
 /// nearer side along axis 1 has another feature point, no farther than
 /// sqrt((2 - a_1)^2 + a_2^2 + a_3^2) <= sqrt((2 - a_1)^2 + 2 a_1^2). For a_1 from 1/2 to 1, that is
-/// at most sqrt(3) as well. So the two nearest feature points are within sqrt(3), and those in cells
-/// three away are farther than 2.
+/// at most sqrt(3) as well. So the two nearest feature points are within sqrt(3), and those in
+/// cells three away are farther than 2.
 const AROUND: [([i8; 3], u8); 125] = around();
 
 const fn around() -> [([i8; 3], u8); 125] {
