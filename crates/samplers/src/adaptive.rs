@@ -77,7 +77,7 @@ impl Plugin<Samplers> for Adaptive {
             }
         };
         let rule = Refinement {
-            first,
+            initial_samples: first,
             threshold: config.threshold.get(),
         };
         Ok(Box::new(Self {
