@@ -3,7 +3,7 @@
 //! Appel 1968, *Some techniques for shading machine renderings of solids*. Purely specular
 //! materials are black, except for their emission.
 //!
-//! - Twin: the driver at depth 0, without branches.
+//! - Twin: the Mitsuba driver at depth 0, without branches.
 //! - Example: `scenes/integrators/appel.toml`.
 
 use crate::rules::Rules;

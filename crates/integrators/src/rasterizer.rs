@@ -8,7 +8,7 @@
 //! and Newell, *Clipping using homogeneous coordinates*, 1978. The steps are those of the lecture
 //! notes, in order: `project`, `Bins`, `Depths::draw`, and `Depths::hits` with shading.
 //!
-//! - Twin: the driver at depth 0, without branches: the visible surfaces are the same.
+//! - Twin: the Mitsuba driver at depth 0, without branches: the visible surfaces are the same.
 //! - Example: `scenes/integrators/rasterizer.toml`.
 
 mod bins;

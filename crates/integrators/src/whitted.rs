@@ -8,7 +8,7 @@
 //! hit on a glossy surface with n² reflection rays can push n² rays. `rules` traces single rays,
 //! `wave` traces streams.
 //!
-//! - Twin: Mitsuba through the driver, which traverses the same tree level by level.
+//! - Twin: the Mitsuba driver, which traverses the same tree level by level.
 //! - Example: `scenes/integrators/whitted.toml`.
 
 use crate::rules::{Beyond, Limits, Rules};

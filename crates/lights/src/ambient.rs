@@ -1,6 +1,6 @@
 //! Uniform ambient light from all directions, never shadowed.
 //!
-//! - Twin: through the driver, which adds the materials' ambient terms.
+//! - Twin: a formula of the Mitsuba driver, which adds the materials' ambient terms.
 //! - Example: `scenes/lights/ambient.toml`.
 
 use schemars::JsonSchema;

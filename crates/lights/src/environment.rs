@@ -6,7 +6,7 @@
 //! projections*, 1986 (also cube maps). Its illumination is a fixed quadrature over directions
 //! placed by luminance (`sky.rs`). `scenes/showcase/cube_map.toml` uses a cube map.
 //!
-//! - Twin: through the driver, which looks up the same texture.
+//! - Twin: a formula of the Mitsuba driver, which looks up the same texture.
 //! - Example: `scenes/lights/environment.toml`.
 
 use schemars::JsonSchema;

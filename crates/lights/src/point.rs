@@ -1,6 +1,6 @@
 //! A point light that emits equally in all directions.
 //!
-//! - Twin: Mitsuba `point` (native); `falloff = "none"` through the driver.
+//! - Twin: Mitsuba `point` (native); a formula for `falloff = "none"`.
 //! - Example: `scenes/lights/point.toml`.
 
 use crate::support::emission::{self, Falloff};

@@ -3,7 +3,7 @@
 //! The angle from the axis is the arc tangent of the length of the cross product over the dot
 //! product. An arc cosine would lose half the digits in a narrow beam.
 //!
-//! - Twin: Mitsuba `spot` (native); `falloff = "none"` through the driver.
+//! - Twin: Mitsuba `spot` (native); a formula for `falloff = "none"`.
 //! - Example: `scenes/lights/spot.toml`.
 
 use crate::support::emission::{self, Falloff};

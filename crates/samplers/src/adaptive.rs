@@ -7,7 +7,7 @@
 //! samples of a pixel. The points are those of `sobol`, so that later samples complement earlier
 //! ones.
 //!
-//! - Twin: Mitsuba through the driver, which traces the same positions in the same rounds.
+//! - Twin: the Mitsuba driver, which traces the same positions in the same rounds.
 //! - Example: `scenes/samplers/adaptive.toml`.
 
 use crate::support::scrambled;

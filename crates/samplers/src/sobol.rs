@@ -2,7 +2,7 @@
 //!
 //! `support/scrambled.rs` lists the sources.
 //!
-//! - Twin: Mitsuba, through the driver, which traces the same positions.
+//! - Twin: the Mitsuba driver, which traces the same positions.
 //! - Example: `scenes/samplers/sobol.toml`.
 
 use crate::support::scrambled;

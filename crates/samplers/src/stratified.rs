@@ -6,7 +6,7 @@
 //! to pixel. They come from the hash m of the model (section 9), so they are the same in every
 //! renderer and every run.
 //!
-//! - Twin: Mitsuba, through the driver, which traces the same positions.
+//! - Twin: the Mitsuba driver, which traces the same positions.
 //! - Example: `scenes/samplers/stratified.toml`.
 
 use crate::hash_of_pixel;

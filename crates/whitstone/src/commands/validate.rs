@@ -32,8 +32,8 @@ const TIME_LIMIT: u64 = 300;
 /// Verdicts: pass (the images agree), confirmed (the reference is too inaccurate in this scene, and
 /// the arbitrary-precision oracle confirms our image), FAIL (our image is wrong), undecided
 /// (neither reference nor oracle can decide, with the reason). Exit code 0 if all cases pass or are
-/// confirmed, 1 if one fails or is undecided, 2 for a wrong command line or scene, 3 if nothing
-/// could be compared.
+/// confirmed, 1 if one fails or is undecided, 2 for a wrong command line or scene, 3 if none fails
+/// but a scene could not be compared.
 #[derive(Args, Debug)]
 #[command(
     help_template = super::HELP_TEMPLATE,
