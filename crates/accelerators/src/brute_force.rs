@@ -1,7 +1,7 @@
 //! No acceleration: every element is tested, in order.
 //!
-//! It defines the correct result for all other accelerators, and is the fastest for a handful of
-//! elements.
+//! It defines the correct result for all other accelerators. It is the fastest accelerator for very
+//! few elements.
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/brute_force.toml`.
@@ -21,7 +21,7 @@ use whitstone_core::{
 #[serde(deny_unknown_fields)]
 pub struct Config {}
 
-/// The shapes in the order of the scene.
+/// The `brute_force` accelerator; see the module documentation.
 pub struct BruteForce {
     geometry: Arc<Geometry>,
 }
@@ -40,9 +40,9 @@ impl Plugin<Accelerators> for BruteForce {
 }
 
 impl BruteForce {
-    /// Calls `found` with every hit inside the interval until it returns false. The interval is
-    /// never narrowed, so that this accelerator, unlike the others, does not rely on the shapes'
-    /// tests being pure functions.
+    /// Calls `found` with the hit of each element inside the interval, until it returns false. The
+    /// interval is never narrowed. Single-ray queries of this accelerator, unlike those of the
+    /// others, therefore do not rely on the purity law of shapes.
     #[inline(always)]
     fn hits(
         &self,
@@ -51,7 +51,7 @@ impl BruteForce {
         skip: SelfHitFilter,
         mut found: impl FnMut(PreliminaryIntersection) -> bool,
     ) {
-        // Created at the first mesh only: its divisions cost as much as a hit.
+        // Created at the first mesh only: its divisions cost as much as an intersection test.
         let mut sheared = None;
         for (part, shape) in self.geometry.shapes().iter().zip(0u32..) {
             let leaves = skip.of_shape(InstanceId::TOP_LEVEL, shape);
@@ -81,13 +81,13 @@ impl BruteForce {
                         return;
                     }
                 }
-                // No other kind occurs here: core adds new kinds together with their code.
+                // `LoweredShape` is non-exhaustive, but has no other variant.
                 _ => {}
             }
         }
     }
 
-    /// The instances.
+    /// The instances of the scene.
     fn instances(&self) -> impl Iterator<Item = &Instance> {
         let any = self.geometry.paths() > 1;
         let shapes = if any { self.geometry.shapes() } else { &[] };
@@ -133,7 +133,7 @@ impl Accelerator for BruteForce {
                 _ => {}
             }
         }
-        // At equal distance, hits outside of instances win.
+        // Instances come last, because a hit outside instances wins at equal distance.
         for instance in self.instances() {
             instance.intersect_stream(rays, hits);
         }

@@ -1,9 +1,9 @@
-//! An 8-wide SIMD bounding volume hierarchy (BVH): the default accelerator.
+//! An 8-wide SIMD bounding volume hierarchy (BVH): the default accelerator of all but tiny scenes.
 //!
-//! - Nodes hold eight boxes in `f32`, leaves up to eight triangles in `f32`. The tests in `f64`
-//!   decide whatever the `f32` tests cannot, and compute every hit that is returned. Proof that no
-//!   hit is missed: `docs/accelerators.md`.
-//! - Build: a binary BVH (`morton`, `binned` or `spatial`), collapsed to eight children a node
+//! - Nodes hold eight boxes in `f32`, leaves up to eight triangles in `f32`. Tests in `f64` decide
+//!   the cases that the `f32` tests leave open, and compute every hit that is returned.
+//!   `docs/accelerators.md` proves that no hit is missed.
+//! - Build: a binary BVH (`morton`, `binned` or `spatial`), collapsed to eight children per node
 //!   (`wide`). Traversal: `search`, which tests eight boxes at once and selects near and far planes
 //!   by the signs of the direction (Wald, Benthin, Boulos, *Getting rid of packets*, 2008;
 //!   Fuetterling et al., *Accelerated single ray tracing for wide vector units*, HPG 2017).
@@ -65,7 +65,7 @@ pub enum Quality {
     Best,
 }
 
-/// The hierarchy.
+/// The `bvh` accelerator; see the module documentation.
 pub struct Bvh {
     leaves: Leaves,
     nodes: Vec<Node>,
@@ -87,7 +87,7 @@ impl Plugin<Accelerators> for Bvh {
         geometry: Arc<Geometry>,
         _: &mut dyn Context,
     ) -> Result<Box<dyn Accelerator>, SceneErrors> {
-        // Spatial splits add at most three tenths more references.
+        // Spatial splits increase the number of references by at most 30%.
         let spare = if config.quality == Quality::Best { 4 } else { 0 };
         check_count(&geometry, MOST_ELEMENTS / 16 * (16 - spare))?;
         Ok(Box::new(Self::new(geometry, config.quality)))

@@ -1,21 +1,22 @@
-//! A kd-tree: axis-parallel planes divide space into cells, and each cell refers to all elements
-//! that lie in it.
+//! A kd-tree: axis-aligned planes split space into cells, and each leaf cell refers to all elements
+//! that overlap it.
 //!
 //! - Build: Wald and Havran, *On building fast kd-trees for ray tracing, and on doing that in O(N
-//!   log N)*, 2006: SAH over the ends of the elements' boxes (section 4.2), boxes clipped at each
-//!   plane ("perfect splits", section 3.3, with boxes instead of polygons), and a bonus for empty
-//!   space (section 3.4). Large nodes are binned instead (Shevtsov, Soupikov, Kapustin 2007); see
-//!   `build`.
+//!   log N)*, 2006. The SAH chooses among planes at the ends of the elements' boxes (section 4.2).
+//!   Boxes are clipped at each plane ("perfect splits", section 3.3, with boxes instead of
+//!   polygons). Cutting off empty space has a bonus (section 3.4). Large nodes are binned instead
+//!   (Shevtsov, Soupikov, Kapustin 2007); see `build`.
 //! - Traversal: front to back, with a ray interval for each cell, in single precision; see
-//!   `search`. Leaves of triangles are tested eight at once by the conservative filter that `bvh`
-//!   also uses; see `leaves`.
-//! - Cost model: a ray that passes a cell passes a part of it with probability equal to the ratio
-//!   of their areas. A leaf costs 1 for every eight elements, a step down 1.4. A cell is cut at the
-//!   plane with the least A_l n_l + A_r n_r, a fifth less if one side is empty. A subtree that
-//!   costs more than a single leaf becomes a leaf again. Cells do not overlap, so a hit near the
-//!   origin ends the search early. An element is referred to from several cells: at most 4 on
-//!   average, after which cells are not divided further. Memory: 8 bytes a node, 44 a reference.
-//!   Build: O(n log² n).
+//!   `search`. The triangles of a leaf are tested eight at once by the conservative filter that
+//!   `bvh` also uses; see `leaves`.
+//! - Cost model: a ray that crosses a cell crosses a given part of it with probability equal to the
+//!   ratio of their surface areas. A leaf costs 1 for every eight elements, a traversal step costs
+//!   1.4. A cell is split at the plane with the least A_l n_l + A_r n_r, where A is the area and n
+//!   the number of elements of a side; a side without elements lowers this cost by a fifth. A
+//!   subtree of at most 64 elements that costs no less than a single leaf is replaced by that leaf.
+//!   Cells do not overlap, so a near hit ends the search early.
+//! - Memory: 8 bytes per node, 44 per reference. Several cells may refer to one element. Once there
+//!   are 4 references per element on average, cells are not split further. Build: O(n log² n).
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/kdtree.toml`.
@@ -49,18 +50,18 @@ use whitstone_simd::{Level, with_lanes};
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Cells of at most this many elements are not cut; ignored with `split = "sah"`, which decides
-    /// by cost.
+    /// Cells of at most this many elements are not split; ignored with `split = "sah"`, which
+    /// decides by cost.
     #[serde(default = "eight")]
     max_leaf: NonZeroU32,
     /// Maximum depth of the tree.
     #[serde(default)]
     #[schemars(extend("x-default" = "8 + 1.3 log2(number of elements)"))]
     max_depth: Option<IntegerIn<1, { MAX_DEPTH as u32 }>>,
-    /// How to choose the position of a cut.
+    /// How to choose the split position.
     #[serde(default)]
     split: Split,
-    /// Which axes to try for a cut.
+    /// Which axes to try.
     #[serde(default)]
     axes: Axes,
 }
@@ -69,7 +70,7 @@ fn eight() -> NonZeroU32 {
     const { NonZeroU32::new(8).unwrap() }
 }
 
-/// The tree.
+/// The `kdtree` accelerator; see the module documentation.
 pub struct KdTree {
     leaves: Leaves,
     /// Bounds of all elements that have a box, in local coordinates.

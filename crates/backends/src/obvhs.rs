@@ -1,4 +1,4 @@
-//! The crate obvhs: it traces rays fastest of all Rust hierarchies that we compared with ours.
+//! The crate obvhs: compressed wide BVHs for single-precision triangles.
 //!
 //! - Ylitie, Karras, Laine, *Efficient incoherent ray traversal on GPUs through compressed wide
 //!   BVHs*, HPG 2017.

@@ -1,10 +1,10 @@
 //! An omnidirectional camera: longitude along the width of the image, latitude along its height.
 //!
-//! The plate carrée projection in which environment maps are stored (Blinn and Newell, *Texture and
-//! reflection in computer generated images*, 1976). Rows near the poles cover little of the sphere
-//! with many pixels.
+//! The equirectangular (latitude-longitude) projection of environment maps (Blinn and Newell,
+//! *Texture and reflection in computer generated images*, 1976). Near the poles, a pixel covers a
+//! smaller solid angle.
 //!
-//! - Twin: Mitsuba through the driver, by the formula of the model.
+//! - Twin: Mitsuba a formula of the Mitsuba driver of the model.
 //! - Example: `scenes/cameras/environment.toml`.
 
 use crate::support::view::{self, Frame, LookAt};
@@ -42,7 +42,7 @@ impl Plugin<Cameras> for Environment {
 
 impl Camera for Environment {
     fn ray(&self, raster: DVec2) -> Ray {
-        // The difference of the distances from both edges: a symmetrical scene gives a bitwise
+        // Computed from the distances to both edges, so that a symmetrical scene gives a bitwise
         // symmetrical image.
         let from_middle = (raster - (self.film - raster)) / self.film;
         let (sin_phi, cos_phi) = (PI * from_middle.x).sin_cos();

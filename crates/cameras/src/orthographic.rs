@@ -1,6 +1,7 @@
 //! An orthographic camera.
 //!
-//! The window (l, r, b, t) is that of the lecture notes, without a distance; so is the near limit.
+//! The window (l, r, b, t) and the near limit are those of the lecture notes; the window has no
+//! distance.
 //!
 //! - Twin: Mitsuba `orthographic` (native).
 //! - Example: `scenes/cameras/orthographic.toml`.
@@ -29,8 +30,8 @@ pub struct Config {
     #[serde(default)]
     #[schemars(extend("x-default" = "none"), with = "Window")]
     window: Option<Spanned<Window>>,
-    /// Near limit in metres from the plane of the camera; nearer surfaces are invisible. Negative
-    /// values lie behind the camera.
+    /// Near limit: distance in front of the plane of the camera, in metres. Nearer surfaces are
+    /// invisible. A negative limit lies behind the camera.
     #[serde(default = "zero")]
     near: Finite,
 }
@@ -39,7 +40,7 @@ fn zero() -> Finite {
     Finite::new(0.0).expect("0 is finite")
 }
 
-/// A rectangle around the origin of the camera, in metres.
+/// A rectangle in the plane of the camera, in metres.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct Window {

@@ -23,7 +23,7 @@ pub struct Config {
     /// Position of the camera, the point it looks at and the up direction.
     #[schemars(with = "LookAt")]
     look_at: Spanned<LookAt>,
-    /// Angle of view along `fov_axis`, in degrees between 0 and 180.
+    /// Angle of view along `fov_axis`, in degrees, between 0 and 180 (both exclusive).
     #[serde(default)]
     #[schemars(with = "Finite", extend("x-default" = "45 without `window`", "exclusiveMinimum" = 0, "exclusiveMaximum" = 180))]
     fov: Option<Spanned<Finite>>,
@@ -35,7 +35,7 @@ pub struct Config {
     #[serde(default)]
     #[schemars(extend("x-default" = "none"), with = "Window")]
     window: Option<Spanned<Window>>,
-    /// Near limit in metres; nearer surfaces are invisible.
+    /// Near limit: distance from the camera, in metres. Nearer surfaces are invisible.
     #[serde(default)]
     #[schemars(extend("default" = 0), with = "NonNegative")]
     near: Option<Spanned<NonNegative>>,
@@ -175,7 +175,7 @@ mod tests {
         close(edge("larger", 2, 4, 1.0, 4.0), -DVec2::Y);
     }
 
-    /// The lecture notes define the window by its edges and, elsewhere, by half of its angle.
+    /// The lecture notes define the window in two ways: by its edges and by half its angle.
     #[test]
     fn both_forms_of_the_window_agree() {
         let half = 30.0_f64.to_radians().tan();

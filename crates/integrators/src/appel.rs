@@ -1,9 +1,9 @@
 //! Ray casting: local illumination with shadows, without reflected or refracted rays.
 //!
-//! Appel 1968, *Some techniques for shading machine renderings of solids*. Purely
-//! specular materials are black, except for their emission.
+//! Appel 1968, *Some techniques for shading machine renderings of solids*. Purely specular
+//! materials are black, except for their emission.
 //!
-//! - Twin: the driver at depth 0, without branches.
+//! - Twin: the Mitsuba driver at depth 0, without branches.
 //! - Example: `scenes/integrators/appel.toml`.
 
 use crate::rules::Rules;
@@ -18,8 +18,8 @@ use whitstone_core::{
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// "opaque": surfaces hide lights; "filtered": transparent surfaces attenuate light; "none":
-    /// every light is visible.
+    /// "opaque": surfaces hide lights, except through holes; "filtered": transparent surfaces only
+    /// attenuate light; "none": every light is visible.
     #[serde(default)]
     shadows: ShadowMode,
 }

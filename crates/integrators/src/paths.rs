@@ -105,8 +105,8 @@ impl Paths {
         );
     }
 
-    /// Appends some branches of the rays of a group. They leave the primitives `origin_primitive` and enter
-    /// the media `media` (`None`: no absorption).
+    /// Appends some branches of the rays of a group. They leave the primitives `origin_primitive`
+    /// and enter the media `media` (`None`: no absorption).
     pub(crate) fn append(
         &mut self,
         group: &Self,

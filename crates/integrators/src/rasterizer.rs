@@ -1,14 +1,14 @@
-//! Rasterization: projects each triangle to the image and keeps the nearest one per pixel in a
+//! Rasterization: projects each triangle to the image and keeps the nearest one per sample in a
 //! depth buffer; shading is that of ray casting.
 //!
 //! Catmull, *A subdivision algorithm for computer display of curved surfaces*, 1974 (the depth
 //! buffer); Pineda, *A parallel algorithm for polygon rasterization*, 1988 (edge functions); Olano
-//! and Greer, *Triangle scan conversion using 2D homogeneous coordinates*, 1997 (their form before
-//! the division); Gouraud, *Continuous shading of curved surfaces*, 1971; Blinn and Newell,
-//! *Clipping using homogeneous coordinates*, 1978. The steps are those of the lecture notes, in
-//! order: `project`, `Bins`, `Depths::draw`, and `Depths::hits` with shading.
+//! and Greer, *Triangle scan conversion using 2D homogeneous coordinates*, 1997 (edge functions
+//! without the perspective division); Gouraud, *Continuous shading of curved surfaces*, 1971; Blinn
+//! and Newell, *Clipping using homogeneous coordinates*, 1978. The steps are those of the lecture
+//! notes, in order: `project`, `Bins`, `Depths::draw`, and `Depths::hits` with shading.
 //!
-//! - Twin: the driver at depth 0, without branches: the visible surfaces are the same.
+//! - Twin: the Mitsuba driver at depth 0, without branches: the visible surfaces are the same.
 //! - Example: `scenes/integrators/rasterizer.toml`.
 
 mod bins;
@@ -31,8 +31,8 @@ use whitstone_core::{
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// "opaque": surfaces hide lights; "filtered": transparent surfaces attenuate light; "none":
-    /// every light is visible.
+    /// "opaque": surfaces hide lights, except through holes; "filtered": transparent surfaces only
+    /// attenuate light; "none": every light is visible.
     #[serde(default)]
     shadows: ShadowMode,
     /// Interpolation over a triangle: "phong" interpolates normals; "gouraud" interpolates colours
@@ -46,7 +46,7 @@ pub struct Config {
 #[derive(Clone, Copy, Debug, Default, Deserialize, Serialize, JsonSchema, PartialEq)]
 #[serde(rename_all = "snake_case")]
 enum Interpolation {
-    /// Normals; each pixel is shaded.
+    /// Normals; each sample is shaded.
     #[default]
     Phong,
     /// Colours; vertices are shaded.
@@ -61,7 +61,7 @@ pub struct Rasterizer {
 }
 
 impl Rasterizer {
-    /// Local illumination at the nearest hit.
+    /// The rules of tracing: local illumination at the nearest hit, without branches.
     fn rules(&self) -> Rules {
         Rules {
             shadows: self.shadows,
@@ -161,7 +161,7 @@ impl Integrator for Rasterizer {
             )
         })?;
         if self.interpolation == Interpolation::Gouraud {
-            // Vertex colours assume that the viewer is at the origin of all rays.
+            // Vertex colours are computed for one viewer position, the origin of all camera rays.
             let parallel = to_image.row(3).truncate() == DVec3::ZERO;
             let limited = view.camera.near(DVec2::ZERO) != 0.0;
             if parallel || limited {

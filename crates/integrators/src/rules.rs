@@ -163,7 +163,7 @@ fn follow(
     // Children of the deepest rays exceed the limit by one; they are never traced.
     let depth = path.depth + 1;
     (allowed && contribution > 0.0 && contribution >= limits.min_contribution).then(|| PathState {
-        ray: Ray::new(point.leave(direction), direction),
+        ray: Ray::new(point.spawn_origin(direction), direction),
         skip,
         throughput,
         absorption,

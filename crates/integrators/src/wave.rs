@@ -465,7 +465,7 @@ fn follow(
                     let throughput = group.throughput.get(lane) * branch.weight.get(lane);
                     let contribution = throughput.max_component();
                     out.alive.0[lane] = allowed & (contribution > 0.0) & (contribution >= least);
-                    out.rays.origin.set(lane, point.leave(direction));
+                    out.rays.origin.set(lane, point.spawn_origin(direction));
                     out.rays.direction.set(lane, direction);
                     out.throughput.set(lane, throughput);
                 }

@@ -2,13 +2,13 @@
 //! material has them.
 //!
 //! Whitted 1980, *An improved illumination model for shaded display*. The ray tree is traversed
-//! depth first, reflection before transmission, on an explicit stack, because a hundred thousand
-//! bounces would exhaust the thread's stack. A ray is replaced by its two branches, one of which is
-//! followed at once, so with at most two branches per hit the stack never holds more than
-//! `max_depth + 1` rays. A bounce at a glossy surface with n² reflections can add n² rays. `rules`
-//! traces single rays, `wave` streams of them.
+//! depth first, reflection before transmission. The stack is explicit, because recursion over a
+//! hundred thousand bounces would exhaust the thread's stack. Of the two branches of a hit, one is
+//! traced next and the other is pushed, so the stack never holds more than `max_depth + 1` rays. A
+//! hit on a glossy surface with n² reflection rays can push n² rays. `rules` traces single rays,
+//! `wave` traces streams.
 //!
-//! - Twin: Mitsuba through the driver, which traverses the same tree level by level.
+//! - Twin: the Mitsuba driver, which traverses the same tree level by level.
 //! - Example: `scenes/integrators/whitted.toml`.
 
 use crate::rules::{Beyond, Limits, Rules};
@@ -28,15 +28,14 @@ pub struct Config {
     /// Maximum number of reflections and refractions along a path from the camera.
     #[serde(default = "six")]
     max_depth: IntegerIn<0, 100_000>,
-    /// Branches whose factor in the pixel is below this in every channel are not traced.
+    /// Branches whose throughput is below this in every channel are not traced.
     #[serde(default = "zero")]
     min_contribution: NonNegative,
-    /// Radiance of a branch beyond `max_depth`: the "background", as in the lecture notes, or
-    /// "black".
+    /// Radiance of branches beyond `max_depth`: "background" (as in the lecture notes) or "black".
     #[serde(default)]
     at_max_depth: Beyond,
-    /// "opaque": surfaces hide lights; "filtered": transparent surfaces attenuate light; "none":
-    /// every light is visible.
+    /// "opaque": surfaces hide lights, except through holes; "filtered": transparent surfaces only
+    /// attenuate light; "none": every light is visible.
     #[serde(default)]
     shadows: ShadowMode,
 }
@@ -375,8 +374,8 @@ mod tests {
         assert_eq!(lit("", glass(0.0), hole(1.0)), Rgb::BLACK);
         assert_eq!(lit(filtered, glass(0.0), hole(1.0)), Rgb::new(0.5, 0.25, 0.0));
         assert_eq!(lit("shadows = \"none\"", opaque, opaque), Rgb::WHITE);
-        // Transmittance below 0.002 counts as 0, from the surface where this occurs, not at the end
-        // of the shadow ray.
+        // Transmittance below 0.002 counts as 0. It is compared at each surface, not only at the
+        // end of the shadow ray.
         assert_eq!(lit("", hole(0.004), hole(0.5)).r, 0.002);
         let thin = Simple {
             hole: Rgb::splat(0.0019),

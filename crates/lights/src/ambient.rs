@@ -1,6 +1,6 @@
 //! Uniform ambient light from all directions, never shadowed.
 //!
-//! - Twin: through the driver, which adds the materials' ambient terms.
+//! - Twin: a formula of the Mitsuba driver, which adds the materials' ambient terms.
 //! - Example: `scenes/lights/ambient.toml`.
 
 use schemars::JsonSchema;
@@ -10,6 +10,8 @@ use whitstone_core::config::Color;
 use whitstone_core::{Context, Light, LightFlags, Lights, Plugin, Rgb, SceneErrors};
 
 /// Uniform ambient light from all directions, never shadowed.
+///
+/// Materials reflect it by their ambient terms. A ray that hits nothing does not see it.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {

@@ -9,7 +9,7 @@
 //! and avoids a selection of triangles that could depend on rounding.
 //! `scenes/showcase/mesh_light.toml` has a mesh light.
 //!
-//! - Twin: Mitsuba `point` at the same points, through the driver.
+//! - Twin: Mitsuba `point` lights at the same points (native), weighted by the driver.
 //! - Example: `scenes/lights/area.toml`.
 
 use crate::support::emission::{self, Falloff};

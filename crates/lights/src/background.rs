@@ -1,6 +1,6 @@
 //! A constant background: the radiance of rays that hit nothing, the same in every direction.
 //!
-//! - Twin: Mitsuba `constant`, through the driver: here it lights no surface.
+//! - Twin: Mitsuba `constant` (native); the driver shows it without lighting by it.
 //! - Example: `scenes/lights/background.toml`.
 
 use schemars::JsonSchema;

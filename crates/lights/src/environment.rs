@@ -6,11 +6,11 @@
 //! projections*, 1986 (also cube maps). Its illumination is a fixed quadrature over directions
 //! placed by luminance (`sky.rs`). `scenes/showcase/cube_map.toml` uses a cube map.
 //!
-//! - Twin: through the driver, which looks up the same texture.
+//! - Twin: a formula of the Mitsuba driver, which looks up the same texture.
 //! - Example: `scenes/lights/environment.toml`.
 
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Deserializer};
 use std::f64::consts::FRAC_1_PI;
 use std::sync::Arc;
 use toml::Spanned;
@@ -22,17 +22,16 @@ use whitstone_core::{
 };
 
 /// An environment map: visible behind everything, and optionally a light.
-#[derive(Debug, Deserialize, JsonSchema)]
-#[serde(try_from = "Keys")]
+#[derive(Debug, JsonSchema)]
+#[schemars(try_from = "Keys")]
 pub struct Config(Keys);
 
-impl TryFrom<Keys> for Config {
-    type Error = &'static str;
-
-    /// Checked here, so that it is reported together with other errors.
-    fn try_from(keys: Keys) -> Result<Self, Self::Error> {
+impl<'de> Deserialize<'de> for Config {
+    /// Checks the required keys here, so that a missing one is reported together with other errors.
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let keys = Keys::deserialize(deserializer)?;
         if keys.radiance.is_none() && keys.faces.is_none() {
-            return Err("missing field `radiance` or `faces`");
+            return Err(serde::de::Error::missing_field("radiance or faces"));
         }
         Ok(Self(keys))
     }
@@ -145,7 +144,7 @@ fn cube(faces: &Faces, context: &mut dyn Context) -> Result<[Arc<dyn Texture>; 6
     let mut errors = SceneErrors::default();
     let mut first = None;
     let pictures = [px, nx, py, ny, pz, nz].map(|Face { file }| {
-        let picture = errors.take(context.picture(file))?;
+        let picture = errors.take(context.image(file))?;
         if let Some([width, height]) = picture.size() {
             let expected = *first.get_or_insert(width);
             if [width, height] != [expected; 2] {

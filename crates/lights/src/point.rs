@@ -1,6 +1,6 @@
 //! A point light that emits equally in all directions.
 //!
-//! - Twin: Mitsuba `point` (native); `falloff = "none"` through the driver.
+//! - Twin: Mitsuba `point` (native); a formula for `falloff = "none"`.
 //! - Example: `scenes/lights/point.toml`.
 
 use crate::support::emission::{self, Falloff};
@@ -21,7 +21,8 @@ pub struct Config {
     position: Vector3,
     /// Radiant intensity in W/sr.
     intensity: Color,
-    /// Falloff of the irradiance with the distance d: "inverse_square" (I/d²) or "none" (I).
+    /// Falloff of the irradiance with the distance d: "inverse_square" (I/d²), or "none": then
+    /// `intensity` is the irradiance itself, in W/m², at any distance.
     #[serde(default)]
     falloff: Falloff,
 }

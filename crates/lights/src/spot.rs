@@ -1,9 +1,9 @@
 //! A spot light: a point light restricted to a cone.
 //!
-//! The angle from the axis is computed from the lengths of the cross and the dot product, because
-//! an arc cosine would lose half the digits in a narrow beam.
+//! The angle from the axis is the arc tangent of the length of the cross product over the dot
+//! product. An arc cosine would lose half the digits in a narrow beam.
 //!
-//! - Twin: Mitsuba `spot` (native); `falloff = "none"` through the driver.
+//! - Twin: Mitsuba `spot` (native); a formula for `falloff = "none"`.
 //! - Example: `scenes/lights/spot.toml`.
 
 use crate::support::emission::{self, Falloff};
@@ -21,6 +21,9 @@ use whitstone_core::{
 const DEFAULT_CUTOFF: f64 = 20.0;
 
 /// A spot light: a point light restricted to a cone with a soft edge.
+///
+/// The intensity is constant up to `beam_width`, and from there falls linearly with the angle to 0
+/// at `cutoff_angle`.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -29,9 +32,9 @@ pub struct Config {
     /// A point on the axis of the cone, in metres; must differ from the position.
     #[schemars(with = "Vector3")]
     target: Spanned<Vector3>,
-    /// Radiant intensity in W/sr inside the beam.
+    /// Radiant intensity in W/sr inside the beam (see `beam_width`).
     intensity: Color,
-    /// Half angle of the cone in degrees, between 0 and 90.
+    /// Half angle of the cone in degrees, greater than 0 and less than 90.
     #[serde(default)]
     #[schemars(with = "Finite", extend("default" = DEFAULT_CUTOFF, "exclusiveMinimum" = 0, "exclusiveMaximum" = 90))]
     cutoff_angle: Option<Spanned<Finite>>,
@@ -49,7 +52,7 @@ pub struct Config {
 /// The `spot` light, with angles in radians; see the module documentation.
 pub struct Spot {
     position: DVec3,
-    /// Unit vector along the axis, away from the light.
+    /// Unit vector along the axis, in the direction of emission.
     axis: DVec3,
     intensity: Rgb,
     cutoff: f64,
@@ -141,8 +144,8 @@ impl Light for Spot {
         let (center, radius) = emission::ball_around(bounds);
         let out = center - self.position;
         let (along, across) = (self.axis.dot(out), self.axis.cross(out).length());
-        // The sphere misses the cone if its centre lies beyond the cone's edge by more than its
-        // angular radius. If a distance is NaN, the light is assumed to reach the box.
+        // The sphere misses the cone if its centre lies outside the cone by more than the angular
+        // radius of the sphere. If a distance is NaN, the light is assumed to reach the box.
         let beyond = across.atan2(along) - self.cutoff - ANGLE_MARGIN;
         let misses = beyond > 0.0 && (radius / out.length()).asin() < beyond;
         !(self.intensity.is_black() || misses)

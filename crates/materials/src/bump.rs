@@ -1,14 +1,16 @@
-//! Bump mapping: perturbs the shading normal by a height or by vectors added to the normals.
+//! Bump mapping: perturbs the shading normal by a height or by vectors that are added to it.
 //!
-//! Blinn 1978, *Simulation of wrinkled surfaces*: the normal is that of the surface displaced by
-//! the height, of which only the slope is used. The height is a function of the world-space
-//! position (Perlin 1985, *An image synthesizer*, section "Texture"), so shapes need not provide
-//! tangents. Its slope is the difference quotient that the model specifies, so that independent
-//! programs agree. The lecture notes instead use "a 2D or 3D array of vectors which are added to
-//! the normals at the points for which we do shading calculations". Here, these vectors are the
-//! colours of an image, a voxel grid or any other texture.
+//! Blinn 1978, *Simulation of wrinkled surfaces*: the shading normal is the normal of the surface
+//! displaced by the height. Only the slope of the height matters. The height is a function of the
+//! world-space position (Perlin 1985, *An image synthesizer*, section "Texture"), so shapes need
+//! not provide tangents. Its gradient is the central difference that the model specifies, so that
+//! independent programs agree.
 //!
-//! - Twin: through the driver, which rotates the shading frame that Mitsuba's materials see.
+//! The lecture notes instead use "a 2D or 3D array of vectors which are added to the normals at the
+//! points for which we do shading calculations". With `vector_map`, these vectors are the colours
+//! of an image, a voxel grid or any other texture.
+//!
+//! - Twin: a formula of the Mitsuba driver, which rotates the shading frame that Mitsuba's materials see.
 //! - Example: `scenes/materials/bump.toml`.
 
 use crate::support::detail::{Detail, Detailed, Frame, coded};
@@ -22,10 +24,10 @@ use whitstone_core::{
     SurfaceInteraction,
 };
 
-/// Default offset for the slope of the height, in metres.
+/// Default of `step`, in metres.
 const DEFAULT_STEP: f64 = 1e-3;
 
-/// Bump mapping by a height or by vectors added to the normals.
+/// Bump mapping: perturbs the shading normal by a height or by vectors that are added to it.
 ///
 /// Only the shading changes: silhouettes and shadows are those of the smooth surface. The showcase
 /// scenes `bump_sphere` and `displacement` have the same relief, as bumps and as triangles. Their
@@ -38,29 +40,33 @@ pub struct Config {
     #[serde(default)]
     #[schemars(extend("x-default" = "none: this or `vector_map` is required"), with = "TextureRef")]
     height: Option<TextureRef>,
-    /// Vectors instead of a height, encoded as 2 * colour - 1, so that mid grey (0.5) is the zero
-    /// vector. Read images with `color_space = "linear"`. No 8-bit code is exactly 0.5.
+    /// Vectors instead of a height: 2 * colour - 1, so that mid grey (0.5) is the zero vector. Read
+    /// images with `color_space = "linear"`. No 8-bit value is exactly 0.5, so an 8-bit image
+    /// contains no exact zero vector.
     #[serde(default)]
     #[schemars(extend("x-default" = "none: this or `height` is required"), with = "TextureRef")]
     vector_map: Option<TextureRef>,
-    /// Space of the vectors: "world" (the world axes) or "tangent" (tangent, bitangent and normal
-    /// of the surface).
+    /// Axes of the vectors: "world" (the world axes) or "tangent" (tangent, bitangent and shading
+    /// normal).
     #[serde(default)]
     #[schemars(extend("default" = "world"), with = "Space")]
     space: Option<Spanned<Space>>,
-    /// World-space direction of the tangent for the space "tangent", as for normal_map.
+    /// For the space "tangent": a world-space direction, whose projection onto the tangent plane is
+    /// the tangent, as for `normal_map`.
     #[serde(default)]
     #[schemars(extend("x-default" = "[1, 0, 0] without `axis`"), with = "Vector3")]
     tangent: Option<Spanned<Vector3>>,
-    /// Axis around which the tangent runs; replaces `tangent`.
+    /// For the space "tangent": a world-space axis, around which the tangents run in circles
+    /// (axis x normal); replaces `tangent`.
     #[serde(default)]
     #[schemars(extend("x-default" = "none"), with = "Vector3")]
     axis: Option<Spanned<Vector3>>,
-    /// Height in metres of the texture value 1, or the factor on vectors before they are added to
-    /// the unit normal.
+    /// Height in metres of the texture value 1. With `vector_map`, the factor on the vectors before
+    /// they are added to the unit normal.
     #[serde(default = "one")]
     scale: Finite,
-    /// Offset in metres to either side at which the height is sampled for its slope.
+    /// Step of the central difference in metres: the height is sampled at this distance to both
+    /// sides of the point, along each world axis.
     #[serde(default)]
     #[schemars(extend("default" = DEFAULT_STEP), with = "Positive")]
     step: Option<Spanned<Positive>>,
@@ -72,20 +78,20 @@ fn one() -> Finite {
     Finite::new(1.0).expect("1 is finite")
 }
 
-/// Axes of the components of a vector.
+/// Axes that the components of a vector refer to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Space {
     /// World axes.
     World,
-    /// Tangent, bitangent and normal of the surface.
+    /// Tangent, bitangent and shading normal.
     Tangent,
 }
 
 /// The `bump` material; see the module documentation.
 pub struct Bump;
 
-/// Perturbs the normal by the slope of a height.
+/// Perturbs the normal by the gradient of a height.
 struct Height {
     height: ColorSource,
     scale: f64,
@@ -318,7 +324,7 @@ mod tests {
         assert_eq!(none.flags(), BsdfFlags::REFLECTION);
     }
 
-    /// The bent normal, recovered from the reflection of a view along the normal +z.
+    /// The perturbed normal, computed from the reflection of a view direction along the normal +z.
     fn bent(text: &str) -> DVec3 {
         let material = bump(&format!("{text}\nmaterial = \"mirror\"")).unwrap();
         let mut point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);

@@ -6,7 +6,7 @@
 //! the core determines the media on the two sides of an interface, as in
 //! `scenes/showcase/priorities.toml`.
 //!
-//! - Twin: Mitsuba `dielectric` (native); absorption through the driver.
+//! - Twin: Mitsuba `dielectric` (native); absorption by a formula of the driver.
 //! - Example: `scenes/materials/dielectric.toml`.
 
 use crate::support::body::Body;

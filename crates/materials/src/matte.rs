@@ -1,6 +1,7 @@
 //! Lambertian diffuse reflection: the reflected radiance is the same in all directions.
 //!
-//! Lambert 1760. Includes the 1/pi of radiometry, unlike the materials of the lecture notes.
+//! Lambert 1760, *Photometria*. The BRDF is reflectance/pi. The materials of the lecture notes
+//! (`phong`, `blinn_phong`, `whitted`) have no factor 1/pi.
 //!
 //! - Twin: Mitsuba `diffuse` in `twosided` (native).
 //! - Example: `scenes/materials/matte.toml`.

@@ -4,7 +4,7 @@
 //! the same kind are merged, and combinations that would need two directions are rejected, so that
 //! the ray tree has at most two branches at each surface, as in Whitted 1980.
 //!
-//! - Twin: through the driver, which weights the results of Mitsuba for both.
+//! - Twin: a formula of the Mitsuba driver, which weights the results of Mitsuba for both.
 //! - Example: `scenes/materials/mix.toml`.
 
 use crate::support::reflectance::share;

@@ -3,7 +3,7 @@
 //! Phong 1975, *Illumination for computer generated pictures*, as in the lecture notes: no 1/pi,
 //! and the highlight is not multiplied by n·l.
 //!
-//! - Twin: through the driver, by the formula (Mitsuba's own `phong` is normalised); POV-Ray
+//! - Twin: a formula of the Mitsuba driver (Mitsuba's own `phong` is normalised); POV-Ray
 //!   `phong` (native).
 //! - Example: `scenes/materials/phong.toml`.
 

@@ -1,9 +1,10 @@
-//! A thin pane with no volume: a window, a soap bubble, the wall of an empty glass.
+//! A dielectric pane of zero thickness: a window, a soap bubble, the wall of an empty glass.
 //!
 //! Stokes 1862, *On the intensity of the light reflected from or transmitted through a pile of
-//! plates*: with the Fresnel reflectance R at each of the two faces and `T = 1 - R`, all
-//! interreflections sum to the reflected share `R + T² R (1 + R² + R⁴ + ...) = 2R/(1 + R)` and the
-//! transmitted share `T²/(1 - R²) = (1 - R)/(1 + R)`. The transmitted ray keeps its direction.
+//! plates*. Each of the two faces has the Fresnel reflectance R and the transmittance `T = 1 - R`.
+//! All interreflections sum to the reflectance `R + T² R (1 + R² + R⁴ + ...) = 2R/(1 + R)` and the
+//! transmittance `T²/(1 - R²) = (1 - R)/(1 + R)`. The transmitted ray keeps its direction. There is
+//! no interference.
 //!
 //! - Twin: Mitsuba `thindielectric` (native).
 //! - Example: `scenes/materials/thin_dielectric.toml`.
@@ -21,7 +22,7 @@ use whitstone_core::{
     simd, simd::select,
 };
 
-/// A thin pane with no volume, including all reflections between its faces.
+/// A dielectric pane of zero thickness, with all reflections between its two faces.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -67,7 +68,7 @@ impl Plugin<Materials> for ThinDielectric {
 }
 
 impl ThinDielectric {
-    /// Reflected and transmitted shares of the whole pane, both faces included.
+    /// Reflectance and transmittance of the whole pane, both faces included.
     #[inline(always)]
     fn shares(&self, n: DVec3, view: DVec3) -> (f64, f64) {
         let crossing = self.face.cross(n, view);

@@ -7,7 +7,7 @@
 //! samples of a pixel. The points are those of `sobol`, so that later samples complement earlier
 //! ones.
 //!
-//! - Twin: Mitsuba through the driver, which traces the same positions in the same rounds.
+//! - Twin: the Mitsuba driver, which traces the same positions in the same rounds.
 //! - Example: `scenes/samplers/adaptive.toml`.
 
 use crate::support::scrambled;
@@ -77,7 +77,7 @@ impl Plugin<Samplers> for Adaptive {
             }
         };
         let rule = Refinement {
-            first,
+            initial_samples: first,
             threshold: config.threshold.get(),
         };
         Ok(Box::new(Self {
@@ -131,11 +131,11 @@ mod tests {
     #[test]
     fn a_pixel_goes_on_while_its_samples_or_its_neighbours_are_apart() {
         let rule = build::<Samplers, Adaptive>("", ()).unwrap().refinement().unwrap();
-        assert_eq!((rule.first, rule.threshold), (8, 0.01));
-        assert!(!rule.goes_on(8, 0.0, 0.0));
+        assert_eq!((rule.initial_samples, rule.threshold), (8, 0.01));
+        assert!(!rule.continues(8, 0.0, 0.0));
         // 0.3 / 64^(3/4) = 0.0133, / 128^(3/4) = 0.0079; 0.15 / 8 = 0.019, / 16 = 0.0094.
-        assert!(rule.goes_on(64, 1.0, 0.0) && !rule.goes_on(128, 1.0, 0.0));
-        assert!(rule.goes_on(8, 0.0, 1.0) && !rule.goes_on(16, 0.0, 1.0));
+        assert!(rule.continues(64, 1.0, 0.0) && !rule.continues(128, 1.0, 0.0));
+        assert!(rule.continues(8, 0.0, 1.0) && !rule.continues(16, 0.0, 1.0));
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! One sample in the middle of each pixel.
 //!
-//! - Twin: Mitsuba, through the driver, which traces the same positions.
+//! - Twin: the Mitsuba driver, which traces the same positions.
 //! - Example: `scenes/samplers/center.toml`.
 
 use schemars::JsonSchema;

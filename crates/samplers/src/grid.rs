@@ -1,6 +1,6 @@
 //! A regular square grid of samples in each pixel.
 //!
-//! - Twin: Mitsuba, through the driver, which traces the same positions.
+//! - Twin: the Mitsuba driver, which traces the same positions.
 //! - Example: `scenes/samplers/grid.toml`.
 
 use schemars::JsonSchema;

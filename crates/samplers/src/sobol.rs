@@ -1,8 +1,8 @@
 //! Sobol' points with Owen scrambling, with a different seed in each pixel.
 //!
-//! The module `scrambled` lists the sources.
+//! `support/scrambled.rs` lists the sources.
 //!
-//! - Twin: Mitsuba, through the driver, which traces the same positions.
+//! - Twin: the Mitsuba driver, which traces the same positions.
 //! - Example: `scenes/samplers/sobol.toml`.
 
 use crate::support::scrambled;
@@ -15,7 +15,7 @@ use whitstone_core::{Context, DVec2, Plugin, Sampler, Samplers, SceneErrors};
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Samples per pixel; powers of two are distributed best.
+    /// Samples per pixel; powers of two are distributed most evenly.
     #[serde(default = "four")]
     samples: IntegerIn<1, 65536>,
     /// Seed of the scrambling; different seeds give different points.
@@ -94,8 +94,8 @@ mod tests {
     }
 
     /// Of 2^m points, each elementary interval (a box of area 2^-m whose sides are powers of two)
-    /// contains exactly one. Only this property makes them better than random points, and a
-    /// scrambling other than Owen's would lose it.
+    /// contains exactly one. This property makes them better than random points. Owen scrambling
+    /// keeps it; adding a random offset modulo 1 would lose it.
     #[test]
     fn every_elementary_box_holds_one_point() {
         let m = 8;

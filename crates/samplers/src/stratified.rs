@@ -1,11 +1,12 @@
-//! Stratified sampling: one jittered sample in each cell of a square grid, different in each pixel.
+//! Stratified sampling: one jittered sample in each cell of a square grid.
 //!
-//! The error of n² such samples falls as n^-1.5 in a pixel with an edge, and as n^-2 in a smooth
-//! one (Mitchell 1996, *Consequences of stratified sampling in graphics*). That of a regular grid
-//! falls as n^-1 for edges parallel to its rows. The positions come from the hash of the model's
-//! section 9, so they are the same in every renderer and every run.
+//! The RMS error of n² such samples falls as n^-1.5 in a pixel with an edge, and as n^-2 in a
+//! smooth one (Mitchell 1996, *Consequences of stratified sampling in graphics*). The error of a
+//! regular grid falls only as n^-1 for edges parallel to its rows. The positions differ from pixel
+//! to pixel. They come from the hash m of the model (section 9), so they are the same in every
+//! renderer and every run.
 //!
-//! - Twin: Mitsuba, through the driver, which traces the same positions.
+//! - Twin: the Mitsuba driver, which traces the same positions.
 //! - Example: `scenes/samplers/stratified.toml`.
 
 use crate::hash_of_pixel;
@@ -15,7 +16,8 @@ use whitstone_core::config::IntegerIn;
 use whitstone_core::hash::mix;
 use whitstone_core::{Context, DVec2, Plugin, Sampler, Samplers, SceneErrors};
 
-/// Stratified sampling: one jittered sample in each cell of an n x n grid, different in each pixel.
+/// Stratified sampling: one jittered sample in each cell of an n x n grid; positions differ from
+/// pixel to pixel.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {

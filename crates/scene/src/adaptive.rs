@@ -63,13 +63,13 @@ impl Adaptive {
 
     /// Number of sample positions that every pixel takes.
     pub(crate) fn first(&self) -> u32 {
-        self.rule.first
+        self.rule.initial_samples
     }
 
     /// Takes the first samples of some pixels.
     pub(crate) fn start(&self, pipeline: &Pipeline, pixels: &[[u32; 2]], memory: &mut SampleMemory) {
         let mut found = [Tally::NOTHING; LANES];
-        pipeline.sample(pixels, 0..self.rule.first, memory, |lane, radiance| {
+        pipeline.sample(pixels, 0..self.rule.initial_samples, memory, |lane, radiance| {
             found[lane].add(radiance);
         });
         let mut tallies = self.tallies.lock().unwrap_or_else(PoisonError::into_inner);
@@ -104,7 +104,7 @@ impl Adaptive {
             near[self.place(*pixel)] = range;
         }
         let (lens, total) = (pipeline.camera.lens_points(), active.len() as u64);
-        let mut taken = self.rule.first;
+        let mut taken = self.rule.initial_samples;
         let state = Mutex::new((tallies, film));
         // One per thread, for all rounds.
         let memories: Vec<Mutex<SampleMemory>> = std::iter::repeat_with(Mutex::default)
@@ -117,12 +117,12 @@ impl Adaptive {
                 active.retain(|pixel| {
                     let place = self.place(*pixel);
                     let tally = &tallies[place];
-                    let goes_on = !last && self.rule.goes_on(taken * lens, tally.range(), near[place]);
-                    if !goes_on {
+                    let continues = !last && self.rule.continues(taken * lens, tally.range(), near[place]);
+                    if !continues {
                         let mean = tally.sum * (1.0 / f64::from(taken * lens));
                         film.rgb[place] = mean.to_array().map(|c| c as f32);
                     }
-                    goes_on
+                    continues
                 });
             }
             if let Some(progress) = progress {
@@ -170,15 +170,15 @@ impl Adaptive {
             }
             tally
         };
-        let first = 0..self.rule.first * lens;
+        let first = 0..self.rule.initial_samples * lens;
         // Rays of the neighbours do not count as rays of this pixel.
         let mut aside = Scratch::default();
         let near = self.near(pixel, |neighbour| {
             tally_of(neighbour, first.clone(), Tally::NOTHING, &mut aside).range()
         });
         let mut tally = tally_of(pixel, first, Tally::NOTHING, scratch);
-        let (mut taken, count) = (self.rule.first, pipeline.sampler.count());
-        while taken < count && self.rule.goes_on(taken * lens, tally.range(), near) {
+        let (mut taken, count) = (self.rule.initial_samples, pipeline.sampler.count());
+        while taken < count && self.rule.continues(taken * lens, tally.range(), near) {
             let until = taken.saturating_mul(2).min(count);
             tally = tally_of(pixel, taken * lens..until * lens, tally, scratch);
             taken = until;

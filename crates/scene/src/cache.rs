@@ -26,7 +26,7 @@ impl Cache<'_> {
 
     /// Reads an entry of `length` bytes. A file of another length, or with a wrong checksum, counts
     /// as missing.
-    pub(crate) fn recall(&self, parts: &[&[u8]], length: usize) -> Option<Vec<u8>> {
+    pub(crate) fn cached(&self, parts: &[&[u8]], length: usize) -> Option<Vec<u8>> {
         if !self.reuse {
             return None;
         }
@@ -39,7 +39,7 @@ impl Cache<'_> {
     }
 
     /// Writes an entry. Failures are ignored, because they only cost time.
-    pub(crate) fn keep(&self, parts: &[&[u8]], made: &[u8]) {
+    pub(crate) fn cache(&self, parts: &[&[u8]], made: &[u8]) {
         let bytes = [blake3::hash(made).as_bytes(), made].concat();
         if fs::create_dir_all(self.folder).is_ok() {
             let _ = atomic::write_bytes(self.path(parts), &bytes);
@@ -63,29 +63,29 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let inner = folder.path().join("a/b");
         let cache = cache(&inner);
-        assert_eq!(cache.recall(&PARTS, MADE.len()), None);
-        cache.keep(&PARTS, MADE);
-        assert_eq!(cache.recall(&PARTS, MADE.len()).as_deref(), Some(MADE));
+        assert_eq!(cache.cached(&PARTS, MADE.len()), None);
+        cache.cache(&PARTS, MADE);
+        assert_eq!(cache.cached(&PARTS, MADE.len()).as_deref(), Some(MADE));
         let others: [&[&[u8]]; 3] = [
             &[b"stones", b"seed 4"],
             &[b"stonesseed 3"],
             &[b"stonesse", b"ed 3"],
         ];
         for other in others {
-            assert_eq!(cache.recall(other, MADE.len()), None);
+            assert_eq!(cache.cached(other, MADE.len()), None);
         }
         let fresh = Cache {
             reuse: false,
             ..cache
         };
-        assert_eq!(fresh.recall(&PARTS, MADE.len()), None);
+        assert_eq!(fresh.cached(&PARTS, MADE.len()), None);
     }
 
     #[test]
     fn a_damaged_entry_is_ignored_and_rewritten() {
         let folder = tempfile::tempdir().unwrap();
         let cache = cache(folder.path());
-        cache.keep(&PARTS, MADE);
+        cache.cache(&PARTS, MADE);
         let path = cache.path(&PARTS);
         let whole = fs::read(&path).unwrap();
         for at in 0..whole.len() {
@@ -93,12 +93,12 @@ mod tests {
             damaged[at] ^= 1;
             for broken in [&damaged[..], &whole[..at], &[&whole[..], b"!"].concat()] {
                 fs::write(&path, broken).unwrap();
-                assert_eq!(cache.recall(&PARTS, MADE.len()), None, "{at}");
+                assert_eq!(cache.cached(&PARTS, MADE.len()), None, "{at}");
             }
         }
-        cache.keep(&PARTS, MADE);
-        assert_eq!(cache.recall(&PARTS, MADE.len()).as_deref(), Some(MADE));
-        assert_eq!(cache.recall(&PARTS, 3), None);
+        cache.cache(&PARTS, MADE);
+        assert_eq!(cache.cached(&PARTS, MADE.len()).as_deref(), Some(MADE));
+        assert_eq!(cache.cached(&PARTS, 3), None);
     }
 
     #[test]
@@ -107,7 +107,7 @@ mod tests {
         let file = folder.path().join("file");
         fs::write(&file, "").unwrap();
         let cache = cache(&file);
-        cache.keep(&PARTS, MADE);
-        assert_eq!(cache.recall(&PARTS, MADE.len()), None);
+        cache.cache(&PARTS, MADE);
+        assert_eq!(cache.cached(&PARTS, MADE.len()), None);
     }
 }

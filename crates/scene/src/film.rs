@@ -345,7 +345,7 @@ impl Pipeline {
 
     /// Distance of the samples in pixels, as if they lay on a grid; `None` if no texture needs it.
     fn sample_distance(&self) -> Option<f64> {
-        let refined = || self.sampler.refinement().map(|rule| rule.first);
+        let refined = || self.sampler.refinement().map(|rule| rule.initial_samples);
         let count = || f64::from(refined().unwrap_or_else(|| self.sampler.count()));
         self.scene.reads_footprints().then(|| 1.0 / count().sqrt())
     }

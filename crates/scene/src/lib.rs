@@ -35,7 +35,7 @@ pub use document::{Flattened, nearest_top_level};
 pub use film::{Film, Progress, RenderOptions};
 pub use groups::{BuiltGroup, PlannedGroup};
 pub use pipeline::{BuildOptions, Pipeline};
-pub use plan::{LeftOut, Plan};
+pub use plan::{Omitted, Plan};
 #[cfg(feature = "schema")]
 pub use schema::{scene_schema, table_schema};
 pub use sources::{LoadError, Position, Sources};

@@ -60,7 +60,7 @@ impl Operands {
         Ok((plugin, placed))
     }
 
-    pub(crate) fn leave(&mut self) {
+    pub(crate) fn spawn_origin(&mut self) {
         self.nesting -= 1;
     }
 }

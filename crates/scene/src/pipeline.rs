@@ -7,7 +7,7 @@ use crate::memory::Memory;
 use crate::operands::{self, Operands};
 use crate::reach;
 use crate::unused::{LookedUp, unused_parts};
-use crate::{Description, FilmTable, LeftOut, Plan, PluginTable, ShapeTable};
+use crate::{Description, FilmTable, Omitted, Plan, PluginTable, ShapeTable};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -53,7 +53,7 @@ pub struct Pipeline {
     /// The plugins that it is built from.
     pub used: BTreeSet<(FamilyName, &'static str)>,
     /// The parts that were not built, with the reasons.
-    pub left_out: Vec<LeftOut>,
+    pub left_out: Vec<Omitted>,
     /// The pairs of shapes with coincident surfaces, by their numbers in the scene.
     pub coincident: Vec<Coincidence>,
     /// Why coincident surfaces were not searched, in the scene or in a group, if so.
@@ -502,24 +502,24 @@ impl<'d, 's> Builder<'d, 's, '_> {
         self.registry.build::<Materials>("matte", &table, (), self)
     }
 
-    fn unused_materials(&self) -> Vec<LeftOut> {
+    fn unused_materials(&self) -> Vec<Omitted> {
         self.description
             .materials
             .keys()
             .filter(|id| !self.materials.contains_key(&Key::Shared((*id).clone())))
-            .map(|id| LeftOut {
+            .map(|id| Omitted {
                 what: format!("material \"{id}\""),
                 why: "no shape uses it".to_owned(),
             })
             .collect()
     }
 
-    fn unused_textures(&self) -> Vec<LeftOut> {
+    fn unused_textures(&self) -> Vec<Omitted> {
         self.description
             .textures
             .keys()
             .filter(|id| !self.textures.contains_key(&Key::Shared((*id).clone())))
-            .map(|id| LeftOut {
+            .map(|id| Omitted {
                 what: format!("texture \"{id}\""),
                 why: "nothing in use refers to it".to_owned(),
             })
@@ -642,7 +642,7 @@ impl Context for Builder<'_, '_, '_> {
         }
     }
 
-    fn picture(&mut self, file: &FilePath) -> Result<Arc<dyn Texture>, SceneErrors> {
+    fn image(&mut self, file: &FilePath) -> Result<Arc<dyn Texture>, SceneErrors> {
         let table = PluginTable::of_file("image", file, &[("wrap", "clamp")]);
         let built = self.plugin::<Textures>(&table, ())?;
         self.looked_up.add(None, &table.name, &built);
@@ -679,7 +679,7 @@ impl Context for Builder<'_, '_, '_> {
         }
         let (plugin, transform) = self.operands.enter(table, operand, around)?;
         let built = self.plugin::<Shapes>(&plugin, transform);
-        self.operands.leave();
+        self.operands.spawn_origin();
         let shape = built.inspect_err(|_| {
             self.faulty_operands.insert(*index);
         })?;
@@ -693,13 +693,13 @@ impl Context for Builder<'_, '_, '_> {
         Ok(self.memory.take(bytes)?)
     }
 
-    fn recall(&self, parts: &[&[u8]], length: usize) -> Option<Vec<u8>> {
-        self.options.cache?.recall(parts, length)
+    fn cached(&self, parts: &[&[u8]], length: usize) -> Option<Vec<u8>> {
+        self.options.cache?.cached(parts, length)
     }
 
-    fn keep(&mut self, parts: &[&[u8]], made: &[u8]) {
+    fn cache(&mut self, parts: &[&[u8]], made: &[u8]) {
         if let Some(cache) = self.options.cache {
-            cache.keep(parts, made);
+            cache.cache(parts, made);
         }
     }
 

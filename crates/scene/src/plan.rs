@@ -10,7 +10,7 @@ pub struct Plan<'d, 's> {
     /// The instantiated groups, each after the groups that it instantiates itself.
     pub groups: Vec<PlannedGroup<'d>>,
     /// The parts that are not built, loaded or run.
-    pub left_out: Vec<LeftOut>,
+    pub left_out: Vec<Omitted>,
     /// Every plugin that the scene names, whether or not it is built. A scene is rejected if one of
     /// them is missing.
     pub named: BTreeSet<(FamilyName, &'static str)>,
@@ -18,7 +18,7 @@ pub struct Plan<'d, 's> {
 
 /// A part that a scene mentions or could have, and that is not built for it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct LeftOut {
+pub struct Omitted {
     /// The part.
     pub what: String,
     /// The reason.
@@ -74,7 +74,7 @@ impl<'d, 's> Plan<'d, 's> {
             .groups
             .keys()
             .filter(unplaced)
-            .map(|id| LeftOut {
+            .map(|id| Omitted {
                 what: format!("group \"{id}\""),
                 why: "no instance uses it".to_owned(),
             })

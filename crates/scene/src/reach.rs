@@ -1,6 +1,6 @@
 //! Finds lights that reach no surface with local illumination.
 
-use crate::{LeftOut, PluginTable};
+use crate::{Omitted, PluginTable};
 use std::sync::Arc;
 use whitstone_core::{Aabb, BsdfFlags, Element, Geometry, Light, LightFlags, LoweredShape, Material};
 
@@ -11,7 +11,7 @@ pub(crate) fn leave_out_lights(
     lights: &mut Vec<Arc<dyn Light>>,
     geometry: &Geometry,
     materials: &[Arc<dyn Material>],
-) -> Vec<LeftOut> {
+) -> Vec<Omitted> {
     let receivers: Vec<Aabb> = geometry
         .shapes()
         .iter()
@@ -36,7 +36,7 @@ pub(crate) fn leave_out_lights(
             } else {
                 "it reaches no surface that reflects light"
             };
-            left_out.push(LeftOut {
+            left_out.push(Omitted {
                 what: format!("light {number} ({})", tables[number - 1].name),
                 why: why.to_owned(),
             });

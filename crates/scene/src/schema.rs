@@ -194,13 +194,19 @@ fn transform_step() -> Value {
 fn common_keys(family: FamilyName) -> Value {
     match family {
         FamilyName::Shape => json!({
-            "id": { "description": "A name, unique among the shapes.", "type": "string" },
+            "id": {
+                "description": "A name, unique among the shapes.",
+                "type": "string",
+                "x-default": "none",
+            },
             "material": {
-                "description": "Id of a shared material, or an inline material; grey `matte` if omitted.",
+                "description": "Id of a shared material, or an inline material.",
+                "x-default": "grey `matte`",
                 "anyOf": [{ "type": "string" }, reference(FamilyName::Material.singular())],
             },
             "transform": {
                 "description": "From object to world space: one step, or steps in the order in which they are applied.",
+                "default": [],
                 "anyOf": [
                     reference(STEP),
                     { "type": "array", "items": reference(STEP) },

@@ -1,6 +1,6 @@
 //! Finds the parts of a scene that are not used during rendering.
 
-use crate::{Description, LeftOut};
+use crate::{Description, Omitted};
 use std::sync::Arc;
 use whitstone_core::{BsdfFlags, Integrator, Light, LightFlags, Material, SurfaceAttributes, Texture};
 
@@ -27,13 +27,13 @@ impl LookedUp {
 
     /// The textures that other objects hold, with their types. The rest were only needed during the
     /// build, such as height maps, or belong to parts that are not built.
-    pub(crate) fn kept(self, left_out: &mut Vec<LeftOut>) -> Vec<(String, Arc<dyn Texture>)> {
+    pub(crate) fn kept(self, left_out: &mut Vec<Omitted>) -> Vec<(String, Arc<dyn Texture>)> {
         let mut kept = Vec::new();
         for Built { id, kind, texture } in self.0 {
             if Arc::strong_count(&texture) > 1 {
                 kept.push((kind, texture));
             } else if texture.constant().is_none() {
-                left_out.push(LeftOut {
+                left_out.push(Omitted {
                     what: id.map_or_else(|| format!("a texture, {kind}"), |id| format!("texture \"{id}\"")),
                     why: "not used after the scene is built".to_owned(),
                 });
@@ -49,7 +49,7 @@ pub(crate) fn unused_parts(
     lights: &[Arc<dyn Light>],
     materials: &[Arc<dyn Material>],
     integrator: &dyn Integrator,
-) -> Vec<LeftOut> {
+) -> Vec<Omitted> {
     let any = |flags| {
         materials
             .iter()
@@ -57,7 +57,7 @@ pub(crate) fn unused_parts(
     };
     let mut parts = Vec::new();
     let mut leave_out = |what: &str, why: &str| {
-        parts.push(LeftOut {
+        parts.push(Omitted {
             what: what.to_owned(),
             why: why.to_owned(),
         });

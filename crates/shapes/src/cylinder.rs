@@ -1,8 +1,8 @@
 //! A cylinder about the z axis.
 //!
 //! Haines, *Essential ray tracing algorithms*, in Glassner (ed.), *An Introduction to Ray Tracing*
-//! (1989), ch. 2, 5.2 and Cychosz and Waggenspack, *Intersecting a ray with a cylinder*, Graphics
-//! Gems IV (1994), V.2. The arithmetic is in `conic.rs`.
+//! (1989), chapter 2, section 5.2; Cychosz and Waggenspack, *Intersecting a ray with a cylinder*,
+//! Graphics Gems IV (1994), chapter V.2. The intersection is computed in `support/conic.rs`.
 //!
 //! - Twin: Mitsuba `cylinder` (native) without caps, hosted by the driver with caps; POV-Ray
 //!   `cylinder` (native).
@@ -14,18 +14,20 @@ use serde::Deserialize;
 use whitstone_core::config::{Positive, Vector2};
 use whitstone_core::{Context, DVec3, LoweredShape, Plugin, SceneErrors, Shapes, Transform};
 
-/// A cylinder about the z axis of its object space; its normals point away from the axis.
+/// A cylinder about the z axis of its object space, open or closed by disks.
+///
+/// The normals of the lateral surface point away from the axis, those of the disks along -z and +z.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
     /// Radius in metres.
     #[serde(default = "one")]
     radius: Positive,
-    /// Lower and upper end along z, in metres.
+    /// z of the lower and of the upper end, in metres.
     #[serde(default = "heights")]
     #[schemars(with = "Vector2")]
     z: Heights,
-    /// Whether disks close both ends.
+    /// Whether disks close both ends. A cylinder without them is visible from inside.
     #[serde(default = "yes")]
     caps: bool,
 }
@@ -92,8 +94,8 @@ mod tests {
     #[test]
     fn obeys_the_laws_of_shapes() {
         shape_laws_everywhere::<Cylinder>("", 2_000);
-        // Rays aimed at the bounding box of a thin open tube miss the tube, so "thin" is not
-        // tested.
+        // Almost all rays that are aimed at the bounding box of a thin open tube miss the tube, so
+        // "thin" is not tested.
         for (name, transform) in placements().into_iter().filter(|(name, _)| *name != "thin") {
             eprintln!("open, {name}");
             shape_laws(
@@ -135,7 +137,7 @@ mod tests {
             assert_eq!(intersect("", [1.5, 0.0, 3.0], [zero, zero, -1.0], None), None);
             assert_eq!(intersect("", [3.0, 0.0, 2.0], [-1.0, zero, zero], None), None);
         }
-        // Through the open end to the inner side.
+        // Through the open end, to the inside of the lateral surface.
         assert_eq!(
             intersect("caps = false", [0.0, 0.0, 2.0], [0.5, 0.0, -1.0], None),
             Some((2.0, 0))

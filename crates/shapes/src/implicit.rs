@@ -1,12 +1,13 @@
-//! The set where a function is negative, built from distance functions by a tree of operations.
+//! An implicit surface: the zero level set of a function that is negative inside.
 //!
-//! Distances and the smooth union: Hart, *Sphere tracing: a geometric method for the antialiased
-//! ray tracing of implicit surfaces*, The Visual Computer 12(10), 1996. Roots are isolated by
-//! interval bounds of values and slopes (Mitchell 1990, see `crossings`). A Lipschitz bound on the
-//! function, derived from the tree or asserted by the scene, skips ranges far from the surface at
-//! the cost of one evaluation, as in sphere tracing.
+//! A tree of operations builds the function from distance functions and metaballs. Distances and
+//! the smooth union: Hart, *Sphere tracing: a geometric method for the antialiased ray tracing of
+//! implicit surfaces*, The Visual Computer 12(10), 1996. Interval bounds of values and slopes
+//! isolate the roots (Mitchell 1990, see `support/crossings.rs`). A Lipschitz bound on the function
+//! is derived from the tree or asserted by the scene. With it, one evaluation skips a range far
+//! from the surface, as in sphere tracing.
 //!
-//! - Twin: POV-Ray `isosurface` with the same formulas, `blob` for metaballs alone.
+//! - Twin: POV-Ray `isosurface` with the same formulas, `blob` for a field that is one `metaballs`.
 //! - Example: `scenes/shapes/implicit.toml`.
 
 mod tree;
@@ -27,26 +28,28 @@ use whitstone_core::{
 
 /// Number of sample points at which an asserted Lipschitz bound is checked.
 const SAMPLES: u32 = 4096;
-/// Maximum number of parts of the box faces that are examined to find out whether the box clips the
-/// set.
+/// Maximum number of parts of the box faces that [`Implicit::is_closed`] examines.
 const FACE_PARTS: u32 = 1 << 14;
-/// Rounding error of the function, and the magnitude below which values do not matter, relative to
-/// the size of the box.
+/// Bound on the rounding error of the function, relative to the size of the box times the Lipschitz
+/// bound. Values of smaller magnitude are not distinguished from zero.
 const SMALL: f64 = 1.0 / (1u64 << 44) as f64;
 
-/// The boundary of the set where a function is negative; the outside is where it is positive.
+/// An implicit surface: the zero level set of a function that is negative inside and positive
+/// outside.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// The function: a table with one key, which is a shape or an operation on others. Lengths are
-    /// in metres.
+    /// The function: a table with one key, which names a shape or an operation on other fields.
+    /// Lengths are in metres.
     #[schemars(with = "Node")]
     field: Spanned<Node>,
-    /// The box in object space that is searched.
+    /// The box in object space in which rays search for the surface. Where it cuts the inside, the
+    /// shape is open.
     #[serde(default)]
     #[schemars(extend("x-default" = "the bounds of the whole set, if they are finite"), with = "Bounds")]
     bounds: Option<Spanned<Bounds>>,
-    /// An asserted bound on the change of the function per metre (Lipschitz constant).
+    /// An asserted bound on the change of the function per metre (Lipschitz constant). A sample
+    /// point at which the gradient exceeds it is an error.
     #[serde(default)]
     #[schemars(extend("x-default" = "a derived bound"), with = "Positive")]
     lipschitz: Option<Spanned<Positive>>,
@@ -62,7 +65,7 @@ struct Bounds {
     max: Vector3,
 }
 
-/// The level set in its object space.
+/// The implicit surface in its object space.
 pub struct Implicit {
     level: Level,
     field: Field,
@@ -144,9 +147,9 @@ impl Implicit {
         }
     }
 
-    /// Searches for a point where the field is steeper than asserted.
+    /// Rejects an asserted Lipschitz bound if the gradient exceeds it at a sample point.
     fn try_promise(&self, promised: f64) -> Result<(), String> {
-        // Steps of an additive recurrence: evenly spread for any number of samples (Roberts, 2018).
+        // Steps of the additive recurrence R3 (Roberts, 2018), a low-discrepancy sequence.
         const STEP: [f64; 3] = [
             0.819_172_513_396_164_5,
             0.671_043_606_703_789_3,
@@ -258,8 +261,8 @@ impl Along for Line<'_> {
             return Known::Apart;
         }
         let axis = |k: usize| {
-            // The ends are rounded as in `Segment::at`, so that points between them stay between
-            // them.
+            // The ends are rounded as in `Segment::at`. Rounding is monotonic, so every point of
+            // the range that is computed there lies between them.
             let (a, b) = (self.segment.at(lo)[k], self.segment.at(hi)[k]);
             Dual {
                 value: Enclosure::new(a.min(b), a.max(b)),
@@ -418,7 +421,8 @@ mod tests {
         assert_eq!(hit("field.torus = {}", [0.1, 0.1, 5.0], [0.0, 0.0, -1.0]), None);
         // Twisted by a quarter turn per metre: at z = 1, the x axis of the box lies along y.
         let twisted = "field.twist = { degrees_per_metre = 90, of = { box = { half = [0.9, 0.1, 2] } } }";
-        assert!(hit(twisted, [0.0, 5.0, 1.0], [0.0, -1.0, 0.0]).unwrap().0 - 4.1 < 1e-12);
+        let (t, _) = hit(twisted, [0.0, 5.0, 1.0], [0.0, -1.0, 0.0]).unwrap();
+        assert!((t - 4.1).abs() < 1e-12, "{t}");
         assert!(hit(twisted, [0.0, 5.0, 0.0], [0.0, -1.0, 0.0]).unwrap().0 - 4.9 < 1e-12);
     }
 
@@ -474,7 +478,7 @@ mod tests {
         found
     }
 
-    /// A pillar twisted so strongly that slopes reach 1e3 and more.
+    /// A box that is twisted so that the gradient reaches about `shear`.
     fn pillar(shear: f64) -> String {
         let rate = (shear / 0.5_f64).to_degrees();
         format!(
@@ -560,12 +564,12 @@ mod tests {
                 .remove(0);
             error.message
         };
-        assert!(message("field.plane.normal = [0, 0, 1]").contains("without end"));
+        assert!(message("field.plane.normal = [0, 0, 1]").contains("in an unbounded region"));
         assert!(message("field.plane.normal = [0, 0, 0]").contains("normal of a plane"));
-        assert!(message("field.union = []").contains("of nothing"));
+        assert!(message("field.union = []").contains("is empty"));
         assert!(message("field.intersection = [{ sphere = { radius = -1 } }]").contains("greater than 0"));
         let apart = "field.intersection = [{ sphere = {} }, { translate = { by = [5, 0, 0], of = { sphere = {} } } }]";
-        assert!(message(apart).contains("negative nowhere"));
+        assert!(message(apart).contains("nowhere negative"));
         let many = "field.repeat = { period = [1, 1, 1], count = [64, 64, 1], of = { sphere = {} } }";
         assert!(message(many).contains("more than 1024"));
         let mut deep = "{ sphere = {} }".to_owned();

@@ -177,7 +177,7 @@ mod tests {
                     let side = point.n_g.cross(random.direction()).normalize();
                     [1e-2, 1e-4, 1e-6].map(|slope| {
                         let d = side + slope * point.n_g;
-                        (Ray::new(point.leave(d), d), SelfHitFilter::leaving(&hit))
+                        (Ray::new(point.spawn_origin(d), d), SelfHitFilter::leaving(&hit))
                     })
                 })
                 .collect();

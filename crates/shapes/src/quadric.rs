@@ -23,8 +23,10 @@ use whitstone_core::{
 #[serde(deny_unknown_fields)]
 pub struct Config {
     /// The rows of a symmetric 4x4 matrix M: the quadric is p M p = 0 for p = (x, y, z, 1).
+    #[schemars(extend("x-default" = "none: this or `coefficients` is required"))]
     matrix: Option<Matrix>,
     /// Alternative to `matrix`: the coefficients of x², y², z², xy, xz, yz, x, y, z and 1.
+    #[schemars(extend("x-default" = "none: this or `matrix` is required"))]
     coefficients: Option<Coefficients>,
     /// The minimum and maximum corner of the box, in metres.
     #[serde(default = "unit_box", rename = "box")]

@@ -12,6 +12,8 @@ use whitstone_core::{
 };
 
 /// The square -1 <= x, y <= 1 in the plane z = 0 of its object space; its normal is +z.
+///
+/// The texture coordinates are ((x + 1)/2, (y + 1)/2).
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {}

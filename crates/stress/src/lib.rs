@@ -76,7 +76,8 @@ impl Engine {
 pub struct About {
     /// The name on the command line.
     pub name: &'static str,
-    /// Numbers of the cases in the catalogue of `docs/stability.md`.
+    /// Numbers of its cases in the catalogue of known numerical hazards: each number is here, or in
+    /// [`ELSEWHERE`].
     pub catalogue: &'static [u32],
     /// The parameter that is swept, with its unit.
     pub parameter: &'static str,

@@ -147,7 +147,7 @@ impl Context for TestContext {
         Err(SceneError::at(file.span.clone(), message))
     }
 
-    fn picture(&mut self, file: &FilePath) -> Result<Arc<dyn Texture>, SceneErrors> {
+    fn image(&mut self, file: &FilePath) -> Result<Arc<dyn Texture>, SceneErrors> {
         let found = self.pictures.get(&file.path).cloned();
         found.ok_or_else(|| SceneError::at(file.span.clone(), "the test context has no such image").into())
     }
@@ -180,12 +180,12 @@ impl Context for TestContext {
         build(around)?.into_solid().map_err(error)
     }
 
-    fn recall(&self, parts: &[&[u8]], length: usize) -> Option<Vec<u8>> {
+    fn cached(&self, parts: &[&[u8]], length: usize) -> Option<Vec<u8>> {
         let found = self.kept.get(&owned(parts)).cloned();
         found.filter(|made| made.len() == length)
     }
 
-    fn keep(&mut self, parts: &[&[u8]], made: &[u8]) {
+    fn cache(&mut self, parts: &[&[u8]], made: &[u8]) {
         self.kept.insert(owned(parts), made.to_vec());
     }
 

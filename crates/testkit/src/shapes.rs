@@ -384,7 +384,7 @@ impl Bench {
             let d = (side * n_g + 3.0 * sideways).normalize();
             // From above the surface, to test the error bound, and from the surface itself, to test
             // the skipped primitive.
-            for origin in [point.leave(d), position] {
+            for origin in [point.spawn_origin(d), position] {
                 let away = Ray::new(origin, d);
                 let again = self.intersect(&away, Interval::FORWARD, SelfHitFilter::leaving(hit));
                 let near = again.filter(|again| again.t <= 1e3 * slack);

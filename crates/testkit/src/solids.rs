@@ -135,7 +135,7 @@ fn check_end(shape: &dyn Shape, ray: &Ray, end: &ShapeHit, inward: f64) -> Resul
     let hit = end.of_shape(InstanceId::TOP_LEVEL, 0);
     let start = shape
         .surface(ray, &hit, SurfaceAttributes::NOTHING)
-        .leave(ray.direction);
+        .spawn_origin(ray.direction);
     let onward = Ray::new(start, ray.direction);
     law(
         shape.goes_inside(&onward, end.primitive) == (inward > 0.0),

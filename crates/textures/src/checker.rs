@@ -76,8 +76,8 @@ impl TextureFunction for Checker {
     #[inline(always)]
     fn at(&self, q: DVec3) -> Rgb {
         let cell = (q.truncate() * self.scale + self.offset).floor();
-        // The remainder modulo 2, which is exact for every finite number; a sum of cell numbers
-        // could round. If the cell is NaN, the colour is b.
+        // The remainder modulo 2 is exact for every finite number; the sum of both cell numbers
+        // could round. If a cell number is NaN, the colour is b.
         let odd = cell - 2.0 * (0.5 * cell).floor();
         if odd.x == odd.y { self.a } else { self.b }
     }

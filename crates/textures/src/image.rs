@@ -398,7 +398,7 @@ mod tests {
         let negative = planes::Image::from_rgb(2, 1, &[[0.0; 3], [0.0, -1.0, 0.0]]).unwrap();
         whitstone_image::exr_io::write(folder.path().join("negative.exr"), &negative).unwrap();
         for (name, why) in [
-            ("text.png", "is no texture"),
+            ("text.png", "cannot be used as a texture"),
             ("negative.exr", "negative at column 1, row 0"),
             ("missing.png", "missing.png"),
         ] {

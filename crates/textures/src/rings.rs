@@ -1,4 +1,4 @@
-//! Concentric rings of two colours around the second axis.
+//! Concentric rings of two colours around the y axis of texture space.
 //!
 //! - Twin: Mitsuba, hosted: a Python texture; POV-Ray, a function.
 //! - Example: `scenes/textures/rings.toml`.
@@ -11,14 +11,14 @@ use std::sync::Arc;
 use whitstone_core::config::{Color, Finite, Positive};
 use whitstone_core::{Context, DVec3, Plugin, Rgb, SceneErrors, Texture, Textures};
 
-/// Concentric rings of two colours around the second axis (y, up in the world).
+/// Concentric rings of two colours around the y axis of texture space (up in the world by default).
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Colour of the innermost ring (without an offset).
+    /// Colour of every second ring, starting with the innermost if `offset` is 0.
     #[serde(default = "light")]
     a: Color,
-    /// Colour of the next ring.
+    /// Colour of the other rings.
     #[serde(default = "dark")]
     b: Color,
     /// Rings per unit of texture space (a metre by default).
@@ -76,7 +76,7 @@ impl TextureFunction for Rings {
     #[inline(always)]
     fn at(&self, q: DVec3) -> Rgb {
         let r = (q.x * q.x + q.z * q.z).sqrt();
-        // If the cell is NaN, the colour is b.
+        // If the cell number is NaN, the colour is b.
         if odd(r * self.scale + self.offset) == 0.0 {
             self.a
         } else {

@@ -8,7 +8,7 @@
 use crate::support::mapping::{Mapping, Projection, TextureFunction};
 use crate::support::wrap::Wrap;
 use schemars::JsonSchema;
-use serde::de::{Error, SeqAccess, Visitor};
+use serde::de::{SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 use std::fmt;
 use std::path::Path;
@@ -67,16 +67,10 @@ impl<'de> Deserialize<'de> for Values {
             }
             fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Values, A::Error> {
                 let mut values = Vec::new();
-                loop {
-                    // The core derives the location of an element from this message.
-                    let next = seq
-                        .next_element::<NonNegative>()
-                        .map_err(|error| A::Error::custom(format!("element {}: {error}", values.len())))?;
-                    match next {
-                        Some(value) => values.push(value.get()),
-                        None => return Ok(Values(values)),
-                    }
+                while let Some(value) = seq.next_element::<NonNegative>()? {
+                    values.push(value.get());
                 }
+                Ok(Values(values))
             }
         }
         deserializer.deserialize_seq(List)

@@ -269,7 +269,7 @@ fn recalled_or_made(
         sample.width, sample.height
     );
     let parts = [VERSION, how.as_bytes(), sample.data.as_flattened()];
-    if let Some(bytes) = context.recall(&parts, 3 * width * height) {
+    if let Some(bytes) = context.cached(&parts, 3 * width * height) {
         let data = bytes.as_chunks().0.to_vec();
         return Codes { width, height, data };
     }
@@ -279,7 +279,7 @@ fn recalled_or_made(
         optimization.improve(&mut picture, sample);
     }
     if start.elapsed() > short {
-        context.keep(&parts, picture.data.as_flattened());
+        context.cache(&parts, picture.data.as_flattened());
     }
     picture
 }

@@ -1,7 +1,7 @@
-//! Worley noise: cells around scattered feature points.
+//! Worley (cellular) noise: the distance to scattered feature points.
 //!
-//! Worley, *A cellular texture basis function*, 1996, but with one feature point in each cell of a
-//! grid, where Worley has several.
+//! Worley, *A cellular texture basis function*, 1996. Here each cell of a grid has exactly one
+//! feature point; Worley's cells have a random number of them.
 //!
 //! - Twin: Mitsuba, hosted: a Python texture, written from the model.
 //! - Example: `scenes/textures/worley.toml`.
@@ -14,18 +14,18 @@ use whitstone_core::config::{Color, IntegerIn, Positive};
 use whitstone_core::hash::mix;
 use whitstone_core::{Context, DVec3, Plugin, Rgb, SceneErrors, Texture, Textures};
 
-/// Worley noise: cells around scattered feature points.
+/// Worley (cellular) noise: the distance to scattered feature points.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
     /// Displayed value: "f1" is the distance to the nearest point, "f2" that to the second nearest,
-    /// and "f2_minus_f1" their difference, which is 0 between the cells.
+    /// and "f2_minus_f1" their difference, which is 0 on the borders of the Voronoi cells.
     #[serde(default)]
     value: Value,
     /// Colour where the value is 0.
     #[serde(default = "dark")]
     a: Color,
-    /// Colour where the value is 1 cell or more.
+    /// Colour where the value is the side of a grid cell or more.
     #[serde(default = "light")]
     b: Color,
     /// Grid cells per unit of texture space (a metre by default).
@@ -94,24 +94,26 @@ impl Plugin<Textures> for Worley {
     }
 }
 
-/// Offsets of all cells up to two cells away, ordered by the least possible squared distance of
-/// their points, which is given for each.
+/// Offsets of all cells up to two cells away, each with a lower bound on the squared distance of
+/// its feature point, in ascending order of that bound.
 ///
-/// **These suffice.** Let x be the point's position in its own cell and a_k = max(x_k, 1 - x_k), at
-/// least 1/2, for each axis k. The feature point of its own cell is no farther than sqrt(a_1^2 +
-/// a_2^2 + a_3^2) <= sqrt(3). The neighbouring cell on the nearer side along the axis of the
-/// largest a_k, say a_1, has another feature point, no farther than sqrt((2 - a_1)^2 + a_2^2 +
-/// a_3^2) <= sqrt((2 - a_1)^2 + 2 a_1^2), which for a_1 from 1/2 to 1 is at most sqrt(3) as well.
-/// So the two nearest are within sqrt(3), and points in cells three away are farther than 2.
+/// **These suffice.** Let x be the position of the shaded point within its own cell and a_k =
+/// max(x_k, 1 - x_k), at least 1/2, for each axis k. The feature point of the own cell is no
+/// farther than sqrt(a_1^2 + a_2^2 + a_3^2) <= sqrt(3). Let a_1 be the largest a_k. The cell on the
+/// nearer side along axis 1 has another feature point, no farther than
+/// sqrt((2 - a_1)^2 + a_2^2 + a_3^2) <= sqrt((2 - a_1)^2 + 2 a_1^2). For a_1 from 1/2 to 1, that is
+/// at most sqrt(3) as well. So the two nearest feature points are within sqrt(3), and those in
+/// cells three away are farther than 2.
 const AROUND: [([i8; 3], u8); 125] = around();
 
 const fn around() -> [([i8; 3], u8); 125] {
     let mut cells = [([0; 3], 0); 125];
     let mut count = 0;
-    // The squared distance of a cell that is two away along n axes exceeds n; other cells touch.
+    // The squared distance to a feature point in a cell that is two away along n axes exceeds n.
+    // For cells that touch the own cell, the bound is 0.
     let mut least = 0;
     while least <= 3 {
-        // Its own cell comes first, then those that share a face, an edge or a corner.
+        // The own cell comes first, then those that share a face, an edge or a corner.
         let mut steps = 0;
         while steps <= 6 {
             let mut number = 0;
@@ -161,7 +163,7 @@ impl Worley {
             if f64::from(least) >= second {
                 break;
             }
-            // Distance between the point and the cell, along each axis.
+            // Squared distance between the point and the cell, summed over the axes.
             let apart: f64 = (0..3)
                 .map(|k| {
                     let from = f64::from(step[k]) - p[k];
@@ -189,7 +191,7 @@ impl TextureFunction for Worley {
             Value::F2 => second,
             Value::F2MinusF1 => second - first,
         };
-        // NaN, which occurs far outside of every scene, becomes 0.
+        // NaN, which occurs only at coordinates far outside every scene, becomes 0.
         let t = if t > 0.0 { t.min(1.0) } else { 0.0 };
         self.a * (1.0 - t) + self.b * t
     }
@@ -220,7 +222,7 @@ mod tests {
         }
     }
 
-    /// Reference: tests the points of all cells up to `reach` away.
+    /// Reference implementation: tests the feature points of all cells up to `reach` away.
     fn naive(texture: &Worley, q: DVec3, reach: i32) -> [f64; 2] {
         let cell = q.floor().as_ivec3();
         let mut distances = Vec::new();

@@ -139,7 +139,7 @@ fn what_leaves_a_cap_beside_its_rim_meets_the_side_where_it_is() {
             let hit = intersect(&ray, SelfHitFilter::NOTHING).expect("the cap is there");
             let point = world.geometry.surface(&ray, &hit, SurfaceAttributes::NOTHING);
             let inward = (-point.n_g + 3.0 * point.n_g.cross(random.direction())).normalize();
-            let away = Ray::new(point.leave(inward), inward);
+            let away = Ray::new(point.spawn_origin(inward), inward);
             let again = intersect(&away, SelfHitFilter::leaving(&hit));
             let truth = oracle.nearest(&away, Interval::FORWARD);
             let error = Error::of(&truth, again.map(|again| again.t));

@@ -33,7 +33,8 @@ pub(super) struct Packet<'a, 's> {
     /// Hits beyond these parameters do not count; minus infinity for a ray that is done.
     pub(super) limits: [f32; GROUP],
     pub(super) octant: [usize; 3],
-    /// The axes of [`LocalRay`](crate::support::leaves::frame::LocalRay), if they are the same for all rays.
+    /// The axes of [`LocalRay`](crate::support::leaves::frame::LocalRay), if they are the same for
+    /// all rays.
     pub(super) axes: Option<[Axis; 3]>,
 }
 

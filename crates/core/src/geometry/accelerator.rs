@@ -6,8 +6,8 @@ use std::collections::BTreeMap;
 /// An acceleration structure over a [`crate::Geometry`].
 ///
 /// **Same answer law**: every accelerator returns bit for bit the result of testing every element
-/// in order: the nearest hit, and among equal distances the lowest (shape, primitive). A node may
-/// be culled only if it is *strictly* farther than the best hit.
+/// in order: the nearest hit, and among equal distances the lowest (instance, shape, primitive). A
+/// node may be culled only if it is *strictly* farther than the best hit.
 pub trait Accelerator: Send + Sync {
     /// The nearest hit inside the interval.
     fn intersect(
@@ -17,7 +17,7 @@ pub trait Accelerator: Send + Sync {
         skip: SelfHitFilter,
     ) -> Option<PreliminaryIntersection>;
 
-    /// Whether anything is hit inside the interval.
+    /// Whether there is any hit inside the interval.
     fn occluded(&self, ray: &Ray, interval: Interval, skip: SelfHitFilter) -> bool;
 
     /// [`Self::intersect`] for every ray of a stream.
@@ -44,7 +44,7 @@ pub trait Accelerator: Send + Sync {
         None
     }
 
-    /// Human-readable figures about the structure that was built.
+    /// Statistics of the structure that was built.
     fn statistics(&self) -> Statistics;
 
     /// Traversal statistics of [`Self::intersect`] for one ray; `None` if they are not counted.
@@ -67,13 +67,13 @@ pub trait Accelerator: Send + Sync {
 /// Traversal statistics of one query.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TraversalStatistics {
-    /// Inner nodes and cells visited.
+    /// Inner nodes, or cells of a grid, visited.
     pub steps: u64,
     /// Element tests.
     pub tests: u64,
 }
 
-/// The edges of one volume of an accelerator.
+/// The edges of one bounding volume or cell of an accelerator.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DebugBounds {
     /// Level; the root is 0.

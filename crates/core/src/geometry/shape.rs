@@ -5,13 +5,13 @@ use std::ops::{BitOr, BitOrAssign};
 
 /// The geometry that a shape plugin produces; accelerators see nothing else.
 ///
-/// The number of a shape (`shape_id`) is the index of its table in the file. Shapes inside groups
-/// are numbered after all others.
+/// The number of a shape (`shape_id`) is the index of its table in the flattened scene. Shapes
+/// inside groups are numbered after all others.
 #[non_exhaustive]
 pub enum LoweredShape {
     /// Triangles in world space.
     Triangles(TriangleMesh),
-    /// Anything else that can intersect a ray.
+    /// Any other shape, with its own intersection test.
     Opaque(Box<dyn Shape>),
     /// An instance of a group of shapes.
     Instance(Box<Instance>),
@@ -46,8 +46,8 @@ pub trait Shape: Send + Sync {
     /// close to `hit`. Used for ray differentials.
     ///
     /// The primitive is extrapolated past its edge and (u, v) is unwrapped across seams, so that
-    /// finite differences stay small. Only position and texture coordinates of `point`, the surface
-    /// at the hit, are read. Only the shading normal and the attributes in `needs` are valid in the
+    /// finite differences stay small. The result depends only on position and (u, v) of `point`, the
+    /// surface at the hit. Only the shading normal and the attributes in `needs` are valid in the
     /// result. Shapes without derivatives return `None`: textures of (u, v) then use their finest
     /// level, and reflections treat the surface as flat.
     fn surface_at_offset(
@@ -115,7 +115,8 @@ pub trait Shape: Send + Sync {
         }
     }
 
-    /// Sets the lanes whose rays hit this object inside their intervals.
+    /// Sets `hidden` in the lanes whose rays hit this object inside their intervals. Other lanes
+    /// keep their values.
     fn occluded_stream(&self, shape: u32, rays: &RayStream, hidden: &mut Lanes<bool>) {
         for (lane, hidden) in hidden.iter_mut().enumerate().take(rays.len) {
             let origin_primitive = rays.skip.skip(lane).of_shape(InstanceId::TOP_LEVEL, shape);
@@ -282,10 +283,10 @@ impl BitOrAssign for SurfaceAttributes {
 pub struct SurfaceInteraction {
     /// On the surface, within `error`.
     pub position: DVec3,
-    /// Upper bound on the distance of `position` from the surface, in metres along the normal.
-    /// Spawned rays start this far above the surface.
+    /// Upper bound on the distance of `position` from the surface, in metres along the normal. The
+    /// origin of a spawned ray is offset from `position` by this distance.
     pub error: f64,
-    /// Unit geometric normal; it points outside.
+    /// Unit geometric normal; it points to the outside of the surface.
     pub n_g: DVec3,
     /// Unit shading normal.
     pub n_s: DVec3,
@@ -309,10 +310,10 @@ impl SurfaceInteraction {
         }
     }
 
-    /// Origin of a ray spawned in direction `d`: on that side of the surface, outside the error
-    /// bound.
+    /// Origin of a ray spawned in direction `d`: `position`, offset along the normal by `error` to
+    /// the side that `d` points to.
     #[inline(always)]
-    pub fn leave(&self, d: DVec3) -> DVec3 {
+    pub fn spawn_origin(&self, d: DVec3) -> DVec3 {
         self.position + (self.error * self.n_g.dot(d).signum()) * self.n_g
     }
 

@@ -5,6 +5,7 @@
 //! error points to the one value that is wrong.
 
 mod decode;
+mod value;
 
 pub use self::decode::decode;
 pub use crate::geometry::instance::GroupRef;
@@ -552,11 +553,7 @@ impl<'de, T: Deserialize<'de> + Copy, const N: usize> Visitor<'de> for ArrayVisi
     }
     fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<[T; N], A::Error> {
         let mut values = Vec::with_capacity(N);
-        loop {
-            let next = seq
-                .next_element::<T>()
-                .map_err(|error| A::Error::custom(format!("element {}: {error}", values.len())))?;
-            let Some(value) = next else { break };
+        while let Some(value) = seq.next_element::<T>()? {
             // Further values are counted but not stored.
             if values.len() == N {
                 return Err(A::Error::custom(format!(

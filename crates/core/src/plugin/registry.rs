@@ -150,7 +150,7 @@ pub trait Context {
 
     /// The image in a file, as the texture `image` loads it, with a border. Errors are reported at
     /// the file.
-    fn picture(&mut self, file: &FilePath) -> Result<Arc<dyn Texture>, SceneErrors> {
+    fn image(&mut self, file: &FilePath) -> Result<Arc<dyn Texture>, SceneErrors> {
         Err(SceneError::at(file.span.clone(), "images are not available here").into())
     }
 
@@ -183,14 +183,14 @@ pub trait Context {
 
     /// Looks up a cached result of `length` bytes; `None` if there is none. `parts` is the cache
     /// key: all the input of the result, and a name with a version.
-    fn recall(&self, parts: &[&[u8]], length: usize) -> Option<Vec<u8>> {
+    fn cached(&self, parts: &[&[u8]], length: usize) -> Option<Vec<u8>> {
         let _ = (parts, length);
         None
     }
 
     /// Caches a result under `parts` for later runs, if caching is enabled. For results that take
     /// longer to compute than to read.
-    fn keep(&mut self, parts: &[&[u8]], made: &[u8]) {
+    fn cache(&mut self, parts: &[&[u8]], made: &[u8]) {
         let _ = (parts, made);
     }
 
@@ -281,7 +281,7 @@ impl Registry {
 
     /// Declares the plugins that this binary was built without, as family, type and crate. The
     /// error about a scene that names one uses them.
-    pub fn leave_out(&mut self, absent: &'static [(FamilyName, &'static str, &'static str)]) {
+    pub fn omit(&mut self, absent: &'static [(FamilyName, &'static str, &'static str)]) {
         self.absent = absent;
     }
 
@@ -430,7 +430,7 @@ mod tests {
     fn the_error_about_an_absent_plugin_names_its_feature() {
         let mut registry = Registry::default();
         registry.add::<Samplers, Dot>("one").unwrap();
-        registry.leave_out(&[(FamilyName::Sampler, "line", "two")]);
+        registry.omit(&[(FamilyName::Sampler, "line", "two")]);
         let error = registry.get(FamilyName::Sampler, "line").err().unwrap();
         assert!(error.message.contains("built without the sampler type \"line\""));
         assert!(error.help.unwrap().contains("the feature `line` of `two`"));

@@ -3,13 +3,14 @@ use crate::{Aabb, Rgb};
 use glam::DVec3;
 use std::ops::{BitOr, BitOrAssign};
 
-/// A light source. It contributes any of: light samples at a point, a uniform ambient radiance, and
-/// the background radiance that rays see which hit nothing.
+/// A light source. It may contribute light samples at a point, a uniform ambient radiance, and the
+/// background radiance along rays that hit nothing.
 pub trait Light: Send + Sync {
     /// The contributions that this light makes.
     fn flags(&self) -> LightFlags;
 
-    /// Adds light samples at a point, without shadow test; their number is bounded.
+    /// Appends the light samples at a point to `out`, without shadow tests. Their number is
+    /// bounded.
     fn samples(&self, point: DVec3, out: &mut Vec<LightSample>) {
         let _ = (point, out);
     }
@@ -32,12 +33,12 @@ pub trait Light: Send + Sync {
         }
     }
 
-    /// Whether [`Self::samples`] may be other than black at any point of a box, which may be
-    /// unbounded or a single point.
+    /// Whether a sample of [`Self::samples`] can be other than black at any point of a box, which
+    /// may be unbounded or a single point.
     ///
-    /// `false` culls the light: from the scene, if no surface is affected, and, in scenes with many
-    /// lights, for a stream of points with these bounds. Return `true` if unsure; rounding must err
-    /// towards `true`.
+    /// A light that affects no surface is removed from the scene. In scenes with many lights, a
+    /// light is also skipped for each stream of points whose bounds it does not affect. Return
+    /// `true` if unsure; rounding must err towards `true`.
     fn affects_bounds(&self, bounds: &Aabb) -> bool {
         let _ = bounds;
         true
@@ -62,12 +63,12 @@ pub trait Light: Send + Sync {
     }
 }
 
-/// Light from one direction that may reach a point.
+/// Light that arrives at a point from one direction, unless a surface blocks it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightSample {
     /// Unit direction from the point to the light.
     pub direction: DVec3,
-    /// In metres; infinite for directional lights.
+    /// Distance to the light, in metres; infinite for directional lights.
     pub distance: f64,
     /// Irradiance in W/m² on a surface that faces the light.
     pub irradiance: Rgb,

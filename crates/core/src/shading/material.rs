@@ -12,8 +12,9 @@ use toml::Spanned;
 
 /// How a surface scatters and emits light.
 ///
-/// Rule S ([`SurfaceInteraction::seen_from`]) has been applied to all surface points passed in.
-/// Integrators apply rule G, to lights and specular rays alike.
+/// Rule S of the model ([`SurfaceInteraction::seen_from`]) has been applied to all surface points
+/// passed in. Integrators apply rule G of the model ([`SurfaceInteraction::same_side`]) to lights
+/// and to specular rays.
 pub trait Material: Send + Sync {
     /// Which of the methods below may return something other than zero.
     fn flags(&self) -> BsdfFlags;
@@ -73,15 +74,16 @@ pub trait Material: Send + Sync {
         }
     }
 
-    /// Transmittance of an undeviated shadow ray. `point` is oriented towards the ray's origin. If
-    /// `filtered`, transparent surfaces attenuate light; otherwise only cut-outs let it pass.
+    /// Transmittance of an undeviated shadow ray in unit direction `direction`. `point` is oriented
+    /// towards the ray's origin. If `filtered`, transparent surfaces attenuate light; otherwise
+    /// only cut-outs let it pass.
     fn shadow(&self, point: &SurfaceInteraction, direction: DVec3, filtered: bool) -> Transmittance {
         let _ = (point, direction, filtered);
         Transmittance::OPAQUE
     }
 
-    /// This material as a nested dielectric, if it has a priority. Its interfaces then depend on
-    /// the bodies that the ray is in.
+    /// This material as a nested dielectric, if it has a priority. The media on both sides of its
+    /// surface then depend on the bodies that the ray is inside.
     fn prioritized(&self) -> Option<&dyn PrioritizedDielectric> {
         None
     }
@@ -119,9 +121,9 @@ pub trait Material: Send + Sync {
 /// The light at a surface point.
 #[derive(Clone, Copy, Debug)]
 pub struct LightSamples<'a> {
-    /// Uniform radiance from all around.
+    /// Uniform radiance from all directions.
     pub ambient: Rgb,
-    /// Unshadowed lights on the viewer's side of the geometric surface.
+    /// Light from the viewer's side of the geometric surface, after shadow rays.
     pub lights: &'a [LightLiSample],
 }
 
@@ -153,7 +155,7 @@ impl BsdfFlags {
     pub const CUT_OUTS: Self = Self(32);
     /// [`Material::shadow`] can let light through if shadows are filtered.
     pub const TRANSPARENT_SHADOWS: Self = Self(64);
-    /// It shades with a normal other than the shape's (normal or bump map).
+    /// The material shades with a normal other than the shape's (normal or bump map).
     pub const NORMAL_MAPPED: Self = Self(128);
     /// Every kind of specular ray.
     pub const SPECULAR: Self = Self(2 + 4 + 8);
@@ -188,7 +190,7 @@ impl BitOr for BsdfFlags {
     }
 }
 
-/// The side of the surface that a specular ray goes to.
+/// The side of the surface that a specular ray goes to, and its medium there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SpecularRayKind {
     /// Back to the viewer's side, in the viewer's medium.
@@ -198,14 +200,14 @@ pub enum SpecularRayKind {
         /// Per metre, each channel at least 0.
         absorption: Rgb,
     },
-    /// Undeviated to the other side, in the same medium: the surface bounds no body.
+    /// Undeviated to the other side, in the same medium: the surface is no medium interface.
     Null,
 }
 
-/// The effect of a surface on the light of a shadow ray (transmittance).
+/// The transmittance of a surface for a shadow ray, and the medium behind the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Transmittance {
-    /// Transmittance.
+    /// Transmittance of each channel.
     pub weight: Rgb,
     /// Absorption coefficient (per metre) of the medium behind the surface, if the medium changes.
     pub medium: Option<Rgb>,
@@ -301,8 +303,8 @@ pub struct SpecularRays {
 }
 
 impl SpecularRays {
-    /// Adds a specular ray. Panics if there is already one of its kind: that is a bug in the
-    /// material.
+    /// Adds a specular ray. Panics if there is already one on its side, which is a bug in the
+    /// material: [`SpecularRayKind::Null`] and `Transmission` rays leave on the same side.
     pub fn push(&mut self, branch: SpecularRay) {
         let slot = match branch.kind {
             SpecularRayKind::Reflection => &mut self.reflection,
@@ -315,8 +317,8 @@ impl SpecularRays {
         *slot = Some(branch);
     }
 
-    /// Adds the specular rays of a component of the material, scaled by `share`. If a ray of that
-    /// kind exists, its weight grows and it keeps its direction.
+    /// Adds the specular rays of a component of the material, scaled by `share`. If there is
+    /// already a ray on the same side, only its weight grows; its direction and kind do not change.
     pub fn merge(&mut self, parts: &Self, share: Rgb) {
         for part in parts.iter() {
             let weight = part.weight * share;

@@ -20,7 +20,7 @@ pub trait Sampler: Send + Sync {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Refinement {
     /// Samples that every pixel takes, at least 1.
-    pub first: u32,
+    pub initial_samples: u32,
     /// Target error, a radiance.
     pub threshold: f64,
 }
@@ -29,7 +29,7 @@ impl Refinement {
     /// Whether a pixel needs more than the `taken` samples. `own` is the range (maximum minus
     /// minimum) of their radiances in the channel where it is largest. `near` is the largest range
     /// of the first samples of any neighbour.
-    pub fn goes_on(&self, taken: u32, own: f64, near: f64) -> bool {
+    pub fn continues(&self, taken: u32, own: f64, near: f64) -> bool {
         let n = f64::from(taken);
         // The larger of two errors: of an edge through the pixel, sampled as evenly as Sobol
         // points, and of an edge that all samples missed.

@@ -51,7 +51,7 @@ pub(crate) fn shadow_ray(point: &SurfaceInteraction, sample: &LightSample, margi
         sample.distance - (8.0 * f64::EPSILON * coordinates + margin)
     };
     let ray = Ray::new(point.position, sample.direction);
-    aim(&ray, free, point.leave(sample.direction))
+    aim(&ray, free, point.spawn_origin(sample.direction))
 }
 
 /// The ray from `start`, near the origin of `ray`, to the point of `ray` at `free` metres, and its
@@ -119,7 +119,7 @@ impl Scene {
                 return Rgb::BLACK;
             }
             medium = filter.medium.unwrap_or(medium);
-            (ray, free) = aim(&ray, free, point.leave(ray.direction));
+            (ray, free) = aim(&ray, free, point.spawn_origin(ray.direction));
             skip = SelfHitFilter::leaving(&hit);
         }
         Rgb::BLACK

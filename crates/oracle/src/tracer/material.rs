@@ -468,8 +468,8 @@ impl At<'_> {
                     scaled(self.with(a).specular_rays(medium), w.map(|w| 1.0 - w)).collect();
                 let of_a = all.len();
                 for specular_ray in scaled(self.with(b).specular_rays(medium), w) {
-                    // Specular rays in the same direction are merged, also for the contribution limit.
-                    // A glossy material has several.
+                    // Specular rays in the same direction are merged, also for the contribution
+                    // limit. A glossy material has several.
                     let mut of_a = all[..of_a].iter_mut();
                     let same = of_a.find(|one| one.transmitted == specular_ray.transmitted);
                     match same {

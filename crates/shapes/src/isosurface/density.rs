@@ -2,7 +2,7 @@
 
 use super::{Config, Format, Generator};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
-use serde::de::{Error, SeqAccess, Visitor};
+use serde::de::{SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use std::borrow::Cow;
 use std::fmt;
@@ -24,16 +24,10 @@ impl<'de> Deserialize<'de> for Values {
             }
             fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Values, A::Error> {
                 let mut values = Vec::new();
-                loop {
-                    // The core locates an element in the scene file by this text.
-                    let next = seq
-                        .next_element::<Finite>()
-                        .map_err(|error| A::Error::custom(format!("element {}: {error}", values.len())))?;
-                    match next {
-                        Some(value) => values.push(value.get()),
-                        None => return Ok(Values(values)),
-                    }
+                while let Some(value) = seq.next_element::<Finite>()? {
+                    values.push(value.get());
                 }
+                Ok(Values(values))
             }
         }
         deserializer.deserialize_seq(List)

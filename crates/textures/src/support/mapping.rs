@@ -1,12 +1,12 @@
 //! Texture mapping: the point of texture space for a surface point.
 //!
-//! A texture is a [`TextureFunction`], a function of a point of texture space only. A [`Mapping`] computes
-//! that point from the surface's (u, v) or from its world-space position. Each texture is therefore
-//! written once and works with every mapping, and only a mapping that reads (u, v) makes shapes
-//! compute it. The solid textures of Peachey 1985 and Perlin 1985 are patterns that use all three
-//! coordinates; the projections are those of Bier and Sloan, *Two-part texture mappings*, 1986. The
-//! triplanar one is a mean of three planar ones weighted by the normal (Geiss, *Generating complex
-//! procedural terrains using the GPU*, GPU Gems 3, 2007, section 1.5).
+//! A texture is a [`TextureFunction`], a function of a point of texture space only. A [`Mapping`]
+//! computes that point from the surface's (u, v) or from its world-space position. Each texture is
+//! therefore written once and works with every mapping, and only a mapping that reads (u, v) makes
+//! shapes compute it. The solid textures of Peachey 1985 and Perlin 1985 are patterns that use all
+//! three coordinates; the projections are those of Bier and Sloan, *Two-part texture mappings*,
+//! 1986. The triplanar one is a mean of three planar ones weighted by the normal (Geiss,
+//! *Generating complex procedural terrains using the GPU*, GPU Gems 3, 2007, section 1.5).
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -23,9 +23,9 @@ const PICTURES: &str = "images/converge";
 /// Measure error against run time for Whitstone and Mitsuba, and compare the time to reach an error
 ///
 /// A study names a scene, the parameter that is swept, and the image that counts as the truth. All
-/// configurations are rendered in turn, several times, half of them in a second session after all
-/// other studies. The tables show the median and its 95 % confidence interval. No claim is made
-/// below the error of the truth itself, nor outside the measured range. Finished measurements are
+/// configurations are rendered in turn, several times, half of them in a second session, which
+/// follows the first session of all studies. The tables show the median and its 95 % confidence
+/// interval. No claim is made below twice the error of the truth itself, nor outside the measured range. Finished measurements are
 /// kept under target/whitstone/converge: an interrupted run continues where it stopped.
 ///
 /// Exit code 0 if all expectations of the studies hold (none of them depends on time); 1 if not, if
@@ -59,7 +59,7 @@ pub struct Arguments {
     /// Number of times each setting is timed, overriding the study
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=1000))]
     repeats: Option<u32>,
-    /// Approximate limit in seconds for the repeats of one setting; at least three are always run
+    /// Approximate limit in seconds for the repeats of one setting; at least three are run, unless --repeats asks for fewer
     #[arg(long, default_value_t = 20.0, value_name = "SECONDS", value_parser = super::finite)]
     budget: f64,
     /// Number of threads of both renderers; 0 means one per core

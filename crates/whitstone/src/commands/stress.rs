@@ -29,8 +29,8 @@ use whitstone_validate::report::Diagram;
 /// An interrupted run continues where it stopped if the same program repeats it with the same
 /// settings.
 ///
-/// Exit code 0 if Whitstone keeps its promised error bound in every family, gets at least as far as
-/// Mitsuba and Embree, and at least one naive variant of the family fails; 1 if not.
+/// Exit code 0 if Whitstone keeps its promised error bound in every family, fails no earlier than
+/// Mitsuba and Embree, and at least one naive variant of each family fails; 1 if not.
 #[derive(Args, Debug)]
 #[command(
     help_template = super::HELP_TEMPLATE,

@@ -32,8 +32,8 @@ const TIME_LIMIT: u64 = 300;
 /// Verdicts: pass (the images agree), confirmed (the reference is too inaccurate in this scene, and
 /// the arbitrary-precision oracle confirms our image), FAIL (our image is wrong), undecided
 /// (neither reference nor oracle can decide, with the reason). Exit code 0 if all cases pass or are
-/// confirmed, 1 if one fails or is undecided, 2 for a wrong command line or scene, 3 if nothing
-/// could be compared.
+/// confirmed, 1 if one fails or is undecided, 2 for a wrong command line or scene, 3 if none fails
+/// but a scene could not be compared.
 #[derive(Args, Debug)]
 #[command(
     help_template = super::HELP_TEMPLATE,
@@ -42,6 +42,9 @@ const TIME_LIMIT: u64 = 300;
 pub struct Arguments {
     #[command(flatten)]
     scenes: Scenes,
+    /// Override a value in Whitstone only, to inject a fault; can be repeated
+    #[arg(long, value_name = "PATH=VALUE")]
+    ours: Vec<String>,
     /// Also vary the settings: accelerator and threads (compared with the scene's own image), depth
     /// and texture filter (compared with a live reference); settings that a scene does not need are
     /// skipped and reported
@@ -212,10 +215,13 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         &arguments.scenes.target,
         arguments.json.iter().chain(&arguments.junit),
     )?;
-    let mut validator = Validator::new(registry, arguments.scenes.options(program), &|text| {
-        eprintln!("{text}")
-    })
-    .map_err(Failure::environment)?;
+    let mut options = arguments.scenes.options(program);
+    options.ours_overrides.clone_from(&arguments.ours);
+    for change in &arguments.ours {
+        options.flags += &format!(" --ours {}", quoted(change));
+    }
+    let mut validator =
+        Validator::new(registry, options, &|text| eprintln!("{text}")).map_err(Failure::environment)?;
     validator.set_oracle(OraclePolicy {
         when: match (arguments.oracle, arguments.no_oracle) {
             (true, _) => Ask::Always,
