@@ -5,9 +5,9 @@ import tempfile
 import unittest
 
 import numpy as np
-from test_check import BALLS, FLOOR, LAMPS, LOOK, SKY
 
 from support import Case, film
+from test_check import BALLS, FLOOR, LAMPS, LOOK, SKY
 from whitstone_mitsuba import operations
 from whitstone_mitsuba.runtime import mi
 
@@ -106,7 +106,7 @@ class Stock(Case):
             self.assertEqual(found < 0, factor > 1)
 
     def test_samples_of_volpathmis_are_as_many_as_without_a_sampler(self):
-        scene = absorbing() + '[sampler]\ntype = "grid"\nn = 2\n'
+        scene = absorbing() + '[sampler]\ntype = "grid"\nsamples_per_axis = 2\n'
         answer, mean, variance, own = self.images(scene, 4)
         self.assertEqual((answer["samples"], answer["repeats"]), (4, 4 * 4))
         found, limit = bias(mean, variance, answer["repeats"], own)

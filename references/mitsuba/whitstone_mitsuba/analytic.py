@@ -135,7 +135,7 @@ def _real(form: np.ndarray) -> bool:
 
 def _quadric(fields: Fields, place: Any, base: Folder) -> Surface:
     form = _form(fields)
-    rows = fields.vectors("box", 2, 3, [(-1.0, -1.0, -1.0), (1.0, 1.0, 1.0)])
+    rows = fields.vectors("box", 2, 3, [[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
     box = np.array(rows or [(-1.0,) * 3, (1.0,) * 3])
     if not np.all(box[0] < box[1]):
         fields.error("box", "expected [min, max] with min < max along each axis")
