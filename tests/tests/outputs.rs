@@ -136,6 +136,26 @@ fn outputs_are_files_of_their_own() {
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
 }
 
+/// `--json -`: standard output is one JSON document, and the text for people is elsewhere.
+#[test]
+fn json_on_standard_output_is_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let image = folder.path().join("image.exr").display().to_string();
+    let scene = "scenes/shapes/sphere.toml";
+    let json = |arguments: &[&str]| {
+        let output = run(arguments);
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        assert!(!stderr(&output).is_empty(), "the text for people");
+        let value: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        value
+    };
+    let rendered = json(&["render", scene, "-o", &image, "--json", "-"]);
+    assert_eq!(rendered["output"], image.as_str());
+    assert!(json(&["explain", scene, "--json", "-"]).is_object());
+    assert!(json(&["compare", &image, &image, "--json=-"]).is_object());
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+}
+
 #[test]
 fn an_image_that_cannot_hold_its_radiance_is_told() {
     let folder = tempfile::tempdir().unwrap();

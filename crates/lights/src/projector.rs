@@ -6,7 +6,8 @@
 //! sides, as behind a projector's lens, so that a slide of one colour illuminates a screen
 //! perpendicular to the axis evenly.
 //!
-//! - Twin: Mitsuba `projector` (native frame and falloff); image and colour by a formula of the driver.
+//! - Twin: Mitsuba `projector` (native frame and falloff); image and colour by a formula of the
+//!   driver.
 //! - Example: `scenes/lights/projector.toml`.
 
 use crate::support::emission::{self, Falloff};

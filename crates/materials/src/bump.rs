@@ -10,7 +10,8 @@
 //! points for which we do shading calculations". With `vector_map`, these vectors are the colours
 //! of an image, a voxel grid or any other texture.
 //!
-//! - Twin: a formula of the Mitsuba driver, which rotates the shading frame that Mitsuba's materials see.
+//! - Twin: a formula of the Mitsuba driver, which rotates the shading frame that Mitsuba's
+//!   materials see.
 //! - Example: `scenes/materials/bump.toml`.
 
 use crate::support::detail::{Detail, Detailed, Frame, coded};

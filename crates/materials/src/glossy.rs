@@ -8,7 +8,8 @@
 //! the middle of each part, with the same pattern everywhere. With few samples this shows several
 //! weaker mirror images instead of noise.
 //!
-//! - Twin: a formula of the Mitsuba driver, which samples the lobe around the direction of Mitsuba's mirror.
+//! - Twin: a formula of the Mitsuba driver, which samples the lobe around the direction of
+//!   Mitsuba's mirror.
 //! - Example: `scenes/materials/glossy.toml`.
 
 use crate::support::optics::reflect;

@@ -350,6 +350,7 @@ impl Live {
                 varies.then_some(range)
             })
             .collect();
+        variants.keep_beyond(|value| value.map(|v| relative * v.abs() + absolute * mean));
         Stored::add_ranges(&mut stored.image, &kept)?;
         stored.variants = variants;
         Ok(stored)

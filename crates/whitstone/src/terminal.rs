@@ -7,6 +7,7 @@ use std::io::{ErrorKind, IsTerminal, Write};
 #[cfg(feature = "cli")]
 use std::path::Path;
 use std::process::ExitCode;
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 #[cfg(feature = "cli")]
 use whitstone_image::atomic;
@@ -28,12 +29,37 @@ static OUTPUT_LOST: AtomicBool = AtomicBool::new(false);
 
 /// Writes to standard output. A reader that has gone (`whitstone list | head -1`) is no error: the
 /// command still has to finish its work, and the rest of its text is discarded.
+///
+/// With `--json -`, standard output is for the JSON alone, and this text goes to standard error.
 pub(crate) fn out(text: Arguments<'_>) {
+    if json_on_stdout() {
+        err(text);
+    } else {
+        stdout(text);
+    }
+}
+
+fn stdout(text: Arguments<'_>) {
     if let Err(error) = std::io::stdout().lock().write_fmt(text)
         && error.kind() != ErrorKind::BrokenPipe
     {
         OUTPUT_LOST.store(true, Ordering::Relaxed);
     }
+}
+
+/// The value of `--json` that stands for standard output.
+pub(crate) const STDOUT: &str = "-";
+
+/// Whether the command line has `--json -`.
+fn json_on_stdout() -> bool {
+    static FOUND: OnceLock<bool> = OnceLock::new();
+    *FOUND.get_or_init(|| {
+        let arguments: Vec<_> = std::env::args_os().collect();
+        arguments
+            .windows(2)
+            .any(|pair| pair[0] == "--json" && pair[1] == STDOUT)
+            || arguments.iter().any(|argument| argument == "--json=-")
+    })
 }
 
 /// Writes to standard error. Ignores failures, because there is nowhere to report them.
@@ -120,9 +146,37 @@ fn with_prefix(problem: &str) -> String {
 }
 
 #[cfg(feature = "cli")]
-/// Writes machine-readable results to the file of `--json`, atomically.
+/// Writes machine-readable results to the file of `--json`, atomically, or to standard output.
 pub(crate) fn write_json(path: &Path, value: &serde_json::Value) -> Result<(), Failure> {
-    atomic::write_bytes(path, format!("{value:#}\n").as_bytes()).map_err(Failure::environment)
+    write_json_text(path, &format!("{value:#}\n"))
+}
+
+#[cfg(feature = "cli")]
+/// [`write_json`] of a formatted text.
+pub(crate) fn write_json_text(path: &Path, text: &str) -> Result<(), Failure> {
+    if path == Path::new(STDOUT) {
+        stdout(format_args!("{text}"));
+        return Ok(());
+    }
+    atomic::write_bytes(path, text.as_bytes()).map_err(Failure::environment)
+}
+
+#[cfg(feature = "cli")]
+/// A verdict for standard output, padded to a width; on a terminal in green, yellow or red.
+pub(crate) fn verdict_word(word: &str, exit: Option<Exit>, width: usize) -> String {
+    let padded = format!("{word:<width$}");
+    let plain =
+        json_on_stdout() || !std::io::stdout().is_terminal() || std::env::var_os("NO_COLOR").is_some();
+    let code = match exit {
+        Some(Exit::Pass) => 32,
+        None => 33,
+        Some(Exit::Differs) => 31,
+    };
+    if plain {
+        padded
+    } else {
+        format!("\u{1b}[{code}m{padded}\u{1b}[0m")
+    }
 }
 
 /// Whether messages may be coloured.

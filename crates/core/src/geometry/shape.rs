@@ -46,10 +46,10 @@ pub trait Shape: Send + Sync {
     /// close to `hit`. Used for ray differentials.
     ///
     /// The primitive is extrapolated past its edge and (u, v) is unwrapped across seams, so that
-    /// finite differences stay small. The result depends only on position and (u, v) of `point`, the
-    /// surface at the hit. Only the shading normal and the attributes in `needs` are valid in the
-    /// result. Shapes without derivatives return `None`: textures of (u, v) then use their finest
-    /// level, and reflections treat the surface as flat.
+    /// finite differences stay small. The result depends only on position and (u, v) of `point`,
+    /// the surface at the hit. Only the shading normal and the attributes in `needs` are valid in
+    /// the result. Shapes without derivatives return `None`: textures of (u, v) then use their
+    /// finest level, and reflections treat the surface as flat.
     fn surface_at_offset(
         &self,
         point: &SurfaceInteraction,

@@ -45,7 +45,7 @@ pub struct Arguments {
     /// Reference image (OpenEXR), or a folder of images
     #[arg(value_name = "REFERENCE")]
     reference: PathBuf,
-    /// Write all numbers and the verdict to this file as JSON
+    /// Write all numbers and the verdict to this file as JSON; - means standard output
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     /// Write the verdict to this file as JUnit XML, which most CI systems display

@@ -25,8 +25,9 @@ const PICTURES: &str = "images/converge";
 /// A study names a scene, the parameter that is swept, and the image that counts as the truth. All
 /// configurations are rendered in turn, several times, half of them in a second session, which
 /// follows the first session of all studies. The tables show the median and its 95 % confidence
-/// interval. No claim is made below twice the error of the truth itself, nor outside the measured range. Finished measurements are
-/// kept under target/whitstone/converge: an interrupted run continues where it stopped.
+/// interval. No claim is made below twice the error of the truth itself, nor outside the measured
+/// range. Finished measurements are kept under target/whitstone/converge: an interrupted run
+/// continues where it stopped.
 ///
 /// Exit code 0 if all expectations of the studies hold (none of them depends on time); 1 if not, if
 /// a setting could not be measured, or if the truth is too inaccurate for any claim.
@@ -59,13 +60,14 @@ pub struct Arguments {
     /// Number of times each setting is timed, overriding the study
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=1000))]
     repeats: Option<u32>,
-    /// Approximate limit in seconds for the repeats of one setting; at least three are run, unless --repeats asks for fewer
+    /// Approximate limit in seconds for the repeats of one setting; at least three are run, unless
+    /// --repeats asks for fewer
     #[arg(long, default_value_t = 20.0, value_name = "SECONDS", value_parser = super::finite)]
     budget: f64,
     /// Number of threads of both renderers; 0 means one per core
     #[arg(long, value_name = "COUNT", default_value_t = 0, value_parser = super::threads)]
     threads: usize,
-    /// Write all results to this file as JSON
+    /// Write all results to this file as JSON; - means standard output
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     /// Write one line per point to this file as CSV

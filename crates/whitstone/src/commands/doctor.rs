@@ -27,7 +27,7 @@ use whitstone_validate::{Live, Renderer};
     after_help = "Examples:\n  whitstone doctor\n  whitstone doctor --no-install --json doctor.json"
 )]
 pub struct Arguments {
-    /// Write the findings to this file as JSON
+    /// Write the findings to this file as JSON; - means standard output
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     /// Do not create the Python environment, only look for it

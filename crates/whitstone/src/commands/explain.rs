@@ -33,7 +33,7 @@ pub struct Arguments {
     /// Also render the scene, and count its rays
     #[arg(long)]
     measure: bool,
-    /// Write everything to this file as JSON, including the whole ray tree
+    /// Write everything, with the whole ray tree, to this file as JSON; - means standard output
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }

@@ -20,8 +20,8 @@ const MAX_PIXELS: u64 = 192 * 192;
 /// Writes a picture of our image, the reference and the error. Nothing is stored without --accept,
 /// and never an image of more than 36,864 pixels (192 x 192).
 ///
-/// Exit code 1 if a reference was rendered and not stored; 2 for a wrong command line or scene, or an
-/// image that is too large; 3 without a live renderer, or if the reference has re-hits; else 0.
+/// Exit code 1 if a reference was rendered and not stored; 2 for a wrong command line or scene, or
+/// an image that is too large; 3 without a live renderer, or if the reference has re-hits; else 0.
 #[derive(Args, Debug)]
 #[command(
     help_template = super::HELP_TEMPLATE,

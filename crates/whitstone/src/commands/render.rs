@@ -2,7 +2,7 @@
 
 use super::{SceneArguments, build_with};
 use crate::slim;
-use crate::terminal::{Exit, Failure, progress};
+use crate::terminal::{Exit, Failure, STDOUT, progress, write_json};
 use clap::Args;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -39,7 +39,7 @@ pub struct Arguments {
     /// bit-identical
     #[arg(long = "no-specialization")]
     without_specialization: bool,
-    /// Write the image size, times and ray counts to this file as JSON
+    /// Write the image size, times and ray counts to this file as JSON; - means standard output
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
@@ -62,7 +62,8 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     };
     let picture = (as_png || arguments.png).then(|| output.with_extension("png"));
     let exr = (!as_png).then_some(&output);
-    let outputs: Vec<&Path> = [exr, picture.as_ref(), arguments.json.as_ref()]
+    let json = (arguments.json.as_ref()).filter(|path| *path != Path::new(STDOUT));
+    let outputs: Vec<&Path> = [exr, picture.as_ref(), json]
         .into_iter()
         .flatten()
         .map(PathBuf::as_path)
@@ -109,7 +110,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
             "render_s": film.render_seconds, "mrays_per_s": mrays, "not_finite": film.not_finite(),
             "rays": { "closest": film.counters.closest, "shadow": film.counters.shadow },
         });
-        atomic::write_bytes(path, format!("{report:#}\n").as_bytes()).map_err(Failure::environment)?;
+        write_json(path, &report)?;
     }
     Ok(Exit::Pass)
 }

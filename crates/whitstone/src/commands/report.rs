@@ -1,6 +1,6 @@
 //! `report`: the page of the last validation, with the results of other commands.
 
-use crate::terminal::{Exit, Failure, make_folder};
+use crate::terminal::{Exit, Failure, STDOUT, make_folder, write_json_text};
 use clap::Args;
 use std::collections::BTreeMap;
 use std::io::ErrorKind;
@@ -70,7 +70,7 @@ pub(super) fn check<'a>(target: &Path, others: impl IntoIterator<Item = &'a Path
     let folder = folder(target);
     make_folder(&folder)?;
     atomic::check(folder.join("results.json")).map_err(Failure::environment)?;
-    let mut others = others.into_iter();
+    let mut others = others.into_iter().filter(|path| *path != Path::new(STDOUT));
     others.try_for_each(|path| atomic::check(path).map_err(Failure::environment))
 }
 
@@ -84,7 +84,7 @@ pub(super) fn write(results: &Results, target: &Path, json: Option<&Path>) -> Re
         .into_iter()
         .flatten()
     {
-        atomic::write_bytes(path, text.as_bytes()).map_err(Failure::environment)?;
+        write_json_text(path, &text)?;
     }
     let pictures = results.results.iter().map(|case| (&case.scene, &case.pictures));
     let pictures: Vec<(&String, &Option<Pictures>)> = pictures.collect();

@@ -34,7 +34,7 @@ pub struct Arguments {
     /// Source of the reference
     #[arg(long, value_enum, default_value_t = ReferenceMode::Stored)]
     reference: ReferenceMode,
-    /// Write all numbers to this file as JSON
+    /// Write all numbers to this file as JSON; - means standard output
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     /// Folder for the Python environment and live references

@@ -59,7 +59,7 @@ pub struct Arguments {
     /// Do not run Mitsuba
     #[arg(long)]
     no_mitsuba: bool,
-    /// Write all results to this file as JSON
+    /// Write all results to this file as JSON; - means standard output
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     /// Plot error against the parameter and against time into this folder, one file per family

@@ -2,7 +2,7 @@
 
 use super::junit::{self, Case, Outcome};
 use super::report;
-use crate::terminal::{Exit, Failure, progress};
+use crate::terminal::{Exit, Failure, progress, verdict_word};
 use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -63,7 +63,7 @@ pub struct Arguments {
     /// Treat confirmed as a failure: the reference itself must agree
     #[arg(long)]
     strict: bool,
-    /// Also write the results to this file as JSON
+    /// Also write the results to this file as JSON; - means standard output
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     /// Write the verdicts to this file as JUnit XML, which most CI systems display
@@ -420,9 +420,14 @@ fn print_case(case: &CaseResult) {
         .reference
         .as_ref()
         .map_or("-", |reference| reference.source.as_str());
+    let exit = match status {
+        Status::Pass | Status::Confirmed => Some(Exit::Pass),
+        Status::Fail => Some(Exit::Differs),
+        Status::Undecided => None,
+    };
     println!(
-        "{:<9} {:<30} {:>8} {:>8} {:>8} {:>6} {:>11} {:>11} {:>8.3} {:>8}  {source:<6} {}",
-        status.word(),
+        "{} {:<30} {:>8} {:>8} {:>8} {:>6} {:>11} {:>11} {:>8.3} {:>8}  {source:<6} {}",
+        verdict_word(status.word(), exit, 9),
         case.scene,
         number(case.rmse),
         number(case.rel_rmse_interior),
