@@ -3,7 +3,7 @@
 //! They are in an EXR file of their own, which any tool can read. Each row is a pixel of the
 //! reference: its channels `X` and `Y` identify it, and R, G, B hold its distinct values, the
 //! nominal one first. All rows have the length of the longest; shorter ones are padded with the
-//! nominal value. The values are rounded to 12 bits, an eighth of the tolerance.
+//! nominal value. The values are rounded to 12 bits, a quarter of the tolerance.
 
 use crate::explain::agree;
 use std::collections::BTreeMap;
@@ -14,7 +14,7 @@ use whitstone_image::Image;
 const MOST_VALUES: usize = 64;
 /// Values that differ by less than this fraction of the tolerance count as equal.
 const SAME: f64 = 0.5;
-/// Bits of the mantissa of a stored value. The rounding error is 2^-13 of the value, an eighth of
+/// Bits of the mantissa of a stored value. The rounding error is 2^-12 of the value, a quarter of
 /// the tolerance; the files are half as large.
 const BITS: u32 = 12;
 
@@ -113,8 +113,8 @@ mod tests {
 
     #[test]
     fn rounding_is_to_nearest() {
-        for value in [1.0_f32, -0.3, 1e-20, 123.456, 0.0, 1.0 + 1.0 / 4096.0] {
-            assert!((rounded(value) - value).abs() <= value.abs() / 8192.0, "{value}");
+        for value in [1.0_f32, -0.3, 1e-20, 123.456, 0.0, 1.0 + 1.0 / 2048.0] {
+            assert!((rounded(value) - value).abs() <= value.abs() / 4096.0, "{value}");
         }
         assert_eq!(rounded(0.5), 0.5);
     }
