@@ -194,6 +194,6 @@ fn explain_tells_of_it() {
         .output()
         .unwrap();
     let text = String::from_utf8_lossy(&output.stdout);
-    assert!(text.contains("up to 9 in the place of one"), "{text}");
+    assert!(text.contains("up to 9 reflection rays per hit"), "{text}");
     assert!(text.contains("R00: ") && text.contains("R08: "), "{text}");
 }

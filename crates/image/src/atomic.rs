@@ -49,7 +49,7 @@ impl std::fmt::Display for Step {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
             Self::Inspect => "write to this path",
-            Self::Create => "create a temporary file in its folder",
+            Self::Create => "create a file in its folder",
             Self::Fill => "write",
             Self::Sync => "sync",
             Self::Rename => "rename the finished temporary file to it",

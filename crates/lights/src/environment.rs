@@ -363,12 +363,12 @@ mod tests {
         let missing = faces("", "").replace("faces.pz.file = \"pz\"\n", "");
         assert!(environment(&missing).err().unwrap().0[0].message.contains("pz"));
         for (odd, file, message) in [
-            ("nx", "none", "no such picture"),
+            ("nx", "none", "the test context has no such image"),
             ("py", "wide", "expected a square image, found 8 x 4"),
             (
                 "nz",
                 "small",
-                "expected a picture of 8 x 8 as the faces before it, found 4 x 4",
+                "expected an image of 8 x 8 pixels like the other faces, found 4 x 4",
             ),
         ] {
             let text = faces(odd, file);

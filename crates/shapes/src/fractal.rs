@@ -624,7 +624,7 @@ mod tests {
         };
         assert!(message("kind = \"julia\"").starts_with("missing key `c`"));
         assert!(message("kind = \"julia\"\nc = [0, 0, 0, 0]\npower = 3").contains("mandelbulb"));
-        assert!(message("kind = \"julia\"\nc = [2, 1, 0, 0]").contains("at most 2 long"));
+        assert!(message("kind = \"julia\"\nc = [2, 1, 0, 0]").contains("at most 2, found length"));
         assert!(message("kind = \"mandelbulb\"\nw = 0").contains("julia"));
         assert!(message("kind = \"mandelbulb\"\ndepth = 31").contains("from 1 to 30"));
         assert!(message("kind = \"mandelbrot\"").contains("unknown value"));

@@ -551,10 +551,10 @@ mod tests {
         );
         assert_eq!(
             ring("[0, 0, 0], [1, 0, 0], [-0.0, 0, 0], [0, 1, 0]").message,
-            "vertices 0 and 2 of this polygon are one point"
+            "vertices 0 and 2 of this polygon coincide"
         );
         let eight = "[0, 0, 0], [2, 2, 0], [2, 0, 0], [0, 1, 0]";
-        assert_eq!(ring(eight).message, "edges 0 and 2 of this polygon meet");
+        assert_eq!(ring(eight).message, "edges 0 and 2 of this polygon intersect");
         assert_eq!(
             ring("[0, 0, 0], [1, 0, 0], [2, 0, 0]").message,
             "the vertices of this polygon enclose no area"
@@ -562,11 +562,11 @@ mod tests {
         // A vertex on an edge, and an edge that turns back on the previous one.
         assert_eq!(
             ring("[0, 0, 0], [2, 0, 0], [2, 2, 0], [1, 0, 0], [0, 2, 0]").message,
-            "edges 0 and 3 of this polygon meet"
+            "edges 0 and 3 of this polygon intersect"
         );
         assert_eq!(
             ring("[0, 0, 0], [2, 0, 0], [1, 0, 0], [0, 2, 0]").message,
-            "edges 0 and 2 of this polygon meet"
+            "edges 0 and 2 of this polygon intersect"
         );
         assert!(
             ring("[0, 0, 0], [1e200, 0, 0], [0, 1e200, 0]")
