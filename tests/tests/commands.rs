@@ -406,7 +406,10 @@ fn explain_tells_what_each_part_takes() {
     let plain = costs("scenes/shapes/disk.toml");
     let film = part(&plain, "film").unwrap();
     assert_eq!(film["bytes"], 20 * 10 * 4 * 4);
-    assert!(film["work"].as_str().unwrap().starts_with("200 camera rays"), "{film}");
+    assert!(
+        film["work"].as_str().unwrap().starts_with("200 camera rays"),
+        "{film}"
+    );
     assert!(
         part(&plain, "accelerator").unwrap()["work"]
             .as_str()

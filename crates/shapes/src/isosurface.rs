@@ -707,7 +707,8 @@ mod tests {
         );
         assert!(message("size = [2, 2, 2]").starts_with("no values"));
         assert!(
-            message("size = [2, 2, 2]\nvalues = []\ngenerator = \"noise\"").starts_with("more than one source")
+            message("size = [2, 2, 2]\nvalues = []\ngenerator = \"noise\"")
+                .starts_with("more than one source")
         );
         assert!(message("size = [2, 2, 2]\ngenerator = \"noise\"\nballs = 3").contains("metaballs"));
         assert!(message("size = [2048, 2048, 2048]\ngenerator = \"noise\"").contains("more than"));

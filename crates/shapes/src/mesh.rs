@@ -287,7 +287,11 @@ mod tests {
         ));
         let mut context = TestContext::in_folder(&folder);
         let result = build_in::<Shapes, Mesh>("file = \"g.obj\"", huge.unwrap(), &mut context);
-        assert!(result.err().unwrap().0[0].message.contains("out of the range of double precision"));
+        assert!(
+            result.err().unwrap().0[0]
+                .message
+                .contains("out of the range of double precision")
+        );
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }
