@@ -11,12 +11,6 @@ use whitstone_core::{DuplicateType, Registry, Textures};
 
 mod support;
 
-#[cfg(any(
-    feature = "checker3d",
-    feature = "gradient",
-    feature = "rings",
-    feature = "stripes"
-))]
 #[cfg(feature = "checker")]
 pub mod checker;
 #[cfg(feature = "checker3d")]

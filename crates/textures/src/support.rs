@@ -1,5 +1,11 @@
 //! Shared by the textures: mapping, images, filters.
 
+#[cfg(any(
+    feature = "checker3d",
+    feature = "gradient",
+    feature = "rings",
+    feature = "stripes"
+))]
 pub(crate) mod cells;
 pub(crate) mod mapping;
 #[cfg(any(feature = "image", feature = "synthesized"))]
