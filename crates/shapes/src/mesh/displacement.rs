@@ -356,7 +356,11 @@ mod tests {
             "v 0 0 0\nv 0 0 0\nv 1 0 0\nf 1 2 3\n",
             "displacement = { height = 1 }",
         );
-        assert!(point.err().unwrap().0[0].message.contains("no triangle is left"));
+        assert!(
+            point.err().unwrap().0[0]
+                .message
+                .contains("all triangles are degenerate")
+        );
     }
 
     #[test]
