@@ -183,7 +183,7 @@ fn slim_package(needed: &Needed, registry: &Registry) -> Package {
         "//! Written by `cargo xtask slim`.\n\nuse whitstone::core::FamilyName;\n\n\
          const ABSENT: &[(FamilyName, &str, &str)] = &[\n{absent}];\n\n\
          fn main() -> std::process::ExitCode {{\n    whitstone::slim::run(|registry| {{\n{registered}        \
-         registry.leave_out(ABSENT);\n        Ok(())\n    }})\n}}\n"
+         registry.omit(ABSENT);\n        Ok(())\n    }})\n}}\n"
     );
     Package {
         name: "slim",
