@@ -2,7 +2,8 @@
 
 use std::path::{Path, PathBuf};
 use whitstone::core::Registry;
-use whitstone::scene::{Description, Pipeline, Plan, RenderOptions, Sources, all_errors};
+use whitstone::render::{BuildOptions, Pipeline, RenderOptions};
+use whitstone::scene::Sources;
 
 /// The program under test.
 #[macro_export]
@@ -35,10 +36,8 @@ pub fn small() -> Vec<String> {
 
 /// From text to pipeline, with all that is wrong as a report.
 pub fn build(sources: &Sources, registry: &Registry) -> Result<Pipeline, String> {
-    let report = |_| sources.report(&all_errors(sources, registry), false);
-    let description = Description::parse(sources).map_err(report)?;
-    let plan = Plan::new(&description, registry).map_err(report)?;
-    Pipeline::build(&plan, registry).map_err(report)
+    let report = |errors| sources.report(&errors, false);
+    Pipeline::load(sources, registry, BuildOptions::default()).map_err(report)
 }
 
 /// A scene file with overrides, built.

@@ -1,6 +1,6 @@
 //! Samples where they are needed: fewer rays for the same error.
 
-use whitstone::scene::{Film, RenderOptions};
+use whitstone::render::{Film, RenderOptions};
 use whitstone_tests::{load, root};
 
 fn rendered(sampler: &str) -> Film {

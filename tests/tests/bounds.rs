@@ -3,7 +3,7 @@
 use std::path::Path;
 use whitstone::core::{DVec2, Interval, SelfHitFilter};
 use whitstone::image::Raster;
-use whitstone::scene::Pipeline;
+use whitstone::render::Pipeline;
 use whitstone::{registry, wireframe};
 use whitstone_tests::{load, program, root};
 

@@ -3,7 +3,8 @@
 
 use std::path::Path;
 use whitstone::core::{Rgb, Scratch};
-use whitstone::scene::{Description, Pipeline, Plan, Sources};
+use whitstone::render::Pipeline;
+use whitstone::scene::{Description, Plan, Sources};
 use whitstone_oracle::tracer::{Tracer, Value};
 use whitstone_tests::{bits, build};
 
@@ -89,8 +90,10 @@ fn asked() -> impl Iterator<Item = [u32; 2]> {
 /// What the oracle says of these pixels; `None` where it does not know.
 fn truths(text: &str, rest: &str) -> Vec<Option<[f64; 3]>> {
     let sources = sources(text, rest);
-    let description = Description::parse(&sources).unwrap();
-    Plan::new(&description, &whitstone::registry()).unwrap();
+    let description = Description::parse(&sources).into_result().unwrap();
+    Plan::new(&description, &whitstone::registry())
+        .into_result()
+        .unwrap();
     let tracer = Tracer::new(&description).unwrap();
     let known = |pixel| match tracer.pixel(pixel) {
         Value::Known { rgb, uncertainty, .. } => {
@@ -388,7 +391,7 @@ fn the_pairs_are_named() {
         let built = built(text, "");
         assert!(built.coincident_unknown.is_empty());
         let drawn_apart =
-            |pair: &whitstone::scene::Coincidence| pair.gap.is_some_and(|gap| gap > 0.0 && gap < 1e-10);
+            |pair: &whitstone::render::Coincidence| pair.gap.is_some_and(|gap| gap > 0.0 && gap < 1e-10);
         assert!(built.coincident.iter().all(drawn_apart));
         built
             .coincident

@@ -3,7 +3,7 @@
 
 use std::fs;
 use whitstone::core::{FamilyName, Scratch, SurfaceAttributes};
-use whitstone::scene::RenderOptions;
+use whitstone::render::RenderOptions;
 use whitstone_tests::{bits, load, program, root, scenes, small};
 
 /// The file that the program writes of a scene with these arguments and this environment variable.

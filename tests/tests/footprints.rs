@@ -9,7 +9,8 @@ use whitstone::core::{
     Context, DVec2, Plugin, Registry, Rgb, SceneErrors, Scratch, SurfaceAttributes, SurfaceInteraction,
     Texture, Textures,
 };
-use whitstone::scene::{Pipeline, RenderOptions, Sources};
+use whitstone::render::{Pipeline, RenderOptions};
+use whitstone::scene::Sources;
 use whitstone_tests::build;
 
 /// Shows where it is looked up, or how far the neighbours are, with a factor that makes up for

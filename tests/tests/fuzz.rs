@@ -4,8 +4,9 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
-use whitstone::core::Registry;
-use whitstone::scene::{Description, Sources, all_errors};
+use whitstone::core::{Registry, SceneErrors};
+use whitstone::render::{BuildOptions, Pipeline};
+use whitstone::scene::{Description, Sources};
 use whitstone_tests::{build, program, root};
 
 /// A scene with a bit of everything, small enough to be built some ten thousand times.
@@ -83,13 +84,11 @@ fn answer(text: &str, registry: &Registry) -> Result<(), String> {
     let (sources, errors) = match Sources::from_text("scene.toml", text, Path::new(""), &[]) {
         Err(error) => (error.sources, error.errors),
         Ok(sources) => {
-            let errors = match build(&sources, registry) {
-                Ok(_) => Default::default(),
-                Err(_) => all_errors(&sources, registry),
+            let errors = match Pipeline::load(&sources, registry, BuildOptions::default()) {
+                Ok(_) => SceneErrors::default(),
+                Err(errors) if errors.0.is_empty() => return Err("it fails without an error".to_owned()),
+                Err(errors) => errors,
             };
-            if errors.0.is_empty() && build(&sources, registry).is_err() {
-                return Err("it fails without an error".to_owned());
-            }
             (sources, errors)
         }
     };
@@ -123,11 +122,9 @@ fn a_scene_cut_at_every_byte_is_answered() {
     let registry = whitstone::registry();
     check(SCENE, &registry);
     let whole = Sources::from_text("scene.toml", SCENE, Path::new(""), &[]).unwrap();
-    assert!(
-        build(&whole, &registry).is_ok(),
-        "{}",
-        whole.report(&all_errors(&whole, &registry), false)
-    );
+    if let Err(report) = build(&whole, &registry) {
+        panic!("{report}");
+    }
     for length in 0..SCENE.len() {
         // A file is text before it is a scene: what is cut inside a letter is not.
         if let Some(text) = SCENE.get(..length) {
@@ -273,7 +270,10 @@ fn refused_as_number(path: &Path) -> bool {
     else {
         return true;
     };
-    let errors = Description::parse(&sources).err().unwrap_or_default();
+    let errors = Description::parse(&sources)
+        .into_result()
+        .err()
+        .unwrap_or_default();
     errors
         .0
         .iter()
@@ -322,11 +322,11 @@ fn the_public_toml_files_are_answered() {
                 }
                 // None of them is a scene.
                 assert!(
-                    Description::parse(&sources).is_err(),
+                    Description::parse(&sources).into_result().is_err(),
                     "{} is no scene",
                     path.display()
                 );
-                assert!(!sources.report(&all_errors(&sources, &registry), false).is_empty());
+                assert!(!build(&sources, &registry).err().unwrap().is_empty());
             }
         }
     }

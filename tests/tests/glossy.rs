@@ -3,7 +3,7 @@
 
 use std::path::Path;
 use whitstone::core::{Rgb, Scratch};
-use whitstone::scene::Pipeline;
+use whitstone::render::Pipeline;
 use whitstone_tests::{bits, load, program, root};
 
 const HEAD: &str = r#"

@@ -9,7 +9,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use whitstone::core::FamilyName;
-use whitstone::scene::RenderOptions;
+use whitstone::render::RenderOptions;
 use whitstone::validate::environment::Environment;
 use whitstone::validate::{Mode, Options, Renderer, Status, Validator};
 use whitstone_tests::{load, root};

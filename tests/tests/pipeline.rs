@@ -3,7 +3,8 @@
 use std::path::Path;
 use std::sync::Arc;
 use whitstone::core::{Aabb, BsdfFlags, DVec3, Light, LightFlags, LightSample, Rgb};
-use whitstone::scene::{Pipeline, RenderOptions, Sources};
+use whitstone::render::{Pipeline, RenderOptions};
+use whitstone::scene::Sources;
 use whitstone_tests::{build, root};
 
 fn pipeline(text: &str) -> Pipeline {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 use whitstone::core::{Rgb, Scratch};
-use whitstone::scene::{Pipeline, RenderOptions};
+use whitstone::render::{Pipeline, RenderOptions};
 use whitstone_tests::{bits, load, root};
 
 const HEAD: &str = r#"

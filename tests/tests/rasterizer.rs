@@ -1,6 +1,6 @@
 //! Rasterization beside ray casting: the same picture, pixel for pixel.
 
-use whitstone::scene::Pipeline;
+use whitstone::render::Pipeline;
 use whitstone_tests::{bits, load, root};
 
 fn built(scene: &str, integrator: &str, more: &[&str]) -> Pipeline {
@@ -50,7 +50,7 @@ fn the_comparison_bites() {
     let drawn = built(scene, "rasterizer", &[]);
     let moved = built(scene, "appel", &["camera.fov=60.01"]);
     assert!(differing(&drawn, &moved) > 1_000);
-    let options = || whitstone::scene::RenderOptions {
+    let options = || whitstone::render::RenderOptions {
         threads: 1,
         progress: None,
     };
@@ -73,7 +73,7 @@ fn interpolated_colours_of_flat_triangles_are_those_of_pixels() {
         let path = root().join("scenes/shapes/heightfield.toml");
         load(&path, &[set], &whitstone::registry()).unwrap_or_else(|report| panic!("{report}"))
     };
-    let options = || whitstone::scene::RenderOptions::default();
+    let options = || whitstone::render::RenderOptions::default();
     let (phong, gouraud) = (
         built("phong").render(options()),
         built("gouraud").render(options()),

@@ -3,7 +3,7 @@
 
 use whitstone::core::DVec3;
 use whitstone::core::{Rgb, Scratch};
-use whitstone::scene::Pipeline;
+use whitstone::render::Pipeline;
 use whitstone_tests::{load, root};
 
 fn built(scene: &str, overrides: &[&str]) -> Pipeline {

@@ -1,7 +1,7 @@
 //! What stands between a point and a light, to the last digit.
 
 use std::fs;
-use whitstone::scene::RenderOptions;
+use whitstone::render::RenderOptions;
 use whitstone_tests::load;
 
 /// A lamp in the very plane of the floor; what hangs over it is lit from below.

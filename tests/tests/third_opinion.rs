@@ -22,8 +22,8 @@ const SHARP: f64 = 1e-6;
 fn counts(scene: &std::path::Path, ours: &[String]) -> Option<[usize; 3]> {
     let registry = whitstone::registry();
     let sources = Sources::load(scene, &[]).ok()?;
-    let description = Description::parse(&sources).ok()?;
-    Plan::new(&description, &registry).ok()?;
+    let description = Description::parse(&sources).into_result().ok()?;
+    Plan::new(&description, &registry).into_result().ok()?;
     let tracer = Tracer::new(&description).ok()?;
     let pipeline = load(scene, ours, &registry).ok()?;
     let tolerance = if pipeline.scene.reads_footprints() {

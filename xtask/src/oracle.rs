@@ -181,9 +181,11 @@ fn name(path: &Path) -> String {
 fn query(path: &Path, arguments: &Arguments, registry: &Registry) -> Result<Row, Failure> {
     let sources = Sources::load(path, &[])
         .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
-    let description = Description::parse(&sources);
+    let description = Description::parse(&sources).into_result();
     let description = description.map_err(|errors| Failure::usage(sources.report(&errors, false)))?;
-    Plan::new(&description, registry).map_err(|errors| Failure::usage(sources.report(&errors, false)))?;
+    Plan::new(&description, registry)
+        .into_result()
+        .map_err(|errors| Failure::usage(sources.report(&errors, false)))?;
     let start = Instant::now();
     let deadline = start + Duration::from_secs(arguments.budget);
     let size = description.film.size;

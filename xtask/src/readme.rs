@@ -9,7 +9,8 @@ use std::time::Duration;
 use whitstone::core::Registry;
 use whitstone::image::error_map::{ErrorView, trio};
 use whitstone::image::{Raster, ToneMap, atomic};
-use whitstone::scene::{Description, Film, Pipeline, Plan, RenderOptions, Sources};
+use whitstone::render::{BuildOptions, Film, Pipeline, RenderOptions};
+use whitstone::scene::Sources;
 use whitstone::validate::opinion::{Ask, Opinion, OraclePolicy};
 use whitstone::validate::stored::Stored;
 use whitstone::validate::{CaseResult, Mode, Options, Renderer, Status, Validator, find_scenes};
@@ -233,9 +234,7 @@ fn build(registry: &Registry, scene: &Path, overrides: &[String]) -> Result<Pipe
     let sources = Sources::load(scene, overrides)
         .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
     let report = |errors| Failure::usage(sources.report(&errors, false));
-    let description = Description::parse(&sources).map_err(report)?;
-    let plan = Plan::new(&description, registry).map_err(report)?;
-    Pipeline::build(&plan, registry).map_err(report)
+    Pipeline::load(&sources, registry, BuildOptions::default()).map_err(report)
 }
 
 fn render(registry: &Registry, scene: &Path, overrides: &[String]) -> Result<(Film, String), Failure> {

@@ -14,7 +14,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Instant;
 use whitstone::core::Registry;
-use whitstone::scene::{Description, Pipeline, Plan, Sources};
+use whitstone::render::{BuildOptions, Pipeline};
+use whitstone::scene::Sources;
 use whitstone::{Exit, Failure};
 
 /// Build a binary with only the plugins that a scene needs, and compare it with the full binary
@@ -112,11 +113,12 @@ struct Scene {
 fn needed(scene: &Path, registry: &Registry) -> Result<Scene, Failure> {
     let failure = |sources: &Sources, errors: &_| Failure::usage(sources.report(errors, false));
     let sources = Sources::load(scene, &[]).map_err(|error| failure(&error.sources, &error.errors))?;
-    let description = Description::parse(&sources).map_err(|errors| failure(&sources, &errors))?;
-    let plan = Plan::new(&description, registry).map_err(|errors| failure(&sources, &errors))?;
-    let pipeline = Pipeline::build(&plan, registry).map_err(|errors| failure(&sources, &errors))?;
+    let (pipeline, named) = Pipeline::load_and(&sources, registry, BuildOptions::default(), |plan| {
+        plan.named.clone()
+    })
+    .map_err(|errors| failure(&sources, &errors))?;
     let mut needed = Needed::new();
-    let all: BTreeSet<_> = pipeline.used.union(&plan.named).collect();
+    let all: BTreeSet<_> = pipeline.used.union(&named).collect();
     for (family, name) in all {
         let entry = registry
             .get(*family, name)
@@ -126,7 +128,7 @@ fn needed(scene: &Path, registry: &Registry) -> Result<Scene, Failure> {
             .or_default()
             .push((*name).to_owned());
     }
-    let film = pipeline.render(whitstone::scene::RenderOptions::default());
+    let film = pipeline.render(whitstone::render::RenderOptions::default());
     let image = film.to_image(&pipeline.scene_hash).map_err(Failure::usage)?;
     let path = Path::new(FOLDER).join("expected.exr");
     std::fs::create_dir_all(FOLDER).map_err(Failure::environment)?;

@@ -35,6 +35,7 @@ pub mod slab_bvh;
 /// Registers every accelerator whose feature is enabled.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     let from = env!("CARGO_PKG_NAME");
+    registry.set_automatic_accelerator(support::automatic::choose);
     #[cfg(feature = "brute_force")]
     registry.add::<Accelerators, brute_force::BruteForce>(from)?;
     #[cfg(feature = "bvh")]

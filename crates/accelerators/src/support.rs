@@ -1,5 +1,6 @@
 //! Shared by the accelerators: elements and their bounds, split rules, leaves.
 
+pub(crate) mod automatic;
 #[cfg(any(feature = "bvh2", feature = "obb_bvh", feature = "slab_bvh"))]
 pub(crate) mod binary;
 pub(crate) mod elements;

@@ -5,7 +5,8 @@ mod backends {
     use libtest_mimic::{Failed, Trial};
     use std::path::Path;
     use whitstone::core::{FamilyName, Registry};
-    use whitstone::scene::{Description, Pipeline, Plan, RenderOptions, Sources, all_errors};
+    use whitstone::render::{BuildOptions, Pipeline, RenderOptions};
+    use whitstone::scene::{Description, Plan, Sources};
 
     /// Maximum fraction of pixels that are not close: a ray near an edge may hit another triangle,
     /// and then the pixel shows something else.
@@ -38,10 +39,8 @@ mod backends {
         let overrides = [size, format!("accelerator={accelerator}")];
         let sources =
             Sources::load(&path, &overrides).map_err(|error| error.sources.report(&error.errors, false))?;
-        let report = |_| sources.report(&all_errors(&sources, &registry), false);
-        let description = Description::parse(&sources).map_err(report)?;
-        let plan = Plan::new(&description, &registry).map_err(report)?;
-        let pipeline = Pipeline::build(&plan, &registry).map_err(report)?;
+        let report = |errors| sources.report(&errors, false);
+        let pipeline = Pipeline::load(&sources, &registry, BuildOptions::default()).map_err(report)?;
         let approximation_note = pipeline.scene.accelerator.approximation_note().map(str::to_owned);
         Ok((pipeline.render(RenderOptions::default()).rgb, approximation_note))
     }

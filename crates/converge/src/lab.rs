@@ -8,7 +8,8 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 use whitstone_core::{Registry, SceneError, SceneErrors};
 use whitstone_image::{Image, Limits, Mask, exr_io};
-use whitstone_scene::{Description, Flattened, Pipeline, Plan, RenderOptions, Sources, all_errors};
+use whitstone_render::{BuildOptions, Pipeline, RenderOptions};
+use whitstone_scene::{Description, Flattened, Sources};
 use whitstone_validate::driver::{Driver, DriverError, Rendered, SceneText, Setting};
 
 /// Shorter renderings, in seconds, are timed in batches, because clocks and schedulers have a
@@ -126,18 +127,17 @@ impl<'a> Lab<'a> {
     /// The scene with changes, flattened to one document.
     pub(crate) fn flatten(&self, study: &Study, changes: &[Change]) -> Result<Flattened, String> {
         let sources = load(study, changes)?;
-        let description =
-            Description::parse(&sources).map_err(|errors| placed(study, changes, &sources, errors))?;
+        let description = Description::parse(&sources)
+            .into_result()
+            .map_err(|errors| placed(study, changes, &sources, errors))?;
         Ok(description.flattened)
     }
 
     /// Builds the scene with changes.
     pub(crate) fn build(&self, study: &Study, changes: &[Change]) -> Result<Pipeline, String> {
         let sources = load(study, changes)?;
-        let report = |_: SceneErrors| placed(study, changes, &sources, all_errors(&sources, self.registry));
-        let description = Description::parse(&sources).map_err(report)?;
-        let plan = Plan::new(&description, self.registry).map_err(report)?;
-        Pipeline::build(&plan, self.registry).map_err(report)
+        let report = |errors: SceneErrors| placed(study, changes, &sources, errors);
+        Pipeline::load(&sources, self.registry, BuildOptions::default()).map_err(report)
     }
 
     /// Pixels whose neighbourhood shows more than one surface.

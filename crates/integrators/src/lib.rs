@@ -7,7 +7,7 @@
     allow(unused, reason = "some parts serve single plugins")
 )]
 
-use whitstone_core::{DuplicateType, Integrators, Registry};
+use whitstone_core::{DuplicateType, FamilyName, Integrators, Registry};
 
 mod local_illumination;
 mod paths;
@@ -24,6 +24,7 @@ pub mod whitted;
 /// Registers every integrator whose feature is enabled.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     let from = env!("CARGO_PKG_NAME");
+    registry.set_default(FamilyName::Integrator, "whitted");
     #[cfg(feature = "appel")]
     registry.add::<Integrators, appel::Appel>(from)?;
     #[cfg(feature = "rasterizer")]

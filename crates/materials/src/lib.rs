@@ -7,7 +7,7 @@
     allow(unused, reason = "some parts serve single plugins")
 )]
 
-use whitstone_core::{DuplicateType, Materials, Registry};
+use whitstone_core::{DuplicateType, FamilyName, Materials, Registry};
 
 mod support;
 
@@ -45,6 +45,7 @@ pub mod whitted;
 /// Registers every material whose feature is enabled.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     let from = env!("CARGO_PKG_NAME");
+    registry.set_default(FamilyName::Material, "matte");
     #[cfg(feature = "blinn_phong")]
     registry.add::<Materials, blinn_phong::BlinnPhong>(from)?;
     #[cfg(feature = "bump")]

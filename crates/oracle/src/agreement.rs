@@ -5,7 +5,8 @@ use crate::{Nearest, Oracle};
 use std::fmt;
 use std::path::Path;
 use whitstone_core::{Aabb, DVec3, Interval, Ray, Registry, SceneErrors};
-use whitstone_scene::{Description, Pipeline, Plan, Sources};
+use whitstone_render::{BuildOptions, Pipeline};
+use whitstone_scene::{Description, Plan, Sources};
 
 /// Largest accepted error of a ray parameter, in units in the last place (ulp), divided by the
 /// condition number.
@@ -39,10 +40,12 @@ impl Subject {
         let sources = Sources::from_text("subject", &text, base, &[]);
         let sources = sources.map_err(|error| error.sources.report(&error.errors, false))?;
         let report = |errors: SceneErrors| sources.report(&errors, false);
-        let description = Description::parse(&sources).map_err(report)?;
-        let plan = Plan::new(&description, registry).map_err(report)?;
+        let description = Description::parse(&sources).into_result().map_err(report)?;
+        let plan = Plan::new(&description, registry).into_result().map_err(report)?;
         Ok(Self {
-            pipeline: Pipeline::build(&plan, registry).map_err(report)?,
+            pipeline: Pipeline::build(&plan, registry, BuildOptions::default())
+                .into_result()
+                .map_err(report)?,
             oracle: Oracle::new(&description, 0).map_err(report)?,
             textbook_f32: textbook(&description, 0).map_err(report)?,
             textbook_f64: textbook(&description, 0).map_err(report)?,

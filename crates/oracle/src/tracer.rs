@@ -148,7 +148,10 @@ fn six() -> u32 {
 }
 
 impl Rules {
-    fn new(plugin: &PluginTable<'_>) -> Result<Self, SceneErrors> {
+    /// Section 6 of the model: without a table, `whitted` with its defaults.
+    fn new(plugin: Option<&PluginTable<'_>>) -> Result<Self, SceneErrors> {
+        let default = PluginTable::named("whitted");
+        let plugin = plugin.unwrap_or(&default);
         if !["whitted", "appel", "rasterizer"].contains(&&*plugin.name) {
             return Err(unknown(plugin, "integrator"));
         }
@@ -270,13 +273,13 @@ impl Tracer {
     /// # Errors
     /// Every part of the scene that the oracle does not support.
     pub fn new(description: &Description<'_>) -> Result<Self, SceneErrors> {
-        let sampler = Sampler::new(&description.sampler)?;
+        let sampler = Sampler::new(description.sampler.as_ref())?;
         let apart = filters(description).then(|| 1.0 / (sampler.at_first() as f64).sqrt());
         Ok(Self {
             scene: Scene::new(description)?,
             camera: Camera::new(&description.camera, &description.film)?,
             lights: Lights::new(description)?,
-            rules: Rules::new(&description.integrator)?,
+            rules: Rules::new(description.integrator.as_ref())?,
             sampler,
             apart,
             size: [description.film.size.width, description.film.size.height],

@@ -13,7 +13,7 @@ use whitstone_testkit::{Aim, Random};
 fn with<T>(text: &str, use_it: impl FnOnce(&Description<'_>) -> T) -> T {
     let camera = "camera = { type = \"perspective\" }\n";
     let sources = Sources::from_text("test", &format!("{camera}{text}"), Path::new("."), &[]).unwrap();
-    use_it(&Description::parse(&sources).unwrap())
+    use_it(&Description::parse(&sources).into_result().unwrap())
 }
 
 fn oracle(keys: &str) -> Oracle {

@@ -8,7 +8,7 @@
 )]
 
 use whitstone_core::hash::mix;
-use whitstone_core::{DuplicateType, Registry, Samplers};
+use whitstone_core::{DuplicateType, FamilyName, Registry, Samplers};
 
 mod support;
 
@@ -31,6 +31,7 @@ fn hash_of_pixel(seed: u32, [i, j]: [u32; 2]) -> u32 {
 /// Registers every sampler whose feature is enabled.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     let from = env!("CARGO_PKG_NAME");
+    registry.set_default(FamilyName::Sampler, "center");
     #[cfg(feature = "adaptive")]
     registry.add::<Samplers, adaptive::Adaptive>(from)?;
     #[cfg(feature = "center")]

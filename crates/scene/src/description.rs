@@ -1,5 +1,5 @@
 use crate::document::{self, Flattened, Value, type_name};
-use crate::{Sources, transform};
+use crate::{AUTO, Checked, Sources, transform};
 use serde::{Deserialize, Deserializer};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::LazyLock;
@@ -23,11 +23,11 @@ pub struct Description<'s> {
     pub film: FilmTable,
     /// The camera.
     pub camera: PluginTable<'s>,
-    /// The sampler, which places samples in a pixel.
-    pub sampler: PluginTable<'s>,
-    /// The integrator.
-    pub integrator: PluginTable<'s>,
-    /// The accelerator; the type may be "auto".
+    /// The sampler, which places samples in a pixel; `None` for the registry's default.
+    pub sampler: Option<PluginTable<'s>>,
+    /// The integrator; `None` for the registry's default.
+    pub integrator: Option<PluginTable<'s>>,
+    /// The accelerator; the type may be [`AUTO`].
     pub accelerator: PluginTable<'s>,
     /// Lights, in the order of the file.
     pub lights: Vec<PluginTable<'s>>,
@@ -46,18 +46,17 @@ pub struct Description<'s> {
     pub expect: Expect,
     /// The same scene as a single document.
     pub flattened: Flattened,
-    /// The parts that could not be read. Empty except in [`crate::all_errors`], which continues
-    /// without them.
-    pub(crate) faulty: Faulty,
+    /// The parts that could not be read. Later steps continue without them.
+    pub faulty: Faulty,
 }
 
 /// Parts of a scene that exist but could not be read, so that they are not reported as missing too.
 #[derive(Debug, Default)]
-pub(crate) struct Faulty {
+pub struct Faulty {
     /// Names of top-level tables; an empty table replaces each.
-    pub(crate) tables: BTreeSet<&'static str>,
+    pub tables: BTreeSet<&'static str>,
     /// Shared plugins by family and id.
-    pub(crate) shared: BTreeSet<(&'static str, String)>,
+    pub shared: BTreeSet<(&'static str, String)>,
 }
 
 /// The type and parameters of a plugin.
@@ -83,7 +82,7 @@ impl PluginTable<'_> {
 
     /// A plugin that another one builds for a file, with further keys and values. Its errors are
     /// reported at the file's place.
-    pub(crate) fn of_file(name: &str, file: &FilePath, words: &[(&'static str, &'static str)]) -> Self {
+    pub fn of_file(name: &str, file: &FilePath, words: &[(&'static str, &'static str)]) -> Self {
         let span = || file.span.clone();
         let mut table = DeTable::new();
         let path = DeString::Owned(file.path.clone());
@@ -123,7 +122,7 @@ pub struct ShapeTable<'s> {
 /// A group of shapes.
 #[derive(Clone, Debug)]
 pub struct GroupTable<'s> {
-    /// The accelerator of the group; the type may be "auto".
+    /// The accelerator of the group; the type may be [`AUTO`].
     pub accelerator: PluginTable<'s>,
     /// Shapes, in the order of the file; not empty.
     pub shapes: Vec<ShapeTable<'s>>,
@@ -142,7 +141,7 @@ pub struct FilmTable {
 
 impl FilmTable {
     /// Memory of all pixels in bytes.
-    pub(crate) fn bytes(&self) -> u64 {
+    pub fn bytes(&self) -> u64 {
         let pixels = u64::from(self.size.width) * u64::from(self.size.height);
         let layers: usize = self.aovs.iter().map(|aov| aov.channels().len()).sum();
         pixels * (3 + layers as u64) * size_of::<f32>() as u64
@@ -178,6 +177,19 @@ pub enum Aov {
     PrimitiveId,
 }
 
+impl Aov {
+    /// EXR channels of the layer.
+    pub fn channels(self) -> &'static [&'static str] {
+        match self {
+            Self::Depth => &["depth.Z"],
+            Self::Normal => &["normal.X", "normal.Y", "normal.Z"],
+            Self::Uv => &["uv.U", "uv.V"],
+            Self::ShapeId => &["shape_id.I"],
+            Self::PrimitiveId => &["primitive_id.I"],
+        }
+    }
+}
+
 /// The `[expect]` table: limits that differ from the defaults, and the reason.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -211,19 +223,11 @@ struct RawFilm {
 }
 
 impl<'s> Description<'s> {
-    /// Reads the tables; reports all errors at once.
-    pub fn parse(sources: &'s Sources) -> Result<Self, SceneErrors> {
-        match Self::parse_partly(sources) {
-            (Some(description), errors) => errors.into_result(description),
-            (None, errors) => Err(errors),
-        }
-    }
-
-    /// Like [`Self::parse`], with everything that could be read in spite of the errors.
-    pub(crate) fn parse_partly(sources: &'s Sources) -> (Option<Self>, SceneErrors) {
+    /// Reads the tables. There is no description only if a file is not TOML.
+    pub fn parse(sources: &'s Sources) -> Checked<Self> {
         let (mut merged, mut errors) = match document::merge(sources) {
             Ok(merged) => merged,
-            Err(errors) => return (None, errors),
+            Err(errors) => return Checked { value: None, errors },
         };
         let (flattened, not_flat) = Flattened::new(&merged, sources);
         let mut inline = Vec::new();
@@ -245,9 +249,9 @@ impl<'s> Description<'s> {
         }
         let camera = camera.and_then(|value| reader.plugin(value, "camera"));
         let camera = reader.or_empty(camera, "camera");
-        let sampler = reader.plugin_or(merged.remove("sampler"), "sampler", "center");
-        let integrator = reader.plugin_or(merged.remove("integrator"), "integrator", "whitted");
-        let accelerator = reader.plugin_or(merged.remove("accelerator"), "accelerator", "auto");
+        let sampler = reader.optional(merged.remove("sampler"), "sampler");
+        let integrator = reader.optional(merged.remove("integrator"), "integrator");
+        let accelerator = reader.accelerator(merged.remove("accelerator"));
         let lights = reader.list(merged.remove("light"), "light");
         let textures = reader.shared(merged.remove("texture"), "texture");
         let materials = reader.shared(merged.remove("material"), "material");
@@ -283,7 +287,10 @@ impl<'s> Description<'s> {
             flattened,
             faulty,
         };
-        (Some(description), errors)
+        Checked {
+            value: Some(description),
+            errors,
+        }
     }
 }
 
@@ -362,12 +369,15 @@ impl<'s> Reader<'_, 's> {
         Some(expect)
     }
 
-    fn plugin_or(&mut self, value: Option<Value<'s>>, what: &'static str, default: &str) -> PluginTable<'s> {
-        let plugin = match value {
-            Some(value) => self.plugin(value, what),
-            None => Some(PluginTable::named(default)),
-        };
-        self.or_empty(plugin, what)
+    /// A plugin that the scene may leave to the registry.
+    fn optional(&mut self, value: Option<Value<'s>>, what: &'static str) -> Option<PluginTable<'s>> {
+        let plugin = self.plugin(value?, what);
+        Some(self.or_empty(plugin, what))
+    }
+
+    fn accelerator(&mut self, value: Option<Value<'s>>) -> PluginTable<'s> {
+        self.optional(value, "accelerator")
+            .unwrap_or_else(|| PluginTable::named(AUTO))
     }
 
     /// The plugin, or an empty table if it could not be read.
@@ -550,7 +560,7 @@ impl<'s> Reader<'_, 's> {
                 self.faulty.shared.insert(("group", id));
                 continue;
             };
-            let accelerator = self.plugin_or(table.get_mut().remove("accelerator"), "accelerator", "auto");
+            let accelerator = self.accelerator(table.get_mut().remove("accelerator"));
             let shapes = self.shapes(table.get_mut().remove("shape"));
             for key in table.get_ref().keys() {
                 let error = SceneError::at(key.span(), format!("unknown key `{}`", key.get_ref()));

@@ -1,10 +1,9 @@
-//! Groups of shapes: finds the groups that are instantiated, and builds them.
+//! Groups of shapes: finds those that are instantiated, and numbers their shapes.
 
 use crate::Description;
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::Arc;
 use whitstone_core::config::GroupRef;
-use whitstone_core::{Group, SceneError, SceneErrors, SourceSpan, nearest};
+use whitstone_core::{SceneError, SceneErrors, SourceSpan, nearest};
 
 /// Maximum nesting of groups. A ray is transformed at each level, and hand-written scenes are much
 /// shallower.
@@ -17,16 +16,6 @@ pub struct PlannedGroup<'d> {
     pub id: &'d str,
     /// Number of its first shape.
     pub first_shape: u32,
-}
-
-/// A built group.
-pub struct BuiltGroup {
-    /// The id, as in `[group.ID]`.
-    pub id: String,
-    /// Its shapes and their accelerator.
-    pub group: Arc<Group>,
-    /// The accelerator in use, and the reason if the scene leaves the choice.
-    pub accelerator: (String, String),
 }
 
 /// The groups in use, each after the groups that it instantiates itself.
@@ -106,7 +95,7 @@ impl<'d> Search<'_, 'd, '_> {
 }
 
 /// The error that no item of a kind has this id, with the nearest existing one.
-pub(crate) fn unknown_id<'a>(
+pub fn unknown_id<'a>(
     what: &str,
     span: &SourceSpan,
     id: &str,
@@ -132,10 +121,9 @@ mod tests {
     fn planned(text: &str) -> (Vec<(String, u32)>, Vec<String>) {
         let text = format!("{text}\n[camera]\ntype = \"perspective\"\n");
         let sources = Sources::from_text("groups.toml", &text, Path::new(""), &[]).unwrap();
-        let (description, errors) = Description::parse_partly(&sources);
-        assert!(errors.0.is_empty(), "{errors}");
+        let description = Description::parse(&sources).into_result().unwrap();
         let mut errors = SceneErrors::default();
-        let plan = plan(description.as_ref().unwrap(), &mut errors);
+        let plan = plan(&description, &mut errors);
         let plan = plan.iter().map(|group| (group.id.to_owned(), group.first_shape));
         (
             plan.collect(),

@@ -1,42 +1,27 @@
-//! Turns a scene file into an image, in steps with one type each: [`Sources`] (text) ->
-//! [`Description`] (tables) -> [`Plan`] (required parts) -> [`Pipeline`] (built) -> [`Film`]
-//! (rendered).
+//! Scene files: [`Sources`] (text) -> [`Description`] (tables) -> [`Plan`] (required parts).
 //!
-//! This crate depends on the plugin registry, not on the plugins.
+//! This crate describes scenes. It depends on the plugin registry, not on the plugins, and builds
+//! nothing; `whitstone-render` does.
 
-mod adaptive;
-mod cache;
-mod check;
-mod choice;
-mod coincident;
-mod costs;
+mod checked;
 mod description;
 mod document;
-mod film;
 mod groups;
-mod limits;
-mod memory;
-mod operands;
-mod pipeline;
 mod plan;
-mod reach;
 #[cfg(feature = "schema")]
 mod schema;
 mod sources;
 mod transform;
-mod unused;
 
-pub use cache::Cache;
-pub use check::{all_errors, all_errors_with};
-pub use coincident::Coincidence;
-pub use costs::Cost;
-pub use description::{Aov, Description, Expect, FilmTable, GroupTable, PluginTable, ShapeTable};
+pub use checked::Checked;
+pub use description::{Aov, Description, Expect, Faulty, FilmTable, GroupTable, PluginTable, ShapeTable};
 pub use document::{Flattened, nearest_top_level};
-pub use film::{Film, Progress, RenderOptions};
-pub use groups::{BuiltGroup, PlannedGroup};
-pub use pipeline::{BuildOptions, Pipeline};
+pub use groups::{PlannedGroup, unknown_id};
 pub use plan::{Omitted, Plan};
 #[cfg(feature = "schema")]
 pub use schema::{scene_schema, table_schema};
 pub use sources::{LoadError, Position, Sources};
 pub use transform::parse as parse_transform;
+
+/// The accelerator type with which a scene leaves the choice to the program.
+pub const AUTO: &str = "auto";

@@ -1,5 +1,5 @@
 use crate::groups::{self, PlannedGroup};
-use crate::{Description, ShapeTable};
+use crate::{AUTO, Checked, Description, PluginTable, ShapeTable};
 use std::collections::BTreeSet;
 use whitstone_core::{FamilyName, Registry, SceneErrors};
 
@@ -7,6 +7,10 @@ use whitstone_core::{FamilyName, Registry, SceneErrors};
 pub struct Plan<'d, 's> {
     /// The scene.
     pub description: &'d Description<'s>,
+    /// The sampler, also if the scene has no table for it.
+    pub sampler: PluginTable<'s>,
+    /// The integrator, also if the scene has no table for it.
+    pub integrator: PluginTable<'s>,
     /// The instantiated groups, each after the groups that it instantiates itself.
     pub groups: Vec<PlannedGroup<'d>>,
     /// The parts that are not built, loaded or run.
@@ -26,28 +30,29 @@ pub struct Omitted {
 }
 
 impl<'d, 's> Plan<'d, 's> {
-    /// Looks up every plugin by its type, and resolves the references from shapes to materials.
-    pub fn new(description: &'d Description<'s>, registry: &Registry) -> Result<Self, SceneErrors> {
-        let (plan, errors) = Self::new_partly(description, registry);
-        errors.into_result(plan)
-    }
-
-    /// Like [`Self::new`], with the plan of the valid parts.
-    pub(crate) fn new_partly(description: &'d Description<'s>, registry: &Registry) -> (Self, SceneErrors) {
+    /// Looks up every plugin by its type, and finds the groups in use. There is always a plan, of
+    /// the valid parts.
+    pub fn new(description: &'d Description<'s>, registry: &Registry) -> Checked<Self> {
         use FamilyName::{Accelerator, Camera, Integrator, Light, Material, Sampler, Shape, Texture};
         let mut errors = SceneErrors::default();
+        let mut or_default = |table: &Option<PluginTable<'s>>, family| match table {
+            Some(table) => table.clone(),
+            None => PluginTable::named(errors.take(registry.default_type(family)).unwrap_or_default()),
+        };
+        let sampler = or_default(&description.sampler, Sampler);
+        let integrator = or_default(&description.integrator, Integrator);
         let mut named = BTreeSet::new();
         let plugins = [
             (Camera, &description.camera),
-            (Sampler, &description.sampler),
-            (Integrator, &description.integrator),
+            (Sampler, &sampler),
+            (Integrator, &integrator),
         ]
         .into_iter()
-        .chain((description.accelerator.name != "auto").then_some((Accelerator, &description.accelerator)))
+        .chain((description.accelerator.name != AUTO).then_some((Accelerator, &description.accelerator)))
         .chain(description.lights.iter().map(|plugin| (Light, plugin)))
         .chain(description.shapes.iter().map(|shape| (Shape, &shape.plugin)))
         .chain(description.groups.values().flat_map(|group| {
-            let named = (group.accelerator.name != "auto").then_some((Accelerator, &group.accelerator));
+            let named = (group.accelerator.name != AUTO).then_some((Accelerator, &group.accelerator));
             named
                 .into_iter()
                 .chain(group.shapes.iter().map(|shape| (Shape, &shape.plugin)))
@@ -55,7 +60,8 @@ impl<'d, 's> Plan<'d, 's> {
         .chain(description.materials.values().map(|plugin| (Material, plugin)))
         .chain(description.textures.values().map(|plugin| (Texture, plugin)));
         for (family, plugin) in plugins {
-            if description.faulty.tables.contains(family.singular()) {
+            // An empty type stands for a table that could not be read.
+            if description.faulty.tables.contains(family.singular()) || plugin.name.is_empty() {
                 continue;
             }
             match registry.get(family, &plugin.name) {
@@ -81,11 +87,16 @@ impl<'d, 's> Plan<'d, 's> {
             .collect();
         let plan = Self {
             description,
+            sampler,
+            integrator,
             groups,
             left_out,
             named,
         };
-        (plan, errors)
+        Checked {
+            value: Some(plan),
+            errors,
+        }
     }
 
     /// All shapes that are used, by number; those of groups come last.

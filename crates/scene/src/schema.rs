@@ -1,5 +1,6 @@
 //! The JSON Schema of whole scenes, composed of those of the registered plugins.
 
+use crate::AUTO;
 use serde_json::{Map, Value, json};
 use whitstone_core::{Entry, FamilyName, Registry};
 
@@ -27,7 +28,7 @@ pub fn scene_schema(registry: &Registry) -> Value {
         if family == FamilyName::Accelerator {
             choices.push(object(
                 "Chosen by the program; `whitstone explain` reports the choice and its reason.",
-                json!({ "type": { "const": "auto" } }),
+                json!({ "type": { "const": AUTO } }),
                 &["type"],
             ));
         }

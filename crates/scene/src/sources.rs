@@ -154,7 +154,7 @@ impl Sources {
     }
 
     /// A path that is written at a position, relative to the base.
-    pub(crate) fn relative_to_base(&self, span: &SourceSpan, path: &str) -> PathBuf {
+    pub fn relative_to_base(&self, span: &SourceSpan, path: &str) -> PathBuf {
         match self.source_at(span.start) {
             Some(source) => source.folder.join(path),
             None => PathBuf::from(path),

@@ -35,7 +35,10 @@ fn errors(text: &str, sets: &[&str]) -> Vec<String> {
     let (sources, errors) = match Sources::from_text("scene.toml", text, Path::new("."), &sets) {
         Err(error) => (error.sources, error.errors),
         Ok(sources) => {
-            let errors = Description::parse(&sources).err().unwrap_or_default();
+            let errors = Description::parse(&sources)
+                .into_result()
+                .err()
+                .unwrap_or_default();
             (sources, errors)
         }
     };
@@ -60,9 +63,9 @@ fn places(sources: &Sources, errors: &SceneErrors) -> Vec<String> {
 #[test]
 fn tables_are_taken_apart() {
     let sources = sources(SCENE, &[]);
-    let description = Description::parse(&sources).unwrap();
+    let description = Description::parse(&sources).into_result().unwrap();
     assert_eq!(description.camera.name, "perspective");
-    assert_eq!(description.sampler.name, "center");
+    assert!(description.sampler.is_none());
     assert_eq!(description.film.size.width, 512);
     let ball = &description.shapes[1];
     assert_eq!(ball.id.as_deref(), Some("ball"));
@@ -85,7 +88,7 @@ fn overrides_reach_tables_lists_ids_and_missing_tables() {
         "film.width=64",
     ];
     let sources = sources(SCENE, &sets);
-    let text = Description::parse(&sources).unwrap().flattened.text;
+    let text = Description::parse(&sources).into_result().unwrap().flattened.text;
     for expected in ["fov = 30", "radius = 3", "material = \"other\"", "width = 64"] {
         assert!(text.contains(expected), "{expected} is not in\n{text}");
     }
@@ -156,7 +159,7 @@ fn syntax_errors_have_a_place_and_no_consequences() {
 fn the_hash_is_of_what_the_image_depends_on() {
     let hash = |text: &str, sets: &[&str]| {
         let sources = sources(text, sets);
-        Description::parse(&sources).unwrap().flattened.hash
+        Description::parse(&sources).into_result().unwrap().flattened.hash
     };
     let plain = hash(SCENE, &[]);
     assert_eq!(plain, hash(&format!("# a comment\n{SCENE}"), &[]));
@@ -177,7 +180,7 @@ fn includes_are_merged_first_and_their_paths_stay_right() {
     fs::write(root.join("main.toml"), main).unwrap();
     let load = || Sources::load(&root.join("main.toml"), &[]).unwrap();
     let sources = load();
-    let description = Description::parse(&sources).unwrap();
+    let description = Description::parse(&sources).into_result().unwrap();
     assert_eq!(description.camera.name, "near");
     assert_eq!(description.shapes[0].plugin.name, "mesh");
     assert_eq!(description.shapes.len(), 2, "a file counts once");
@@ -185,7 +188,10 @@ fn includes_are_merged_first_and_their_paths_stay_right() {
     let before = description.flattened.hash.clone();
     fs::write(root.join("parts/a.ply"), "two").unwrap();
     let sources = load();
-    assert_ne!(before, Description::parse(&sources).unwrap().flattened.hash);
+    assert_ne!(
+        before,
+        Description::parse(&sources).into_result().unwrap().flattened.hash
+    );
 }
 
 #[test]
@@ -227,13 +233,13 @@ fn what_is_no_scene_file_is_refused() {
     with_mark.extend_from_slice(SCENE.as_bytes());
     fs::write(root.join("mark.toml"), with_mark).unwrap();
     let sources = Sources::load(&root.join("mark.toml"), &[]).unwrap();
-    assert!(Description::parse(&sources).is_ok());
+    assert!(Description::parse(&sources).into_result().is_ok());
 }
 
 #[test]
 fn a_report_shows_the_line() {
     let sources = sources("[camera]\ntype = 'p'\n[flim]\nwidth = 3\n", &[]);
-    let errors = Description::parse(&sources).err().unwrap();
+    let errors = Description::parse(&sources).into_result().err().unwrap();
     let report = sources.report(&errors, false);
     for expected in [
         "error: unknown table `flim`",

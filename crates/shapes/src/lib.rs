@@ -7,7 +7,7 @@
     allow(unused, reason = "some parts serve single plugins")
 )]
 
-use whitstone_core::{DuplicateType, Registry, Shapes};
+use whitstone_core::{DuplicateType, FamilyName, Registry, Shapes};
 
 mod support;
 
@@ -60,6 +60,7 @@ pub mod triangle;
 /// Adds every shape whose feature is on.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     let from = env!("CARGO_PKG_NAME");
+    registry.set_default(FamilyName::Shape, "mesh");
     #[cfg(feature = "box")]
     registry.add::<Shapes, cuboid::Cuboid>(from)?;
     #[cfg(feature = "cone")]

@@ -7,7 +7,8 @@ use std::sync::Mutex;
 use whitstone_core::{DVec3, FamilyName, Ray, Registry, Rgb, Scratch, TreeNode};
 use whitstone_oracle::agreement::Subject;
 use whitstone_oracle::naive::{Real, Textbook, textbook};
-use whitstone_scene::{Description, Pipeline, Plan, Sources};
+use whitstone_render::{BuildOptions, Pipeline};
+use whitstone_scene::{Description, Sources};
 use whitstone_validate::driver::{Driver, DriverError};
 
 /// The parts that scenes of families omit.
@@ -80,9 +81,7 @@ impl<'a> Lab<'a> {
         let sources = Sources::from_text("stress", &text, Path::new("scenes"), &[]);
         let sources = sources.map_err(|error| error.sources.report(&error.errors, false))?;
         let report = |errors| sources.report(&errors, false);
-        let description = Description::parse(&sources).map_err(report)?;
-        let plan = Plan::new(&description, self.registry).map_err(report)?;
-        Pipeline::build(&plan, self.registry).map_err(report)
+        Pipeline::load(&sources, self.registry, BuildOptions::default()).map_err(report)
     }
 
     /// Runs one of the operations for single rays; an error if Mitsuba takes no part.
@@ -153,7 +152,7 @@ pub(crate) fn textbook_of<R: Real>(scene: &str, number: usize) -> Result<Box<dyn
     let sources = Sources::from_text("stress", &text, Path::new("scenes"), &[]);
     let sources = sources.map_err(|error| error.sources.report(&error.errors, false))?;
     let report = |errors| sources.report(&errors, false);
-    let description = Description::parse(&sources).map_err(report)?;
+    let description = Description::parse(&sources).into_result().map_err(report)?;
     textbook(&description, number).map_err(report)
 }
 

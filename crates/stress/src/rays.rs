@@ -7,7 +7,7 @@ use std::time::Instant;
 use whitstone_core::{Aabb, DVec3, Interval, LoweredShape, Ray, SelfHitFilter};
 use whitstone_oracle::Nearest;
 use whitstone_oracle::agreement::{Agreement, Error};
-use whitstone_scene::Pipeline;
+use whitstone_render::Pipeline;
 use whitstone_testkit::Random;
 
 /// Rejected rays per accepted ray before the step counts as impossible.

@@ -7,7 +7,7 @@
     allow(unused, reason = "some parts serve single plugins")
 )]
 
-use whitstone_core::{DuplicateType, Registry, Textures};
+use whitstone_core::{DuplicateType, FamilyName, Registry, Textures};
 
 mod support;
 
@@ -39,6 +39,7 @@ pub mod worley;
 /// Registers every texture whose feature is enabled.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     let from = env!("CARGO_PKG_NAME");
+    registry.set_default(FamilyName::Texture, "image");
     #[cfg(feature = "checker")]
     registry.add::<Textures, checker::Checker>(from)?;
     #[cfg(feature = "checker3d")]

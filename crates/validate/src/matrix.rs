@@ -14,7 +14,8 @@ use settings::{Facts, Sweep};
 use std::collections::BTreeMap;
 use std::path::Path;
 use whitstone_core::{BsdfFlags, FamilyName};
-use whitstone_scene::{Description, Film, Pipeline, Plan, PluginTable, RenderOptions, Sources};
+use whitstone_render::{BuildOptions, Film, Pipeline, RenderOptions};
+use whitstone_scene::{Description, Plan, PluginTable, Sources};
 
 /// The comparison for settings that must not change the picture.
 pub const OWN: &str = "own picture";
@@ -226,12 +227,17 @@ impl Validator<'_> {
     }
 
     fn build(&self, sources: &Sources, accelerator: Option<&str>) -> Result<Pipeline, String> {
-        let mut description = Description::parse(sources).map_err(|errors| errors.to_string())?;
+        let mut description = Description::parse(sources)
+            .into_result()
+            .map_err(|errors| errors.to_string())?;
         if let Some(name) = accelerator {
             description.accelerator = PluginTable::named(name);
         }
-        let plan = Plan::new(&description, self.registry).map_err(|errors| errors.to_string())?;
-        Pipeline::build(&plan, self.registry).map_err(|errors| errors.to_string())
+        let plan = Plan::new(&description, self.registry);
+        let built = plan
+            .into_result()
+            .and_then(|plan| Pipeline::build(&plan, self.registry, BuildOptions::default()).into_result());
+        built.map_err(|errors| errors.to_string())
     }
 
     fn picture(&self, pipeline: &Pipeline, threads: usize) -> Film {

@@ -234,8 +234,12 @@ fn tracer(
 
     let sources =
         Sources::load(path, overrides).map_err(|error| error.sources.report(&error.errors, false))?;
-    let description = Description::parse(&sources).map_err(|errors| sources.report(&errors, false))?;
-    Plan::new(&description, validator.registry).map_err(|errors| sources.report(&errors, false))?;
+    let description = Description::parse(&sources)
+        .into_result()
+        .map_err(|errors| sources.report(&errors, false))?;
+    Plan::new(&description, validator.registry)
+        .into_result()
+        .map_err(|errors| sources.report(&errors, false))?;
     let tracer = Tracer::new(&description).map_err(|errors| {
         let first = errors.0.first().map(|error| error.message.clone());
         first.unwrap_or_default()

@@ -10,7 +10,7 @@ pub(crate) fn report(path: &Path, overrides: &[String], problems: &str) -> Strin
     let Ok(sources) = Sources::load(path, overrides) else {
         return problems.to_owned();
     };
-    let Ok(description) = Description::parse(&sources) else {
+    let Ok(description) = Description::parse(&sources).into_result() else {
         return problems.to_owned();
     };
     let errors = problems.lines().map(|line| {
@@ -39,8 +39,8 @@ fn span(description: &Description<'_>, place: &str) -> Option<SourceSpan> {
     let of = |span: &SourceSpan| Some(span.clone()).filter(|span| !span.is_empty());
     match (name, index) {
         ("camera", _) => of(&description.camera.name_span),
-        ("sampler", _) => of(&description.sampler.name_span),
-        ("integrator", _) => of(&description.integrator.name_span),
+        ("sampler", _) => of(&description.sampler.as_ref()?.name_span),
+        ("integrator", _) => of(&description.integrator.as_ref()?.name_span),
         ("light", Some(index)) => of(&description.lights.get(index)?.name_span),
         ("shape", Some(index)) => {
             let shape = description.shapes.get(index)?;

@@ -8,7 +8,7 @@ use crate::opinion::{Opinion, Verdict};
 use crate::pixels::Pictures;
 use serde::{Deserialize, Deserializer, Serialize};
 use whitstone_image::metrics::BlockBias;
-use whitstone_scene::Cost;
+use whitstone_render::Cost;
 
 /// All cases of a run.
 #[derive(Debug, Serialize, Deserialize)]

@@ -4,7 +4,7 @@ use crate::driver::{number, numbers};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use whitstone_core::{Scratch, TreeNode};
-use whitstone_scene::Pipeline;
+use whitstone_render::Pipeline;
 
 /// A smaller throughput may be 0 in single precision, so that nodes below it cannot be compared.
 const LEAST_THROUGHPUT: f64 = f32::MIN_POSITIVE as f64;

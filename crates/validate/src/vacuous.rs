@@ -3,7 +3,7 @@
 
 use whitstone_image::Image;
 use whitstone_image::range::is_vacuous;
-use whitstone_scene::Pipeline;
+use whitstone_render::Pipeline;
 
 /// Maximum number of pairs of coincident surfaces that are listed.
 const MOST_COINCIDENT: usize = 8;

@@ -10,9 +10,8 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use whitstone_core::{Registry, SceneErrors};
 use whitstone_image::Image;
-use whitstone_scene::{
-    Description, Flattened, Pipeline, Plan, PluginTable, RenderOptions, Sources, all_errors,
-};
+use whitstone_render::{BuildOptions, Pipeline, RenderOptions};
+use whitstone_scene::{Description, Flattened, Sources};
 
 /// In any image, at least this many pixels may be explained edges.
 pub(crate) const EXPLAINED_PIXELS: usize = 8;
@@ -250,20 +249,22 @@ impl<'a> Validator<'a> {
         .concat();
         let sources = Sources::load(path, &all_overrides)
             .map_err(|error| error.sources.report(&error.errors, false))?;
-        let report = |_: SceneErrors| sources.report(&all_errors(&sources, self.registry), false);
-        let description = Description::parse(&sources).map_err(report)?;
-        let plan = Plan::new(&description, self.registry).map_err(report)?;
-        let pipeline = Pipeline::build(&plan, self.registry).map_err(report)?;
+        let report = |errors: SceneErrors| sources.report(&errors, false);
+        let options = BuildOptions::default();
+        let (pipeline, expect) = Pipeline::load_and(&sources, self.registry, options, |plan| {
+            plan.description.expect.clone()
+        })
+        .map_err(report)?;
         let stage = &self.stage;
         let film = pipeline.render(RenderOptions {
             threads: self.options.threads,
             progress: Some(&|done, all| stage(&format!("ours, {}%", 100 * done / all.max(1)))),
         });
         if let Some(approximation_note) = pipeline.scene.accelerator.approximation_note() {
-            let mut description = Description::parse(&sources).map_err(report)?;
-            description.accelerator = PluginTable::named("auto");
-            let plan = Plan::new(&description, self.registry).map_err(report)?;
-            let exact = Pipeline::build(&plan, self.registry).map_err(report)?;
+            let exact = [&all_overrides[..], &["accelerator={type='auto'}".to_owned()]].concat();
+            let sources =
+                Sources::load(path, &exact).map_err(|error| error.sources.report(&error.errors, false))?;
+            let exact = Pipeline::load(&sources, self.registry, options).map_err(report)?;
             let exact = exact.render(RenderOptions {
                 threads: self.options.threads,
                 progress: None,
@@ -293,8 +294,8 @@ impl<'a> Validator<'a> {
             .iter()
             .map(|part| format!("{}: {}", part.what, part.why))
             .collect();
-        case.limit_reason = description.expect.reason.clone();
-        case.explained_limit = description.expect.explained.map_or_else(
+        case.limit_reason = expect.reason.clone();
+        case.explained_limit = expect.explained.map_or_else(
             || {
                 let fraction = EXPLAINED_FRACTION * image.pixel_count() as f64;
                 EXPLAINED_PIXELS.max(fraction as usize)
@@ -302,10 +303,7 @@ impl<'a> Validator<'a> {
             |count| count as usize,
         );
         // An explicit limit is used unchanged. Otherwise the floor decides, once it is known.
-        case.limit = description
-            .expect
-            .rel_rmse_interior
-            .map_or(0.0, |limit| limit.get());
+        case.limit = expect.rel_rmse_interior.map_or(0.0, |limit| limit.get());
         Ok(Ours {
             image,
             flattened,
@@ -418,7 +416,9 @@ impl<'a> Validator<'a> {
 pub fn flatten(path: &Path, overrides: &[String]) -> Result<Flattened, String> {
     let sources =
         Sources::load(path, overrides).map_err(|error| error.sources.report(&error.errors, false))?;
-    let description = Description::parse(&sources).map_err(|errors| sources.report(&errors, false))?;
+    let description = Description::parse(&sources)
+        .into_result()
+        .map_err(|errors| sources.report(&errors, false))?;
     Ok(description.flattened)
 }
 

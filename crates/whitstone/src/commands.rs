@@ -29,7 +29,8 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use whitstone_core::simd::Level;
 use whitstone_core::{DuplicateType, Registry};
-use whitstone_scene::{BuildOptions, Cache, Description, Pipeline, Plan, Sources, all_errors_with};
+use whitstone_render::{BuildOptions, Cache, Pipeline};
+use whitstone_scene::{Plan, Sources};
 
 /// A Whitted ray tracer that is validated against Mitsuba 3, pixel by pixel.
 ///
@@ -220,19 +221,13 @@ pub fn build_with<T>(
         }),
         progress: Some(&progress),
     };
-    let report = |_| {
-        let errors = all_errors_with(&sources, registry, options);
-        bar.finish_and_clear();
-        Failure::usage(sources.report(&errors, color))
-    };
-    let description = Description::parse(&sources).map_err(report)?;
-    let plan = Plan::new(&description, registry).map_err(report)?;
-    let pipeline = Pipeline::build_with(&plan, registry, options).map_err(report)?;
+    let built = Pipeline::load_and(&sources, registry, options, note);
     bar.finish_and_clear();
+    let (pipeline, note) = built.map_err(|errors| Failure::usage(sources.report(&errors, color)))?;
     if !pipeline.warnings.is_empty() {
         eprintln!("{}", sources.report_warnings(&pipeline.warnings, color));
     }
-    Ok((pipeline, note(&plan)))
+    Ok((pipeline, note))
 }
 
 #[cfg(test)]

@@ -10,9 +10,8 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use whitstone_core::{DuplicateType, Registry};
 use whitstone_image::exr_io;
-use whitstone_scene::{
-    BuildOptions, Description, Film, Pipeline, Plan, RenderOptions, Sources, all_errors_with,
-};
+use whitstone_render::{BuildOptions, Film, Pipeline, RenderOptions};
+use whitstone_scene::Sources;
 
 const USAGE: &str = "SCENE [-o FILE.exr] [--set PATH=VALUE]... [--threads N]";
 
@@ -88,14 +87,8 @@ fn render(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let color = terminal::color();
     let sources = Sources::load(&arguments.scene, &arguments.overrides)
         .map_err(|error| Failure::usage(error.sources.report(&error.errors, color)))?;
-    let options = BuildOptions::default();
-    let report = |_| {
-        let errors = all_errors_with(&sources, registry, options);
-        Failure::usage(sources.report(&errors, color))
-    };
-    let description = Description::parse(&sources).map_err(report)?;
-    let plan = Plan::new(&description, registry).map_err(report)?;
-    let pipeline = Pipeline::build_with(&plan, registry, options).map_err(report)?;
+    let pipeline = Pipeline::load(&sources, registry, BuildOptions::default())
+        .map_err(|errors| Failure::usage(sources.report(&errors, color)))?;
     if !pipeline.warnings.is_empty() {
         eprintln!("{}", sources.report_warnings(&pipeline.warnings, color));
     }

@@ -3,7 +3,7 @@
 use crate::terminal::Failure;
 use whitstone_core::{DMat4, DVec2, DVec3, DVec4, DebugBounds};
 use whitstone_image::{Raster, ToneMap};
-use whitstone_scene::{Pipeline, RenderOptions};
+use whitstone_render::{Pipeline, RenderOptions};
 
 /// Colours by level, from the root down, repeated. They differ in hue and in brightness (Okabe and
 /// Ito's palette, which people with any colour vision can tell apart).

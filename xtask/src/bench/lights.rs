@@ -9,7 +9,8 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 use whitstone::core::Registry;
 use whitstone::image::atomic;
-use whitstone::scene::{Description, Pipeline, Plan, RenderOptions, Sources};
+use whitstone::render::{BuildOptions, Pipeline, RenderOptions};
+use whitstone::scene::Sources;
 use whitstone::{Exit, Failure};
 
 /// Spots along each side of the square above the landscape.
@@ -47,9 +48,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         let sources = Sources::from_text("lights", &text, Path::new("scenes"), &[])
             .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
         let report = |errors| Failure::usage(sources.report(&errors, false));
-        let description = Description::parse(&sources).map_err(report)?;
-        let plan = Plan::new(&description, registry).map_err(report)?;
-        let mut built = Pipeline::build(&plan, registry).map_err(report)?;
+        let mut built = Pipeline::load(&sources, registry, BuildOptions::default()).map_err(report)?;
         built.scene.culls_lights &= culls;
         Ok(built)
     };

@@ -8,7 +8,8 @@ use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use whitstone::core::Registry;
-use whitstone::scene::{Description, Pipeline, Plan, RenderOptions, Sources};
+use whitstone::render::{BuildOptions, Pipeline, RenderOptions};
+use whitstone::scene::{Flattened, Plan, Sources};
 use whitstone::validate::driver::{Driver, Setting};
 use whitstone::validate::environment::Environment;
 use whitstone::{Exit, Failure};
@@ -69,21 +70,14 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     Ok(Exit::Pass)
 }
 
-/// Builds a scene at a given size, and passes it on with the data that the driver needs.
-fn with_scene<T>(
-    path: &Path,
-    film: &str,
-    registry: &Registry,
-    use_it: impl FnOnce(&Pipeline, &Description<'_>) -> Result<T, Failure>,
-) -> Result<T, Failure> {
+/// Builds a scene at a given size; also returns the document that the driver receives.
+fn built(path: &Path, film: &str, registry: &Registry) -> Result<(Pipeline, Flattened), Failure> {
     let overrides = [format!("film={{ {film} }}")];
     let sources = Sources::load(path, &overrides)
         .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
     let report = |errors| Failure::usage(sources.report(&errors, false));
-    let description = Description::parse(&sources).map_err(report)?;
-    let plan = Plan::new(&description, registry).map_err(report)?;
-    let pipeline = Pipeline::build(&plan, registry).map_err(report)?;
-    use_it(&pipeline, &description)
+    let document = |plan: &Plan<'_, '_>| plan.description.flattened.clone();
+    Pipeline::load_and(&sources, registry, BuildOptions::default(), document).map_err(report)
 }
 
 fn compare_with_mitsuba(arguments: &Arguments, registry: &Registry) -> Result<Vec<Value>, Failure> {
@@ -94,9 +88,8 @@ fn compare_with_mitsuba(arguments: &Arguments, registry: &Registry) -> Result<Ve
     let film = format!("width = {}, height = {}", arguments.width, arguments.height);
     let mut reports = Vec::new();
     for path in &arguments.scenes {
-        let report = with_scene(path, &film, registry, |pipeline, description| {
-            compare_scene_with_mitsuba(arguments, path, pipeline, description, &mut driver)
-        });
+        let (pipeline, document) = built(path, &film, registry)?;
+        let report = compare_scene_with_mitsuba(arguments, path, &pipeline, &document, &mut driver);
         reports.push(report?);
     }
     Ok(reports)
@@ -106,7 +99,7 @@ fn compare_scene_with_mitsuba(
     arguments: &Arguments,
     path: &Path,
     pipeline: &Pipeline,
-    description: &Description<'_>,
+    document: &Flattened,
     driver: &mut Driver,
 ) -> Result<Value, Failure> {
     let options = RenderOptions {
@@ -114,7 +107,7 @@ fn compare_scene_with_mitsuba(
         progress: None,
     };
     let request = json!({
-        "op": "time", "scene": description.flattened.text, "base": description.flattened.base,
+        "op": "time", "scene": document.text, "base": document.base,
         "setting": Setting::default(), "threads": arguments.threads, "repeats": 1,
     });
     // A warm-up run: compiles kernels and touches pages.
@@ -154,68 +147,66 @@ fn compare_scene_with_mitsuba(
 fn compare_with_povray(arguments: &Arguments, registry: &Registry) -> Result<Value, Failure> {
     let (width, height) = (arguments.width, arguments.height);
     let film = format!("width = {width}, height = {height}, aovs = []");
-    with_scene(Path::new(CLASSIC), &film, registry, |pipeline, _| {
-        let options = RenderOptions {
-            threads: 1,
-            progress: None,
-        };
-        let counters = pipeline.render(options).counters;
-        let (mut ours, mut theirs, mut ratios) = (Vec::new(), Vec::new(), Vec::new());
-        let mut rays = (0, 0);
-        for _ in 0..arguments.rounds.max(1) {
-            let other = povray::render(width, height).map_err(Failure::environment)?;
-            let start = processor_time();
-            pipeline.render(options);
-            let seconds = processor_time() - start;
-            rays = (other.rays, other.shadow_rays);
-            let a_ray = 1e9 * other.seconds / (other.rays + other.shadow_rays) as f64;
-            let our_ray = 1e9 * seconds / counters.total() as f64;
-            ours.push(our_ray);
-            theirs.push(a_ray);
-            ratios.push(our_ray / a_ray);
-        }
-        let (ours, theirs, ratio) = (median(&mut ours), median(&mut theirs), median(&mut ratios));
-        println!(
-            "{CLASSIC}: {width} x {height}, one thread, processor time\n  whitstone  {ours:6.1} ns per ray  {} rays, {} of them shadow rays\n  POV-Ray    {theirs:6.1} ns per ray  {} rays, {} of them shadow rays  (whitstone takes {ratio:.3} of its time per ray)\n  load {:.1}",
-            counters.total(),
-            counters.shadow,
-            rays.0 + rays.1,
-            rays.1,
-            load(),
-        );
-        Ok(json!({
-            "scene": CLASSIC, "width": width, "height": height, "whitstone_ns_per_ray": ours,
-            "whitstone_rays": counters.total(), "povray_ns_per_ray": theirs, "povray_rays": rays.0,
-            "povray_shadow_rays": rays.1, "time_per_ray_ratio": ratio, "load": load(),
-        }))
-    })
+    let (pipeline, _) = built(Path::new(CLASSIC), &film, registry)?;
+    let options = RenderOptions {
+        threads: 1,
+        progress: None,
+    };
+    let counters = pipeline.render(options).counters;
+    let (mut ours, mut theirs, mut ratios) = (Vec::new(), Vec::new(), Vec::new());
+    let mut rays = (0, 0);
+    for _ in 0..arguments.rounds.max(1) {
+        let other = povray::render(width, height).map_err(Failure::environment)?;
+        let start = processor_time();
+        pipeline.render(options);
+        let seconds = processor_time() - start;
+        rays = (other.rays, other.shadow_rays);
+        let a_ray = 1e9 * other.seconds / (other.rays + other.shadow_rays) as f64;
+        let our_ray = 1e9 * seconds / counters.total() as f64;
+        ours.push(our_ray);
+        theirs.push(a_ray);
+        ratios.push(our_ray / a_ray);
+    }
+    let (ours, theirs, ratio) = (median(&mut ours), median(&mut theirs), median(&mut ratios));
+    println!(
+        "{CLASSIC}: {width} x {height}, one thread, processor time\n  whitstone  {ours:6.1} ns per ray  {} rays, {} of them shadow rays\n  POV-Ray    {theirs:6.1} ns per ray  {} rays, {} of them shadow rays  (whitstone takes {ratio:.3} of its time per ray)\n  load {:.1}",
+        counters.total(),
+        counters.shadow,
+        rays.0 + rays.1,
+        rays.1,
+        load(),
+    );
+    Ok(json!({
+        "scene": CLASSIC, "width": width, "height": height, "whitstone_ns_per_ray": ours,
+        "whitstone_rays": counters.total(), "povray_ns_per_ray": theirs, "povray_rays": rays.0,
+        "povray_shadow_rays": rays.1, "time_per_ray_ratio": ratio, "load": load(),
+    }))
 }
 
 /// Frames per second of a warm scene: rendering only, in wall-clock time.
 fn frames(path: &Path, registry: &Registry) -> Result<Value, Failure> {
     let (width, height, threads, rounds) = FRAMES;
     let film = format!("width = {width}, height = {height}, aovs = []");
-    with_scene(path, &film, registry, |pipeline, _| {
-        let options = RenderOptions {
-            threads,
-            progress: None,
-        };
-        let rays = pipeline.render(options).counters.total();
-        let mut seconds: Vec<f64> = (0..rounds)
-            .map(|_| pipeline.render(options).render_seconds)
-            .collect();
-        let (middle, best) = (median(&mut seconds), seconds[0]);
-        println!(
-            "{}: {width} x {height}, {threads} threads\n  {:.1} frames per second (best {:.1}), {rays} rays each, {:.1} ns per ray and thread\n  load {:.1}",
-            path.display(),
-            1.0 / middle,
-            1.0 / best,
-            1e9 * middle * threads as f64 / rays as f64,
-            load(),
-        );
-        Ok(json!({
-            "scene": path, "width": width, "height": height, "threads": threads, "frames_per_s": 1.0 / middle,
-            "best_frames_per_s": 1.0 / best, "rays": rays, "load": load(),
-        }))
-    })
+    let (pipeline, _) = built(path, &film, registry)?;
+    let options = RenderOptions {
+        threads,
+        progress: None,
+    };
+    let rays = pipeline.render(options).counters.total();
+    let mut seconds: Vec<f64> = (0..rounds)
+        .map(|_| pipeline.render(options).render_seconds)
+        .collect();
+    let (middle, best) = (median(&mut seconds), seconds[0]);
+    println!(
+        "{}: {width} x {height}, {threads} threads\n  {:.1} frames per second (best {:.1}), {rays} rays each, {:.1} ns per ray and thread\n  load {:.1}",
+        path.display(),
+        1.0 / middle,
+        1.0 / best,
+        1e9 * middle * threads as f64 / rays as f64,
+        load(),
+    );
+    Ok(json!({
+        "scene": path, "width": width, "height": height, "threads": threads, "frames_per_s": 1.0 / middle,
+        "best_frames_per_s": 1.0 / best, "rays": rays, "load": load(),
+    }))
 }

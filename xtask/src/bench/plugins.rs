@@ -8,7 +8,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::{Duration, Instant};
 use whitstone::core::Registry;
-use whitstone::scene::{Description, Pipeline, Plan, RenderOptions, Sources};
+use whitstone::render::{BuildOptions, Pipeline, RenderOptions};
+use whitstone::scene::Sources;
 use whitstone::{Exit, Failure};
 
 /// Nanoseconds per ray, by family and name.
@@ -60,9 +61,7 @@ fn nanoseconds_per_ray(scene: &str, registry: &Registry, budget: Duration) -> Re
     let sources = Sources::load(Path::new(scene), &["film.aovs=[]".to_owned()])
         .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
     let report = |errors| Failure::usage(sources.report(&errors, false));
-    let description = Description::parse(&sources).map_err(report)?;
-    let plan = Plan::new(&description, registry).map_err(report)?;
-    let pipeline = Pipeline::build(&plan, registry).map_err(report)?;
+    let pipeline = Pipeline::load(&sources, registry, BuildOptions::default()).map_err(report)?;
     let options = RenderOptions {
         threads: 1,
         progress: None,

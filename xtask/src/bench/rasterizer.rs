@@ -6,7 +6,8 @@ use super::median;
 use clap::Args;
 use std::path::PathBuf;
 use whitstone::core::Registry;
-use whitstone::scene::{Description, Pipeline, Plan, RenderOptions, Sources};
+use whitstone::render::{BuildOptions, Pipeline, RenderOptions};
+use whitstone::scene::Sources;
 use whitstone::{Exit, Failure};
 
 /// Benchmark rasterization against ray casting on scenes of triangles, interleaved
@@ -51,9 +52,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
             let sources = Sources::load(path, &overrides)
                 .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
             let report = |errors| Failure::usage(sources.report(&errors, false));
-            let description = Description::parse(&sources).map_err(report)?;
-            let plan = Plan::new(&description, registry).map_err(report)?;
-            Pipeline::build(&plan, registry).map_err(report)
+            Pipeline::load(&sources, registry, BuildOptions::default()).map_err(report)
         };
         let both = ["rasterizer", "appel"];
         let (mut built, mut rendered) = ([const { Vec::new() }; 2], [const { Vec::new() }; 2]);

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 use whitstone::core::{Geometry, LoweredShape, Registry};
-use whitstone::scene::{BuildOptions, Description, Pipeline, Plan, RenderOptions, Sources, all_errors_with};
+use whitstone::render::{BuildOptions, Pipeline, RenderOptions};
+use whitstone::scene::Sources;
 use whitstone::{Exit, Failure, image::atomic};
 
 /// The scene.
@@ -142,10 +143,8 @@ fn build(
     };
     let sources = Sources::load(Path::new(SCENE), overrides)
         .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
-    let report = |_| Failure::usage(sources.report(&all_errors_with(&sources, registry, options), false));
-    let description = Description::parse(&sources).map_err(report)?;
-    let plan = Plan::new(&description, registry).map_err(report)?;
-    Pipeline::build_with(&plan, registry, options).map_err(report)
+    let report = |errors| Failure::usage(sources.report(&errors, false));
+    Pipeline::load(&sources, registry, options).map_err(report)
 }
 
 fn say(start: Instant, what: &str) {

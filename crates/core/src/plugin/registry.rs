@@ -243,7 +243,12 @@ pub struct Registry {
     /// Plugins missing from a slim binary: family, type and crate.
     absent: &'static [(FamilyName, &'static str, &'static str)],
     twins: Vec<Twin>,
+    defaults: BTreeMap<FamilyName, &'static str>,
+    automatic: Option<AutomaticAccelerator>,
 }
+
+/// Chooses the accelerator of a scene that leaves the choice: a registered type, and the reason.
+pub type AutomaticAccelerator = fn(&Geometry, &Registry) -> (String, String);
 
 /// The reference implementation of a third-party plugin, in the language of a reference renderer's
 /// driver.
@@ -283,6 +288,40 @@ impl Registry {
     /// error about a scene that names one uses them.
     pub fn omit(&mut self, absent: &'static [(FamilyName, &'static str, &'static str)]) {
         self.absent = absent;
+    }
+
+    /// Declares the type that a scene uses without naming it: the sampler or integrator of a scene
+    /// without one, the material of a shape without one, and the texture or shape that reads an
+    /// image or mesh file for another plugin.
+    pub fn set_default(&mut self, family: FamilyName, name: &'static str) {
+        self.defaults.insert(family, name);
+    }
+
+    /// The type of a family that a scene uses without naming it; see [`Self::set_default`].
+    pub fn default_type(&self, family: FamilyName) -> Result<&'static str, SceneErrors> {
+        let found = self.defaults.get(&family).copied();
+        found.ok_or_else(|| {
+            let error =
+                SceneError::anywhere(format!("this program has no default {} type", family.singular()));
+            let help = format!("rebuild it with the features of `whitstone-{}`", family.plural());
+            error.with_help(help).into()
+        })
+    }
+
+    /// Declares the rule that chooses the accelerator of a scene that leaves the choice.
+    pub fn set_automatic_accelerator(&mut self, choose: AutomaticAccelerator) {
+        self.automatic = Some(choose);
+    }
+
+    /// The accelerator for a scene that leaves the choice: its type, and the reason.
+    pub fn automatic_accelerator(&self, geometry: &Geometry) -> Result<(String, String), SceneErrors> {
+        match self.automatic {
+            Some(choose) => Ok(choose(geometry, self)),
+            None => Ok((
+                self.default_type(FamilyName::Accelerator)?.to_owned(),
+                "the default of this program".to_owned(),
+            )),
+        }
     }
 
     /// Adds the reference implementation (twin) of a third-party plugin, so that its scenes can be

@@ -417,7 +417,7 @@ mod tests {
         });
         let text = head.to_owned() + &each.collect::<String>();
         let sources = Sources::from_text("scene.toml", &text, Path::new("."), &[]).unwrap();
-        let tracer = Tracer::new(&Description::parse(&sources).unwrap()).unwrap();
+        let tracer = Tracer::new(&Description::parse(&sources).into_result().unwrap()).unwrap();
         match tracer.pixel([1, 1]) {
             Value::Known { rgb, .. } => Some(rgb),
             Value::Unknown(_) => None,

@@ -61,7 +61,11 @@ fn four() -> u32 {
 }
 
 impl Sampler {
-    pub(super) fn new(plugin: &PluginTable<'_>) -> Result<Self, SceneErrors> {
+    /// Section 5 of the model: without a table, one sample in the centre.
+    pub(super) fn new(plugin: Option<&PluginTable<'_>>) -> Result<Self, SceneErrors> {
+        let Some(plugin) = plugin else {
+            return Ok(Self::Fixed(vec![[0.5; 2]]));
+        };
         Ok(match &*plugin.name {
             "center" => Self::Fixed(vec![[0.5; 2]]),
             "grid" => {

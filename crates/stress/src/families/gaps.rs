@@ -8,7 +8,7 @@ use serde_json::json;
 use whitstone_core::{DVec3, Interval, LoweredShape, Ray, SelfHitFilter};
 use whitstone_oracle::naive::{Real, Textbook};
 use whitstone_oracle::optics::power;
-use whitstone_scene::Pipeline;
+use whitstone_render::Pipeline;
 use whitstone_testkit::Random;
 
 /// Textbook spawn offset along the direction of a ray.

@@ -106,7 +106,7 @@ fn case(scene: &str, twin: &str) -> CaseResult {
         rays: 181_237,
         mrays_per_s: 14.7,
         status: Some(Status::Pass),
-        costs: vec![whitstone_scene::Cost {
+        costs: vec![whitstone_render::Cost {
             part: "film".to_owned(),
             bytes: Some(110_592),
             work: "9216 camera rays, 1 per pixel".to_owned(),

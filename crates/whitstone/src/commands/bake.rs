@@ -6,7 +6,8 @@ use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
 use whitstone_core::{DVec3, Registry, Rgb, SceneErrors};
 use whitstone_image::{Image, atomic, exr_io};
-use whitstone_scene::{Description, Pipeline, Plan, Sources};
+use whitstone_render::{BuildOptions, Pipeline};
+use whitstone_scene::Sources;
 
 /// Convert assets for file-based plugins, such as a sky for the light `environment`
 #[derive(Args, Debug)]
@@ -144,9 +145,7 @@ fn sky(picture: &Path, registry: &Registry) -> Result<Pipeline, Failure> {
     // An error is an error of the picture: the user has not written the scene around it.
     let failure = |errors: SceneErrors| Failure::usage(errors);
     let sources = Sources::from_text("sky", &text, folder, &[]).map_err(|error| failure(error.errors))?;
-    let description = Description::parse(&sources).map_err(failure)?;
-    let plan = Plan::new(&description, registry).map_err(failure)?;
-    Pipeline::build(&plan, registry).map_err(failure)
+    Pipeline::load(&sources, registry, BuildOptions::default()).map_err(failure)
 }
 
 /// The mean of `seen` over `parts` x `parts` points of the texel at a column and row. `seen`

@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use whitstone_core::Registry;
 use whitstone_core::simd::Level;
-use whitstone_scene::{Description, Pipeline, Plan, RenderOptions, Sources};
+use whitstone_render::{BuildOptions, Pipeline, RenderOptions};
+use whitstone_scene::Sources;
 use whitstone_validate::driver::{Hello, PovRay, Versions};
 use whitstone_validate::environment::Environment;
 use whitstone_validate::stored::Stored;
@@ -108,9 +109,8 @@ fn render(registry: &Registry) -> Result<f64, String> {
     let start = Instant::now();
     let sources =
         Sources::from_text("doctor", SCENE, Path::new(""), &[]).map_err(|error| error.to_string())?;
-    let description = Description::parse(&sources).map_err(|error| error.to_string())?;
-    let plan = Plan::new(&description, registry).map_err(|error| error.to_string())?;
-    let pipeline = Pipeline::build(&plan, registry).map_err(|error| error.to_string())?;
+    let pipeline =
+        Pipeline::load(&sources, registry, BuildOptions::default()).map_err(|error| error.to_string())?;
     let film = pipeline.render(RenderOptions::default());
     let (corner, middle) = (film.rgb.first().copied(), film.rgb.get(32 * 64 + 32).copied());
     if (corner, middle) == (Some([0.25; 3]), Some([1.0; 3])) {

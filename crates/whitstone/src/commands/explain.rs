@@ -9,7 +9,8 @@ use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::sync::Arc;
 use whitstone_core::{Counters, Geometry, Registry, SurfaceAttributes};
-use whitstone_scene::{Cost, Pipeline, Plan, RenderOptions};
+use whitstone_render::{Cost, Pipeline, RenderOptions};
+use whitstone_scene::Plan;
 
 /// Show what Whitstone builds for a scene and what it omits; with --pixel, print the ray tree of a
 /// pixel and compare it with Mitsuba's
@@ -60,8 +61,8 @@ impl Names {
         });
         Self {
             camera: description.camera.name.clone(),
-            sampler: description.sampler.name.clone(),
-            integrator: description.integrator.name.clone(),
+            sampler: plan.sampler.name.clone(),
+            integrator: plan.integrator.name.clone(),
             lights: description
                 .lights
                 .iter()

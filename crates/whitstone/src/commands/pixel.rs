@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::time::Duration;
 use whitstone_core::{InstanceId, Registry, Rgb, Scratch, TreeNode};
-use whitstone_scene::Pipeline;
+use whitstone_render::Pipeline;
 use whitstone_validate::driver::SceneText;
 use whitstone_validate::environment::Environment;
 use whitstone_validate::tree::{self, Node, Pair};

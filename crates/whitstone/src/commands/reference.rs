@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use whitstone_core::Registry;
 use whitstone_image::error_map::{ErrorView, trio};
 use whitstone_image::{ToneMap, exr_io};
-use whitstone_scene::RenderOptions;
+use whitstone_render::RenderOptions;
 use whitstone_validate::driver::SceneText;
 use whitstone_validate::stored::Stored;
 use whitstone_validate::{Mode, Validator, quoted, scene_key};

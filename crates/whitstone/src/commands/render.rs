@@ -8,7 +8,8 @@ use serde_json::json;
 use std::path::{Path, PathBuf};
 use whitstone_core::Registry;
 use whitstone_image::{Raster, ToneMap, atomic, exr_io};
-use whitstone_scene::{Plan, RenderOptions};
+use whitstone_render::RenderOptions;
+use whitstone_scene::Plan;
 
 /// Render a scene to an image file: OpenEXR (32-bit float), PNG, or both
 ///

@@ -1,14 +1,14 @@
+//! The render loop: tiles of pixels, distributed to threads.
+
 use crate::adaptive::Adaptive;
-use crate::{Aov, Pipeline};
-use std::ops::Range;
+use crate::samples::{SampleMemory, pixel_corner};
+use crate::{Film, Pipeline, Progress};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
-use whitstone_core::stream::{Colors, HitStream, LANES, Lanes, Optional, RayStream};
-use whitstone_core::{
-    Counters, DVec2, PreliminaryIntersection, Ray, RayDifferential, Rgb, Scratch, SurfaceAttributes,
-};
-use whitstone_image::{Image, ImageError};
+use whitstone_core::stream::LANES;
+use whitstone_core::{Counters, PreliminaryIntersection, Ray, Rgb, Scratch, SurfaceAttributes};
+use whitstone_scene::Aov;
 
 /// Side of the square tiles that are distributed to threads, in pixels.
 const TILE: u32 = 16;
@@ -16,27 +16,6 @@ const _: () = assert!((TILE * TILE) as usize <= LANES);
 
 /// Side of the squares within a tile, in pixels.
 const SQUARE: u32 = 4;
-
-/// A rendered image.
-pub struct Film {
-    /// Columns.
-    pub width: u32,
-    /// Rows.
-    pub height: u32,
-    /// Radiance in W/(m² sr), linear Rec. 709, row by row from the top.
-    pub rgb: Vec<[f32; 3]>,
-    /// Layers by EXR channel name, each `width * height` values in the same order.
-    pub layers: Vec<(String, Vec<f32>)>,
-    /// Samples per pixel.
-    pub samples: u32,
-    /// Rays traced for the radiance.
-    pub counters: Counters,
-    /// Wall time of the rendering in seconds.
-    pub render_seconds: f64,
-}
-
-/// Called with the number of finished pixels and the total, from any thread.
-pub type Progress<'a> = &'a (dyn Fn(u64, u64) + Sync);
 
 /// Options of the rendering. They do not affect the image.
 #[derive(Clone, Copy, Default)]
@@ -82,26 +61,6 @@ struct TileScratch {
     memory: SampleMemory,
 }
 
-/// Working memory for the samples of as many pixels as a stream has lanes.
-#[derive(Default)]
-pub(crate) struct SampleMemory {
-    pub scratch: Scratch,
-    rays: Box<RayStream>,
-    /// The offset camera rays, for ray differentials.
-    neighbours: Optional<[RayStream; 2]>,
-    raster: Box<Raster>,
-    radiance: Box<Colors>,
-    hits: Box<HitStream>,
-}
-
-struct Raster(Lanes<DVec2>);
-
-impl Default for Raster {
-    fn default() -> Self {
-        Self([DVec2::ZERO; LANES])
-    }
-}
-
 impl TileScratch {
     /// Sets the pixels to those of a tile.
     fn enter(&mut self, tile: &Tile) {
@@ -129,31 +88,6 @@ impl TileScratch {
             for (channel, (_, layer)) in film.layers.iter_mut().enumerate() {
                 layer[place] = self.layers[lane * channels + channel];
             }
-        }
-    }
-}
-
-fn pixel_corner(pixel: [u32; 2]) -> DVec2 {
-    DVec2::new(f64::from(pixel[0]), f64::from(pixel[1]))
-}
-
-impl Aov {
-    /// EXR channels of the layer.
-    pub fn channels(self) -> &'static [&'static str] {
-        match self {
-            Self::Depth => &["depth.Z"],
-            Self::Normal => &["normal.X", "normal.Y", "normal.Z"],
-            Self::Uv => &["uv.U", "uv.V"],
-            Self::ShapeId => &["shape_id.I"],
-            Self::PrimitiveId => &["primitive_id.I"],
-        }
-    }
-
-    fn needs(self) -> SurfaceAttributes {
-        match self {
-            Self::Normal => SurfaceAttributes::SHADING_NORMAL,
-            Self::Uv => SurfaceAttributes::UV,
-            Self::Depth | Self::ShapeId | Self::PrimitiveId => SurfaceAttributes::NOTHING,
         }
     }
 }
@@ -292,84 +226,6 @@ impl Pipeline {
         }
     }
 
-    /// Radiance at some positions of some pixels (at most as many as a stream has lanes), through
-    /// each point of the lens. Reports the values lane by lane, one sample after another.
-    #[inline]
-    pub(crate) fn sample(
-        &self,
-        pixels: &[[u32; 2]],
-        positions: Range<u32>,
-        memory: &mut SampleMemory,
-        mut tell: impl FnMut(usize, Rgb),
-    ) {
-        let SampleMemory {
-            scratch,
-            rays,
-            neighbours,
-            raster,
-            radiance,
-            ..
-        } = memory;
-        let lens = self.camera.lens_points();
-        rays.len = pixels.len();
-        for sample in positions.start * lens..positions.end * lens {
-            for (raster, pixel) in raster.0.iter_mut().zip(pixels) {
-                *raster = self.raster(*pixel, sample / lens);
-            }
-            self.camera.lens_stream(&raster.0, sample % lens, rays);
-            if let Some(scale) = self.sample_distance() {
-                rays.differential_from_camera(&*self.camera, &raster.0, sample % lens, scale, neighbours);
-            }
-            match &self.object_order {
-                None => self
-                    .integrator
-                    .radiance_stream(&self.scene, rays, scratch, radiance),
-                Some(objects) => objects.radiance_stream(&self.scene, &raster.0, rays, scratch, radiance),
-            }
-            for lane in 0..pixels.len() {
-                tell(lane, radiance.get(lane));
-            }
-        }
-    }
-
-    /// Maximum number of samples per pixel: each position of the sampler, through each point of the
-    /// camera's lens. Samples of one position are consecutive.
-    pub fn samples(&self) -> u32 {
-        self.sampler.count() * self.camera.lens_points()
-    }
-
-    /// The raster coordinates of a sampler position.
-    fn raster(&self, pixel: [u32; 2], position: u32) -> DVec2 {
-        pixel_corner(pixel) + self.sampler.position(pixel, position)
-    }
-
-    /// Distance of the samples in pixels, as if they lay on a grid; `None` if no texture needs it.
-    fn sample_distance(&self) -> Option<f64> {
-        let refined = || self.sampler.refinement().map(|rule| rule.initial_samples);
-        let count = || f64::from(refined().unwrap_or_else(|| self.sampler.count()));
-        self.scene.reads_footprints().then(|| 1.0 / count().sqrt())
-    }
-
-    /// Ray differential of a camera ray to its neighbouring samples, if any texture needs it.
-    pub fn camera_differential(&self, pixel: [u32; 2], sample: u32) -> Option<RayDifferential> {
-        let lens = self.camera.lens_points();
-        let raster = self.raster(pixel, sample / lens);
-        let scale = self.sample_distance()?;
-        Some(RayDifferential::of_camera(
-            &*self.camera,
-            raster,
-            sample % lens,
-            scale,
-        ))
-    }
-
-    /// The camera ray of a sample of a pixel.
-    pub fn camera_ray(&self, pixel: [u32; 2], sample: u32) -> Ray {
-        let lens = self.camera.lens_points();
-        let raster = self.raster(pixel, sample / lens);
-        self.camera.lens_ray(raster, sample % lens)
-    }
-
     /// The value of a single pixel, the mean of its samples. Equal to its value in the image.
     pub fn pixel(&self, pixel: [u32; 2], scratch: &mut Scratch) -> Rgb {
         if let Some(rule) = self.sampler.refinement() {
@@ -380,13 +236,6 @@ impl Pipeline {
             .map(|sample| self.radiance_of(pixel, sample, scratch))
             .sum();
         sum * (1.0 / f64::from(count))
-    }
-
-    /// The radiance of a single sample of a pixel.
-    pub(crate) fn radiance_of(&self, pixel: [u32; 2], sample: u32, scratch: &mut Scratch) -> Rgb {
-        scratch.differential = self.camera_differential(pixel, sample);
-        self.integrator
-            .radiance(&self.scene, &self.camera_ray(pixel, sample), scratch)
     }
 
     /// The values of a layer for a ray that starts at `near` in front of the camera.
@@ -403,7 +252,7 @@ impl Pipeline {
                 _ => vec![0.0; aov.channels().len()],
             };
         };
-        let surface = || self.scene.geometry.surface(ray, hit, aov.needs());
+        let surface = || self.scene.geometry.surface(ray, hit, needs(aov));
         match aov {
             Aov::Depth => vec![near + hit.t],
             Aov::Normal => surface().n_s.to_array().to_vec(),
@@ -414,22 +263,11 @@ impl Pipeline {
     }
 }
 
-impl Film {
-    /// Number of pixels whose radiance the image cannot represent: it overflows `f32`, or is NaN.
-    pub fn not_finite(&self) -> usize {
-        let unfit = |rgb: &&[f32; 3]| !rgb.iter().all(|value| value.is_finite());
-        self.rgb.iter().filter(unfit).count()
-    }
-
-    /// Converts to an image with all layers and provenance attributes.
-    pub fn to_image(&self, scene_hash: &str) -> Result<Image, ImageError> {
-        let mut image = Image::from_rgb(self.width as usize, self.height as usize, &self.rgb)?;
-        for (name, values) in &self.layers {
-            image.add_channel(name, values.clone())?;
-        }
-        image.set_attribute("scene_hash", scene_hash)?;
-        image.set_attribute("samples", self.samples.to_string())?;
-        image.set_attribute("version", env!("CARGO_PKG_VERSION"))?;
-        Ok(image)
+/// What a hit must provide for a layer.
+fn needs(aov: Aov) -> SurfaceAttributes {
+    match aov {
+        Aov::Normal => SurfaceAttributes::SHADING_NORMAL,
+        Aov::Uv => SurfaceAttributes::UV,
+        Aov::Depth | Aov::ShapeId | Aov::PrimitiveId => SurfaceAttributes::NOTHING,
     }
 }

@@ -1,8 +1,8 @@
 //! Estimates the memory of a scene before it is allocated.
 
-use crate::FilmTable;
 use std::fs;
 use whitstone_core::{SceneError, SceneErrors};
+use whitstone_scene::FilmTable;
 
 /// Memory of a structure during its construction, in bytes per element. Measured for `bvh`
 /// (`docs/accelerators.md`), and approximately right for the others.

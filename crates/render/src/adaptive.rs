@@ -4,7 +4,7 @@
 //! of a pixel doubles as long as its own samples, or the first ones of its neighbours, differ by
 //! more than a threshold. Section 5 of `docs/whitted-model.md`.
 
-use crate::film::SampleMemory;
+use crate::samples::SampleMemory;
 use crate::{Film, Pipeline, Progress};
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -1,8 +1,8 @@
 //! Scene-wide limits: number of prioritised dielectrics, growth of glossy ray trees.
 
-use crate::Plan;
 use std::sync::Arc;
 use whitstone_core::{Integrator, Material, NestedDielectrics, SceneError, SceneErrors, SourceSpan};
+use whitstone_scene::Plan;
 
 /// Maximum number of rays into which one camera ray may branch by glossy reflection.
 const MOST_REFLECTIONS: f64 = (1 << 24) as f64;

@@ -1,8 +1,8 @@
 //! Finds lights that reach no surface with local illumination.
 
-use crate::{Omitted, PluginTable};
 use std::sync::Arc;
 use whitstone_core::{Aabb, BsdfFlags, Element, Geometry, Light, LightFlags, LoweredShape, Material};
+use whitstone_scene::{Omitted, PluginTable};
 
 /// Drops the lights that cannot reach any reflecting surface. `lights` are paired with their
 /// tables. The image is unchanged, because these lights would contribute nothing.

@@ -1,15 +1,11 @@
-//! Chooses the accelerator if the scene does not.
+//! Chooses the accelerator of a scene that leaves the choice.
 
-use crate::PluginTable;
 use whitstone_core::{Element, FamilyName, Geometry, LoweredShape, Registry};
 
 /// Maximum cost, in tests of whole shapes, for which testing every element is faster than any
 /// acceleration structure. Measured with random spheres, boxes and triangles: the rates cross at
 /// about 160 whole shapes or 40 triangles.
 const BRUTE_FORCE_LIMIT: usize = 128;
-
-/// The accelerator without a structure.
-pub(crate) const BRUTE_FORCE: &str = "brute_force";
 
 /// Cost of a triangle, in tests of whole shapes.
 const TRIANGLE_COST: usize = 4;
@@ -18,14 +14,7 @@ const TRIANGLE_COST: usize = 4;
 const INSTANCE_COST: usize = 4;
 
 /// The type to use, and the reason.
-pub(crate) fn choose_accelerator(
-    table: &PluginTable<'_>,
-    geometry: &Geometry,
-    registry: &Registry,
-) -> (String, String) {
-    if table.name != "auto" {
-        return (table.name.clone(), "named by the scene".to_owned());
-    }
+pub(crate) fn choose(geometry: &Geometry, registry: &Registry) -> (String, String) {
     let cost = |element: Element| match (element, &geometry.shapes()[element.shape() as usize]) {
         (Element::Triangle { .. }, _) => TRIANGLE_COST,
         (_, LoweredShape::Instance(_)) => INSTANCE_COST,
@@ -36,13 +25,13 @@ pub(crate) fn choose_accelerator(
     let few = cost <= BRUTE_FORCE_LIMIT;
     let (wanted, why) = if few {
         (
-            BRUTE_FORCE,
+            "brute_force",
             "few elements: testing each one is fastest".to_owned(),
         )
     } else {
         ("bvh", "too many elements to test each one".to_owned())
     };
-    let other = if few { "bvh" } else { BRUTE_FORCE };
+    let other = if few { "bvh" } else { "brute_force" };
     let available = |name: &str| registry.get(FamilyName::Accelerator, name).is_ok();
     if !available(wanted) && available(other) {
         (

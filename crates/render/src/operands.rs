@@ -1,8 +1,8 @@
 //! Operands: shapes that are written inside another shape, as parts of it.
 
-use crate::{PluginTable, transform};
 use whitstone_core::config::SolidRef;
 use whitstone_core::{LoweredShape, SceneError, SceneErrors, Shape, Transform};
+use whitstone_scene::{PluginTable, parse_transform};
 
 /// Maximum nesting of operands: each ray descends to the innermost ones.
 const MAX_NESTING: usize = 16;
@@ -44,7 +44,7 @@ impl Operands {
         let value = plugin.table.get_mut().remove("transform");
         let own = match &value {
             None => Some(Transform::IDENTITY),
-            Some(value) => errors.take(transform::parse(value)),
+            Some(value) => errors.take(parse_transform(value)),
         };
         let placed = own.and_then(|own| {
             let placed = around.after(&own);
@@ -60,7 +60,7 @@ impl Operands {
         Ok((plugin, placed))
     }
 
-    pub(crate) fn spawn_origin(&mut self) {
+    pub(crate) fn leave(&mut self) {
         self.nesting -= 1;
     }
 }

@@ -1,8 +1,8 @@
 //! Finds the parts of a scene that are not used during rendering.
 
-use crate::{Description, Omitted};
 use std::sync::Arc;
 use whitstone_core::{BsdfFlags, Integrator, Light, LightFlags, Material, SurfaceAttributes, Texture};
+use whitstone_scene::{Description, Omitted};
 
 /// All built textures, including pictures without a table.
 #[derive(Default)]

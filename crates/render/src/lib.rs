@@ -1,0 +1,27 @@
+//! Builds scenes and renders them: [`whitstone_scene::Plan`] -> [`Pipeline`] (built) -> [`Film`]
+//! (rendered).
+//!
+//! This crate depends on the plugin registry, not on the plugins.
+
+mod adaptive;
+mod builder;
+mod cache;
+mod coincident;
+mod context;
+mod costs;
+mod film;
+mod limits;
+mod memory;
+mod operands;
+mod pipeline;
+mod reach;
+mod render;
+mod samples;
+mod unused;
+
+pub use cache::Cache;
+pub use coincident::Coincidence;
+pub use costs::Cost;
+pub use film::{Film, Progress};
+pub use pipeline::{BuildOptions, BuiltGroup, Pipeline};
+pub use render::RenderOptions;

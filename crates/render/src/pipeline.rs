@@ -1,0 +1,228 @@
+//! The built scene.
+
+use crate::builder::Builder;
+use crate::cache::Cache;
+use crate::coincident::{self, Coincidence, Seen};
+use crate::unused::unused_parts;
+use crate::{limits, reach};
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::time::Instant;
+use whitstone_core::{
+    Camera, Cameras, FamilyName, Group, Integrator, Integrators, Lights, ObjectOrder, Registry, Sampler,
+    Samplers, Scene, SceneError, SceneErrors, Texture, View,
+};
+use whitstone_scene::{Checked, Description, FilmTable, Omitted, Plan, Sources};
+
+/// A scene that is built and ready to render.
+pub struct Pipeline {
+    /// Image and layers.
+    pub film: FilmTable,
+    /// The camera.
+    pub camera: Box<dyn Camera>,
+    /// The sampler, which places samples in a pixel.
+    pub sampler: Box<dyn Sampler>,
+    /// The integrator.
+    pub integrator: Box<dyn Integrator>,
+    /// The visibility of all objects, computed before rendering, if the integrator is an
+    /// object-order method.
+    pub object_order: Option<Box<dyn ObjectOrder>>,
+    /// The scene that it renders.
+    pub scene: Scene,
+    /// Hash of the flattened scene.
+    pub scene_hash: String,
+    /// The accelerator in use, and the reason if the scene leaves the choice.
+    pub accelerator: (String, String),
+    /// The instantiated groups, by id.
+    pub groups: Vec<BuiltGroup>,
+    /// The textures that are evaluated during rendering, each once, with their types.
+    pub textures: Vec<(String, Arc<dyn Texture>)>,
+    /// The plugins that it is built from.
+    pub used: BTreeSet<(FamilyName, &'static str)>,
+    /// The parts that were not built, with the reasons.
+    pub left_out: Vec<Omitted>,
+    /// The pairs of shapes with coincident surfaces, by their numbers in the scene.
+    pub coincident: Vec<Coincidence>,
+    /// Why coincident surfaces were not searched, in the scene or in a group, if so.
+    pub coincident_unknown: Vec<String>,
+    /// Warnings.
+    pub warnings: Vec<SceneError>,
+    /// Build time in seconds, including reading files.
+    pub build_seconds: f64,
+}
+
+/// A built group.
+pub struct BuiltGroup {
+    /// The id, as in `[group.ID]`.
+    pub id: String,
+    /// Its shapes and their accelerator.
+    pub group: Arc<Group>,
+    /// The accelerator in use, and the reason if the scene leaves the choice.
+    pub accelerator: (String, String),
+}
+
+/// Options of the build. They do not affect the image.
+#[derive(Clone, Copy, Default)]
+pub struct BuildOptions<'a> {
+    /// Memory limit in bytes for meshes and accelerators, including their construction; by default
+    /// the available memory.
+    pub max_memory: Option<u64>,
+    /// The cache for data that takes long to compute; by default none.
+    pub cache: Option<Cache<'a>>,
+    /// Called with the part that is about to be built.
+    pub progress: Option<&'a dyn Fn(&str)>,
+}
+
+impl Pipeline {
+    /// Reads, plans and builds a scene in one pass, which reports the errors of all steps.
+    pub fn load(
+        sources: &Sources,
+        registry: &Registry,
+        options: BuildOptions<'_>,
+    ) -> Result<Self, SceneErrors> {
+        let (pipeline, ()) = Self::load_and(sources, registry, options, |_| ())?;
+        Ok(pipeline)
+    }
+
+    /// Like [`Self::load`], and also returns the result of `note` for the planned scene.
+    pub fn load_and<T>(
+        sources: &Sources,
+        registry: &Registry,
+        options: BuildOptions<'_>,
+        note: impl FnOnce(&Plan<'_, '_>) -> T,
+    ) -> Result<(Self, T), SceneErrors> {
+        let mut errors = SceneErrors::default();
+        // The build also reports an unknown type that the plan has reported.
+        let mut add = |found: SceneErrors| {
+            for error in found.0 {
+                if !errors.0.contains(&error) {
+                    errors.0.push(error);
+                }
+            }
+        };
+        let built = (|| {
+            let description = Description::parse(sources);
+            add(description.errors);
+            let description = description.value?;
+            let plan = Plan::new(&description, registry);
+            add(plan.errors);
+            let plan = plan.value?;
+            let pipeline = Self::build(&plan, registry, options);
+            add(pipeline.errors);
+            Some((pipeline.value?, note(&plan)))
+        })();
+        match built {
+            Some(built) => errors.into_result(built),
+            None => Err(errors),
+        }
+    }
+
+    /// Builds the planned scene. There is no pipeline if a part of it has errors.
+    pub fn build(plan: &Plan<'_, '_>, registry: &Registry, options: BuildOptions<'_>) -> Checked<Self> {
+        let start = Instant::now();
+        let description = plan.description;
+        let mut errors = SceneErrors::default();
+        let mut builder = Builder::new(description, registry, options);
+        let size = description.film.size;
+        errors.take(builder.memory.take_film(&description.film));
+        let camera = errors.take(builder.one::<Cameras>(&description.camera, size));
+        let sampler = errors.take(builder.one::<Samplers>(&plan.sampler, ()));
+        let integrator = errors.take(builder.one::<Integrators>(&plan.integrator, ()));
+
+        let mut lights = Vec::new();
+        for light in &description.lights {
+            lights.extend(errors.take(builder.plugin::<Lights>(light, ())));
+        }
+        let materials = builder.materials(plan, &mut errors);
+        if errors.0.is_empty() {
+            limits::prioritized(plan, &materials, &mut errors);
+        }
+        if let Some(integrator) = &integrator {
+            limits::glossy_rays(plan, &materials, &**integrator, &mut errors);
+        }
+        let complete = builder.groups(plan, &mut errors);
+        let seen = Seen {
+            from: camera
+                .as_deref()
+                .map_or_else(Vec::new, |camera| coincident::eyes(camera, size)),
+            lights: &lights,
+        };
+        let built = builder.structure(
+            &description.shapes,
+            &description.accelerator,
+            (0, &seen),
+            &mut errors,
+        );
+        let mut left_out = builder.unused_materials();
+        left_out.extend_from_slice(&plan.left_out);
+        left_out.extend(builder.unused_textures());
+        if let Some(built) = &built
+            && errors.0.is_empty()
+        {
+            let tables = &description.lights;
+            left_out.extend(reach::leave_out_lights(
+                tables,
+                &mut lights,
+                &built.geometry,
+                &materials,
+            ));
+        }
+        if let Some(integrator) = &integrator {
+            left_out.extend(unused_parts(
+                description,
+                &lights,
+                &materials,
+                integrator.as_ref(),
+            ));
+        }
+        let object_order = match (&camera, &integrator, &built) {
+            (Some(camera), Some(integrator), Some(built)) => {
+                let view = View {
+                    geometry: &built.geometry,
+                    camera: &**camera,
+                    film: size,
+                };
+                let built = builder.object_order(&**integrator, &plan.integrator, &view);
+                errors.take(built).flatten()
+            }
+            _ => None,
+        };
+        let (warnings, used) = (builder.warnings, builder.used);
+        let (coincident, coincident_unknown) = (builder.coincident, builder.coincident_unknown);
+        let groups = builder.groups.into_values().collect();
+        // Drop textures that were only needed during the build.
+        drop(builder.textures);
+        let textures = builder.looked_up.kept(&mut left_out);
+        let pipeline = match (camera, sampler, integrator, built) {
+            (Some(camera), Some(sampler), Some(integrator), Some(built))
+                if complete && errors.0.is_empty() =>
+            {
+                let mut scene = Scene::new(built.geometry, built.accelerator, materials, lights);
+                scene.light_margin = built.light_margin;
+                Some(Self {
+                    film: description.film.clone(),
+                    camera,
+                    sampler,
+                    integrator,
+                    object_order,
+                    scene,
+                    scene_hash: description.flattened.hash.clone(),
+                    accelerator: built.chosen,
+                    groups,
+                    textures,
+                    used,
+                    left_out,
+                    coincident,
+                    coincident_unknown,
+                    warnings,
+                    build_seconds: start.elapsed().as_secs_f64(),
+                })
+            }
+            _ => None,
+        };
+        Checked {
+            value: pipeline,
+            errors,
+        }
+    }
+}

@@ -1,0 +1,119 @@
+//! The samples of a pixel: their positions, their camera rays and their radiance.
+
+use crate::Pipeline;
+use std::ops::Range;
+use whitstone_core::stream::{Colors, HitStream, LANES, Lanes, Optional, RayStream};
+use whitstone_core::{DVec2, Ray, RayDifferential, Rgb, Scratch};
+
+/// Working memory for the samples of as many pixels as a stream has lanes.
+#[derive(Default)]
+pub(crate) struct SampleMemory {
+    pub scratch: Scratch,
+    pub rays: Box<RayStream>,
+    /// The offset camera rays, for ray differentials.
+    neighbours: Optional<[RayStream; 2]>,
+    pub raster: Box<Raster>,
+    radiance: Box<Colors>,
+    pub hits: Box<HitStream>,
+}
+
+/// Raster coordinates of the lanes, in pixels.
+pub(crate) struct Raster(pub Lanes<DVec2>);
+
+impl Default for Raster {
+    fn default() -> Self {
+        Self([DVec2::ZERO; LANES])
+    }
+}
+
+/// The corner of a pixel with the smallest raster coordinates.
+pub(crate) fn pixel_corner(pixel: [u32; 2]) -> DVec2 {
+    DVec2::new(f64::from(pixel[0]), f64::from(pixel[1]))
+}
+
+impl Pipeline {
+    /// Radiance at some positions of some pixels (at most as many as a stream has lanes), through
+    /// each point of the lens. Reports the values lane by lane, one sample after another.
+    #[inline]
+    pub(crate) fn sample(
+        &self,
+        pixels: &[[u32; 2]],
+        positions: Range<u32>,
+        memory: &mut SampleMemory,
+        mut tell: impl FnMut(usize, Rgb),
+    ) {
+        let SampleMemory {
+            scratch,
+            rays,
+            neighbours,
+            raster,
+            radiance,
+            ..
+        } = memory;
+        let lens = self.camera.lens_points();
+        rays.len = pixels.len();
+        for sample in positions.start * lens..positions.end * lens {
+            for (raster, pixel) in raster.0.iter_mut().zip(pixels) {
+                *raster = self.raster(*pixel, sample / lens);
+            }
+            self.camera.lens_stream(&raster.0, sample % lens, rays);
+            if let Some(scale) = self.sample_distance() {
+                rays.differential_from_camera(&*self.camera, &raster.0, sample % lens, scale, neighbours);
+            }
+            match &self.object_order {
+                None => self
+                    .integrator
+                    .radiance_stream(&self.scene, rays, scratch, radiance),
+                Some(objects) => objects.radiance_stream(&self.scene, &raster.0, rays, scratch, radiance),
+            }
+            for lane in 0..pixels.len() {
+                tell(lane, radiance.get(lane));
+            }
+        }
+    }
+
+    /// Maximum number of samples per pixel: each position of the sampler, through each point of the
+    /// camera's lens. Samples of one position are consecutive.
+    pub fn samples(&self) -> u32 {
+        self.sampler.count() * self.camera.lens_points()
+    }
+
+    /// The raster coordinates of a sampler position.
+    fn raster(&self, pixel: [u32; 2], position: u32) -> DVec2 {
+        pixel_corner(pixel) + self.sampler.position(pixel, position)
+    }
+
+    /// Distance of the samples in pixels, as if they lay on a grid; `None` if no texture needs it.
+    fn sample_distance(&self) -> Option<f64> {
+        let refined = || self.sampler.refinement().map(|rule| rule.initial_samples);
+        let count = || f64::from(refined().unwrap_or_else(|| self.sampler.count()));
+        self.scene.reads_footprints().then(|| 1.0 / count().sqrt())
+    }
+
+    /// Ray differential of a camera ray to its neighbouring samples, if any texture needs it.
+    pub fn camera_differential(&self, pixel: [u32; 2], sample: u32) -> Option<RayDifferential> {
+        let lens = self.camera.lens_points();
+        let raster = self.raster(pixel, sample / lens);
+        let scale = self.sample_distance()?;
+        Some(RayDifferential::of_camera(
+            &*self.camera,
+            raster,
+            sample % lens,
+            scale,
+        ))
+    }
+
+    /// The camera ray of a sample of a pixel.
+    pub fn camera_ray(&self, pixel: [u32; 2], sample: u32) -> Ray {
+        let lens = self.camera.lens_points();
+        let raster = self.raster(pixel, sample / lens);
+        self.camera.lens_ray(raster, sample % lens)
+    }
+
+    /// The radiance of a single sample of a pixel.
+    pub(crate) fn radiance_of(&self, pixel: [u32; 2], sample: u32, scratch: &mut Scratch) -> Rgb {
+        scratch.differential = self.camera_differential(pixel, sample);
+        self.integrator
+            .radiance(&self.scene, &self.camera_ray(pixel, sample), scratch)
+    }
+}
