@@ -6,7 +6,7 @@ mod backends {
     use std::path::Path;
     use whitstone::core::{FamilyName, Registry};
     use whitstone::render::{BuildOptions, Pipeline, RenderOptions};
-    use whitstone::scene::{Description, Plan, Sources};
+    use whitstone::scene::Sources;
 
     /// Maximum fraction of pixels that are not close: a ray near an edge may hit another triangle,
     /// and then the pixel shows something else.

@@ -27,10 +27,11 @@ pub use geometry::solid::{SolidRef, Span, Spans};
 pub use geometry::surface_part::SurfacePart;
 pub use geometry::transform::Transform;
 pub use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3, DVec4, Vec2, Vec3, Vec4};
+pub use plugin::context::{Context, Diagnostics, Resources, Storage};
 pub use plugin::error::{DuplicateType, SceneError, SceneErrors, SourceSpan, nearest};
 pub use plugin::registry::{
-    Accelerators, AutomaticAccelerator, Cameras, Context, Entry, Family, FamilyName, Integrators, Lights,
-    Materials, Plugin, Registry, Samplers, Shapes, Textures, Twin,
+    Accelerators, AutomaticAccelerator, Cameras, Entry, Family, FamilyName, Integrators, Lights, Materials,
+    Plugin, Registry, Samplers, Shapes, Textures, Twin,
 };
 pub use shading::camera::{Camera, FilmSize};
 pub use shading::color::Rgb;

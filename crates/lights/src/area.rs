@@ -327,6 +327,7 @@ impl Light for Area {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use whitstone_core::Resources;
     use whitstone_testkit::{TestContext, build, build_in, light_laws};
 
     fn irradiance(text: &str, point: DVec3, normal: DVec3) -> f64 {

@@ -63,9 +63,9 @@ impl Material for Matte {
         let n = point.n_towards(view);
         let mut irradiance = Rgb::BLACK;
         for incoming in light.lights {
-            irradiance += incoming.irradiance * n.dot(incoming.direction).max(0.0);
+            irradiance += facing(n, incoming.direction, incoming.irradiance);
         }
-        self.reflectance.value(point) * (light.ambient + irradiance * FRAC_1_PI)
+        reflected(self.reflectance.value(point), light.ambient, irradiance)
     }
 
     fn local_illumination_stream(
@@ -85,18 +85,29 @@ impl Material for Matte {
                         for (k, sum) in irradiance.iter_mut().enumerate() {
                             let lane = start + k;
                             let n = points.get(lane).n_towards(points.view.get(lane));
-                            let cosine = n.dot(light.direction.get(lane)).max(0.0);
-                            *sum += light.irradiance.get(lane) * cosine;
+                            *sum += facing(n, light.direction.get(lane), light.irradiance.get(lane));
                         }
                     }
-                    for (k, irradiance) in irradiance.iter().enumerate() {
-                        let light = ambient + *irradiance * FRAC_1_PI;
-                        out.set(start + k, out.get(start + k) * light);
+                    for (k, irradiance) in irradiance.into_iter().enumerate() {
+                        let lane = start + k;
+                        out.set(lane, reflected(out.get(lane), ambient, irradiance));
                     }
                 }
             },
         );
     }
+}
+
+/// Irradiance on a surface with unit normal `n`, of light that a facing surface receives.
+#[inline(always)]
+fn facing(n: DVec3, direction: DVec3, irradiance: Rgb) -> Rgb {
+    irradiance * n.dot(direction).max(0.0)
+}
+
+/// Reflected radiance.
+#[inline(always)]
+fn reflected(reflectance: Rgb, ambient: Rgb, irradiance: Rgb) -> Rgb {
+    reflectance * (ambient + irradiance * FRAC_1_PI)
 }
 
 #[cfg(test)]

@@ -11,9 +11,9 @@ use toml::Spanned;
 use toml::de::DeTable;
 use whitstone_core::config::{PluginRef, SolidRef, inline_plugins};
 use whitstone_core::{
-    Accelerator, Accelerators, Context, Family, FamilyName, Geometry, Group, Integrator, Material, Materials,
-    ObjectOrder, Refused, Registry, SceneError, SceneErrors, Shapes, SourceSpan, Texture, Textures,
-    Transform, View,
+    Accelerator, Accelerators, Family, FamilyName, Geometry, Group, Integrator, Material, Materials,
+    ObjectOrder, Refused, Registry, Resources, SceneError, SceneErrors, Shapes, SourceSpan, Texture,
+    Textures, Transform, View,
 };
 use whitstone_scene::{AUTO, Description, Omitted, Plan, PluginTable, ShapeTable, unknown_id};
 

@@ -8,12 +8,12 @@ use whitstone_core::config::{
     FilePath, GroupRef, MaterialRef, PluginRef, SolidRef, TextureRef, TextureValue,
 };
 use whitstone_core::{
-    ClosedMesh, ColorSource, Context, FamilyName, Group, LoweredShape, Material, SceneError, SceneErrors,
-    Shape, Shapes, Texture, Textures, Transform, TriangleMesh,
+    ClosedMesh, ColorSource, Diagnostics, FamilyName, Group, LoweredShape, Material, Resources, SceneError,
+    SceneErrors, Shape, Shapes, Storage, Texture, Textures, Transform, TriangleMesh,
 };
 use whitstone_scene::PluginTable;
 
-impl Context for Builder<'_, '_, '_> {
+impl Resources for Builder<'_, '_, '_> {
     fn texture(&mut self, reference: &TextureRef) -> Result<ColorSource, SceneErrors> {
         let span = reference.span.clone().unwrap_or(0..0);
         let key = match &reference.value {
@@ -100,7 +100,9 @@ impl Context for Builder<'_, '_, '_> {
         }
         operands::solid(shape, &plugin)
     }
+}
 
+impl Storage for Builder<'_, '_, '_> {
     fn reserve(&mut self, bytes: u64) -> Result<(), SceneErrors> {
         Ok(self.memory.take(bytes)?)
     }
@@ -114,7 +116,9 @@ impl Context for Builder<'_, '_, '_> {
             cache.cache(parts, made);
         }
     }
+}
 
+impl Diagnostics for Builder<'_, '_, '_> {
     fn warn(&mut self, warning: SceneError) {
         self.warnings.push(warning);
     }

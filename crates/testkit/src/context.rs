@@ -8,14 +8,14 @@ use whitstone_core::config::{
     FilePath, GroupRef, MaterialRef, PluginRef, SolidRef, TextureRef, TextureValue,
 };
 use whitstone_core::{
-    ColorSource, Context, DVec3, Family, Group, LoweredShape, Material, Materials, Plugin, Registry,
-    SceneError, SceneErrors, Shape, Shapes, Texture, Transform, TriangleMesh,
+    ColorSource, DVec3, Diagnostics, Family, Group, LoweredShape, Material, Materials, Plugin, Registry,
+    Resources, SceneError, SceneErrors, Shape, Shapes, Storage, Texture, Transform, TriangleMesh,
 };
 
 /// Builds an operand inside a shape with the given transform.
 type Operand = Rc<dyn Fn(&Transform) -> Result<LoweredShape, SceneErrors>>;
 
-/// A [`Context`] for tests: constants as textures, files of one folder, and groups, materials,
+/// A [`whitstone_core::Context`] for tests: constants as textures, files of one folder, and groups, materials,
 /// textures and operands by id. Collects warnings.
 #[derive(Clone, Default)]
 pub struct TestContext {
@@ -115,7 +115,7 @@ fn owned(parts: &[&[u8]]) -> Vec<Vec<u8>> {
     parts.iter().map(|part| part.to_vec()).collect()
 }
 
-impl Context for TestContext {
+impl Resources for TestContext {
     fn texture(&mut self, reference: &TextureRef) -> Result<ColorSource, SceneErrors> {
         match &reference.value {
             TextureValue::Constant(value) => Ok(ColorSource::Constant(*value)),
@@ -179,7 +179,9 @@ impl Context for TestContext {
         let error = |_| SceneError::at(operand.span.clone(), "the operand is not a solid").into();
         build(around)?.into_solid().map_err(error)
     }
+}
 
+impl Storage for TestContext {
     fn cached(&self, parts: &[&[u8]], length: usize) -> Option<Vec<u8>> {
         let found = self.kept.get(&owned(parts)).cloned();
         found.filter(|made| made.len() == length)
@@ -188,7 +190,9 @@ impl Context for TestContext {
     fn cache(&mut self, parts: &[&[u8]], made: &[u8]) {
         self.kept.insert(owned(parts), made.to_vec());
     }
+}
 
+impl Diagnostics for TestContext {
     fn warn(&mut self, warning: SceneError) {
         self.warnings.push(warning);
     }

@@ -1,8 +1,7 @@
-use crate::config::{self, FilePath, GroupRef, MaterialRef, SolidRef, Table, TextureRef};
+use crate::config::{self, Table};
 use crate::{
-    Accelerator, Camera, ColorSource, DuplicateType, FilmSize, Geometry, Group, Integrator, Light,
-    LoweredShape, Material, Sampler, SceneError, SceneErrors, Shape, Texture, Transform, TriangleMesh,
-    nearest,
+    Accelerator, Camera, Context, DuplicateType, FilmSize, Geometry, Integrator, Light, LoweredShape,
+    Material, Sampler, SceneError, SceneErrors, Texture, Transform, nearest,
 };
 use schemars::JsonSchema;
 #[cfg(feature = "schema")]
@@ -10,7 +9,6 @@ use schemars::{Schema, SchemaGenerator};
 use serde::de::DeserializeOwned;
 use std::any::Any;
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 use std::sync::Arc;
 
 /// A kind of plugin: the type that it builds and the input that it receives besides its parameters.
@@ -132,70 +130,6 @@ pub trait Plugin<F: Family> {
         input: F::Input<'_>,
         context: &mut dyn Context,
     ) -> Result<F::Product, SceneErrors>;
-}
-
-/// The services of the scene that a plugin may use while it is built.
-pub trait Context {
-    /// The texture or constant that a parameter refers to. A shared texture is built once.
-    fn texture(&mut self, reference: &TextureRef) -> Result<ColorSource, SceneErrors>;
-
-    /// The material that a parameter refers to. A shared material is built once; a material that
-    /// contains itself is an error.
-    fn material(&mut self, reference: &MaterialRef) -> Result<Arc<dyn Material>, SceneErrors> {
-        Err(SceneError::at(reference.span.clone(), "materials are not available here").into())
-    }
-
-    /// The path of a file that a parameter names. The file exists and is a regular file.
-    fn file(&self, file: &FilePath) -> Result<PathBuf, SceneError>;
-
-    /// The image in a file, as the texture `image` loads it, with a border. Errors are reported at
-    /// the file.
-    fn image(&mut self, file: &FilePath) -> Result<Arc<dyn Texture>, SceneErrors> {
-        Err(SceneError::at(file.span.clone(), "images are not available here").into())
-    }
-
-    /// The triangles of a mesh file in world space, as the shape `mesh` loads them. Errors are
-    /// reported at the file.
-    fn triangles(&mut self, file: &FilePath, transform: &Transform) -> Result<TriangleMesh, SceneErrors> {
-        let _ = transform;
-        Err(SceneError::at(file.span.clone(), "meshes are not available here").into())
-    }
-
-    /// The group of shapes that a parameter names. It is built once, however many instances it has.
-    fn group(&self, group: &GroupRef) -> Result<Arc<Group>, SceneErrors> {
-        Err(group.no_groups().into())
-    }
-
-    /// The solid that is an operand of a shape with transform `around`. The operand's own transform
-    /// is applied first. An operand that bounds no volume is an error, reported at the operand.
-    fn solid(&mut self, operand: &SolidRef, around: &Transform) -> Result<Box<dyn Shape>, SceneErrors> {
-        let _ = around;
-        Err(SceneError::at(operand.span.clone(), "operands are not available here").into())
-    }
-
-    /// Announces an allocation of `bytes` bytes; fails if it exceeds the scene's memory limit. Call
-    /// it for sizes that depend on a number in the scene or on a file; small allocations need no
-    /// call.
-    fn reserve(&mut self, bytes: u64) -> Result<(), SceneErrors> {
-        let _ = bytes;
-        Ok(())
-    }
-
-    /// Looks up a cached result of `length` bytes; `None` if there is none. `parts` is the cache
-    /// key: all the input of the result, and a name with a version.
-    fn cached(&self, parts: &[&[u8]], length: usize) -> Option<Vec<u8>> {
-        let _ = (parts, length);
-        None
-    }
-
-    /// Caches a result under `parts` for later runs, if caching is enabled. For results that take
-    /// longer to compute than to read.
-    fn cache(&mut self, parts: &[&[u8]], made: &[u8]) {
-        let _ = (parts, made);
-    }
-
-    /// Reports a warning to the user.
-    fn warn(&mut self, warning: SceneError);
 }
 
 type BuildFn<F> = for<'a> fn(
@@ -404,7 +338,10 @@ fn build_plugin<F: Family, P: Plugin<F>>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::{FilePath, TextureRef};
+    use crate::{ColorSource, Diagnostics, Resources, Storage};
     use glam::DVec2;
+    use std::path::PathBuf;
     use toml::de::DeTable;
 
     struct Dot;
@@ -433,13 +370,18 @@ mod tests {
 
     struct NoContext;
 
-    impl Context for NoContext {
+    impl Resources for NoContext {
         fn texture(&mut self, _: &TextureRef) -> Result<ColorSource, SceneErrors> {
             Err(SceneError::anywhere("textures are not available here").into())
         }
         fn file(&self, _: &FilePath) -> Result<PathBuf, SceneError> {
             Err(SceneError::anywhere("files are not available here"))
         }
+    }
+
+    impl Storage for NoContext {}
+
+    impl Diagnostics for NoContext {
         fn warn(&mut self, _: SceneError) {}
     }
 

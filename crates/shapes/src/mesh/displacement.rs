@@ -189,8 +189,8 @@ mod tests {
     use std::sync::atomic::{AtomicU32, Ordering};
     use whitstone_core::config::decode;
     use whitstone_core::{
-        Context, DVec3, LoweredShape, Plugin, Rgb, SceneError, SceneErrors, Shapes, SurfaceAttributes,
-        SurfaceInteraction, Texture, Transform, TriangleMesh,
+        DVec3, Diagnostics, LoweredShape, Plugin, Resources, Rgb, SceneError, SceneErrors, Shapes, Storage,
+        SurfaceAttributes, SurfaceInteraction, Texture, Transform, TriangleMesh,
     };
     use whitstone_testkit::{TestContext, build_in, shape_laws};
 
@@ -366,7 +366,7 @@ mod tests {
     #[test]
     fn memory_is_asked_for_before() {
         struct Stingy(TestContext, u64);
-        impl Context for Stingy {
+        impl Resources for Stingy {
             fn texture(
                 &mut self,
                 _: &whitstone_core::config::TextureRef,
@@ -379,6 +379,8 @@ mod tests {
             ) -> Result<std::path::PathBuf, SceneError> {
                 self.0.file(file)
             }
+        }
+        impl Storage for Stingy {
             fn reserve(&mut self, bytes: u64) -> Result<(), SceneErrors> {
                 self.1 += bytes;
                 match self.1 > 55_000 {
@@ -386,6 +388,8 @@ mod tests {
                     false => Ok(()),
                 }
             }
+        }
+        impl Diagnostics for Stingy {
             fn warn(&mut self, _: SceneError) {}
         }
         let folder =

@@ -1,7 +1,7 @@
 //! A matte surface that darkens towards its rim, like dust (Minnaert, *The Reciprocity Principle
 //! in Lunar Photometry*, 1941).
 //!
-//! The BRDF is f = reflectance/pi (cos of the light · cos of the viewer)^(darkening - 1). It is
+//! The BRDF is f = reflectance/pi (cos of the light · cos of the viewer)^darkening. It is
 //! reciprocal, and its reflection of uniform illumination has the closed form in
 //! `local_illumination`.
 //!
@@ -12,11 +12,10 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::f64::consts::FRAC_1_PI;
 use std::sync::Arc;
-use toml::Spanned;
-use whitstone_core::config::{Finite, TextureRef};
+use whitstone_core::config::{NonNegative, TextureRef};
 use whitstone_core::{
-    BsdfFlags, ColorSource, Context, DVec3, LightSamples, Material, Materials, Plugin, Rgb, SceneError,
-    SceneErrors, SurfaceAttributes, SurfaceInteraction,
+    BsdfFlags, ColorSource, Context, DVec3, LightSamples, Material, Materials, Plugin, Rgb, SceneErrors,
+    SurfaceAttributes, SurfaceInteraction,
 };
 
 /// A matte surface that darkens towards its rim.
@@ -27,15 +26,17 @@ pub struct Config {
     /// texture or a colour.
     #[serde(default = "half")]
     reflectance: TextureRef,
-    /// At least 1: 1 is a plain matte surface, larger values are darker towards the rim. 1.5 if
-    /// omitted.
-    #[serde(default)]
-    #[schemars(with = "Option<f64>")]
-    darkening: Option<Spanned<Finite>>,
+    /// 0 is a plain matte surface; larger values are darker towards the rim.
+    #[serde(default = "half_as_dark")]
+    darkening: NonNegative,
 }
 
 fn half() -> TextureRef {
     TextureRef::grey(0.5)
+}
+
+fn half_as_dark() -> NonNegative {
+    NonNegative::new(0.5).expect("0.5 is not negative")
 }
 
 /// The material that `Config` describes; see the module documentation.
@@ -49,26 +50,10 @@ impl Plugin<Materials> for Chalk {
     type Config = Config;
 
     fn build(config: Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Material>, SceneErrors> {
-        let mut errors = SceneErrors::default();
-        let darkening = match &config.darkening {
-            Some(value) if value.get_ref().get() < 1.0 => {
-                let message = format!(
-                    "expected a darkening of at least 1, found {}",
-                    value.get_ref().get()
-                );
-                errors.0.push(SceneError::at(value.span(), message));
-                1.0
-            }
-            Some(value) => value.get_ref().get(),
-            None => 1.5,
-        };
-        // Collected, so that all errors are reported at once.
-        let reflectance = errors.take(context.texture(&config.reflectance));
-        let reflectance = reflectance.unwrap_or(ColorSource::Constant(Rgb::BLACK));
-        errors.into_result(Arc::new(Self {
-            reflectance,
-            darkening,
-        }) as Arc<dyn Material>)
+        Ok(Arc::new(Self {
+            reflectance: context.texture(&config.reflectance)?,
+            darkening: config.darkening.get(),
+        }))
     }
 }
 
@@ -91,11 +76,11 @@ impl Material for Chalk {
         let cosine = |direction: DVec3| n.dot(direction).max(0.0);
         let mut irradiance = Rgb::BLACK;
         for incoming in light.lights {
-            irradiance += incoming.irradiance * cosine(incoming.direction).powf(self.darkening);
+            irradiance += incoming.irradiance * cosine(incoming.direction).powf(self.darkening + 1.0);
         }
         // The integral of f cos over the hemisphere, times the ambient radiance.
-        let from_everywhere = light.ambient * (2.0 / (self.darkening + 1.0));
-        let rim = cosine(view).powf(self.darkening - 1.0);
+        let from_everywhere = light.ambient * (2.0 / (self.darkening + 2.0));
+        let rim = cosine(view).powf(self.darkening);
         self.reflectance.value(point) * (from_everywhere + irradiance * FRAC_1_PI) * rim
     }
 }
@@ -110,12 +95,12 @@ mod tests {
         Chalk: material_laws + furnace_laws + energy_laws + reciprocity_laws,
         "",
         "reflectance = [0, 0.5, 1]",
-        "reflectance = 0.0..1\ndarkening = 1.0..4",
+        "reflectance = 0.0..1\ndarkening = 0.0..3",
     );
 
     #[test]
     fn without_darkening_it_is_matte() {
-        let material = build::<Materials, Chalk>("reflectance = 0.5\ndarkening = 1", ()).unwrap();
+        let material = build::<Materials, Chalk>("reflectance = 0.5\ndarkening = 0", ()).unwrap();
         let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
         let light = LightSamples {
             ambient: Rgb::BLACK,
@@ -126,11 +111,5 @@ mod tests {
         };
         let found = material.local_illumination(&point, DVec3::new(0.0, 0.6, 0.8), &light);
         assert!((found.g - 0.5 * 0.8 * FRAC_1_PI).abs() < 1e-15, "{found:?}");
-    }
-
-    #[test]
-    fn too_little_darkening_is_reported_at_its_place() {
-        let errors = build::<Materials, Chalk>("darkening = 0.5", ()).err().unwrap();
-        assert_eq!(errors.0[0].span, Some(12..15));
     }
 }

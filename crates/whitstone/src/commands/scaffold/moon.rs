@@ -9,8 +9,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::f64::consts::PI;
 use std::sync::Arc;
-use toml::Spanned;
-use whitstone_core::config::{Color, Finite, Vector3};
+use whitstone_core::config::{Color, NonNegative, Vector3};
 use whitstone_core::{
     Context, DVec3, Light, LightFlags, LightSample, Lights, Plugin, SceneError, SceneErrors,
 };
@@ -20,15 +19,17 @@ use whitstone_core::{
 #[serde(deny_unknown_fields)]
 pub struct Config {
     /// Direction in which the light travels; any nonzero length.
-    #[schemars(with = "Vector3")]
-    direction: Spanned<Vector3>,
+    direction: Vector3,
     /// Irradiance in W/m² at full phase, on a surface that faces the light.
     irradiance: Color,
-    /// Phase angle between the sun and the viewer as seen from the sphere, in degrees from 0 (full)
-    /// to 180 (new); 0 if omitted.
-    #[serde(default)]
-    #[schemars(with = "Option<f64>")]
-    phase: Option<Spanned<Finite>>,
+    /// Phase angle between the sun and the viewer as seen from the sphere, in degrees: 0 is full
+    /// moon, 180 or more is new moon.
+    #[serde(default = "full")]
+    phase: NonNegative,
+}
+
+fn full() -> NonNegative {
+    NonNegative::new(0.0).expect("0 is not negative")
 }
 
 /// The light; its sample is the same everywhere.
@@ -41,32 +42,19 @@ impl Plugin<Lights> for Moon {
     type Config = Config;
 
     fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Arc<dyn Light>, SceneErrors> {
-        let mut errors = SceneErrors::default();
-        let mut reject = |span, message: String| errors.0.push(SceneError::at(span, message));
-        let travel = config.direction.get_ref().get().try_normalize();
-        if travel.is_none() {
-            reject(
-                config.direction.span(),
-                "expected a direction that is not zero".to_owned(),
-            );
-        }
-        let phase = config.phase.as_ref().map_or(0.0, |phase| phase.get_ref().get());
-        if let Some(written) = config.phase.filter(|_| !(0.0..=180.0).contains(&phase)) {
-            reject(
-                written.span(),
-                format!("expected a phase from 0 to 180 degrees, found {phase}"),
-            );
-        }
-        let a = phase.to_radians();
+        let Some(travel) = config.direction.get().try_normalize() else {
+            return Err(SceneError::anywhere("expected a direction that is not zero").into());
+        };
+        let a = config.phase.get().min(180.0).to_radians();
         // Rounding must not make the value negative near a phase angle of 180 degrees.
         let share = ((a.sin() + (PI - a) * a.cos()) / PI).max(0.0);
-        errors.into_result(Arc::new(Self {
+        Ok(Arc::new(Self {
             sample: LightSample {
-                direction: -travel.unwrap_or(DVec3::Z),
+                direction: -travel,
                 distance: f64::INFINITY,
                 irradiance: config.irradiance.get() * share,
             },
-        }) as Arc<dyn Light>)
+        }))
     }
 }
 
@@ -107,8 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn both_errors_are_reported() {
-        let errors = build::<Lights, Moon>("direction = [0, 0, 0]\nirradiance = 1\nphase = 270", ());
-        assert_eq!(errors.err().unwrap().0.len(), 2);
+    fn a_direction_is_needed() {
+        assert!(build::<Lights, Moon>("direction = [0, 0, 0]\nirradiance = 1", ()).is_err());
     }
 }
