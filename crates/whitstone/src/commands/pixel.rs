@@ -1,7 +1,7 @@
 //! Prints the rays of one pixel, alone or next to those of a live reference: part of `explain`.
 
 use super::SceneArguments;
-use super::explain::Names;
+use super::names::Names;
 use crate::terminal::Failure;
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
