@@ -2,7 +2,7 @@
 //! have no example scene, no stored reference and no property tests of accelerators, because they
 //! are not built by default and their images are not ours.
 
-use crate::tidy::undocumented_parameters;
+use crate::parameters::undocumented_parameters;
 use std::fs;
 use std::path::Path;
 use whitstone::core::Entry;

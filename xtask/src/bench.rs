@@ -3,6 +3,7 @@
 mod accelerators;
 mod backend;
 mod chart;
+mod choice;
 mod data;
 mod fetch;
 mod lights;

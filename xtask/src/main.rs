@@ -9,6 +9,7 @@ mod features;
 mod links;
 mod oracle;
 mod pages;
+mod parameters;
 mod places;
 mod plugins;
 mod readme;

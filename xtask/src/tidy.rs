@@ -1,7 +1,8 @@
 //! Checks that the compiler cannot make: the same name in all places of a plugin, and lists that
 //! are complete.
 
-use crate::{assets, backends, dependencies, links, pages, places, verdict, width};
+use crate::parameters::{undeclared_defaults, undocumented_parameters};
+use crate::{assets, backends, dependencies, links, places, verdict, width};
 use std::fs;
 use std::path::{Path, PathBuf};
 use whitstone::core::{Entry, FamilyName, Registry};
@@ -106,7 +107,7 @@ fn check_plugin(entry: &Entry) -> Vec<String> {
             example.display()
         ),
     );
-    for key in pages::undeclared_defaults(entry) {
+    for key in undeclared_defaults(entry) {
         require(
             false,
             format!(
@@ -192,19 +193,6 @@ fn check_orphans(registry: &Registry) -> Vec<String> {
 fn is_plugin(source: &str) -> bool {
     let documentation = source.lines().take_while(|line| line.starts_with("//!"));
     documentation.into_iter().any(|line| line.contains("Twin:"))
-}
-
-pub(crate) fn undocumented_parameters(entry: &Entry) -> impl Iterator<Item = String> {
-    let schema = entry.schema();
-    let properties = schema
-        .get("properties")
-        .and_then(|p| p.as_object())
-        .cloned()
-        .unwrap_or_default();
-    properties
-        .into_iter()
-        .filter(|(_, value)| value.get("description").is_none())
-        .map(|(key, _)| key)
 }
 
 /// The twin of a plugin in POV-Ray, if it has one.

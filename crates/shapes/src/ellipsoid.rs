@@ -96,7 +96,7 @@ impl Plugin<Shapes> for Ellipsoid {
 mod tests {
     use super::*;
     use whitstone_core::{Interval, Ray, Shape};
-    use whitstone_testkit::build;
+    use whitstone_testkit::{Random, build};
 
     whitstone_testkit::shape_laws!(
         Ellipsoid,
@@ -134,5 +134,34 @@ mod tests {
         let bounds = ellipsoid("radii = [1, 2, 3]").bounds();
         assert_eq!(bounds.max, DVec3::new(1.0, 2.0, 3.0));
         assert_eq!(bounds.min, -bounds.max);
+    }
+
+    /// The quadratic formula in its textbook form.
+    fn naive(ray: &Ray) -> f64 {
+        let (a, b) = (ray.direction.length_squared(), ray.origin.dot(ray.direction));
+        (-b - (b * b - a * (ray.origin.length_squared() - 1.0)).sqrt()) / a
+    }
+
+    /// A distant sphere is hit in front of its center by slightly less than its radius. Computed
+    /// from the squared distances of the ray origin, that difference is lost.
+    #[test]
+    fn far_eyes_see_where_the_surface_is_and_the_naive_form_does_not() {
+        let sphere = ellipsoid("");
+        let mut random = Random::new(9);
+        let (mut worst, mut naive_worst) = (0f64, 0f64);
+        for _ in 0..1_000 {
+            let distance = 1e7 * (1.0 + random.unit());
+            let beside = 0.9 * random.unit();
+            let ray = Ray::new(DVec3::new(distance, beside, 0.0), DVec3::NEG_X);
+            let expected = distance - (1.0 - beside * beside).sqrt();
+            let hit = sphere
+                .intersect(&ray, Interval::FORWARD, None)
+                .expect("it is there");
+            worst = worst.max((hit.t - expected).abs());
+            // NaN (no hit) counts as a whole radius.
+            naive_worst = naive_worst.max((naive(&ray) - expected).abs().min(1.0));
+        }
+        assert!(worst < 8e-9, "{worst}");
+        assert!(naive_worst > 1e-3, "{naive_worst}");
     }
 }

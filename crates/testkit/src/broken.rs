@@ -1,4 +1,4 @@
-//! A broken law.
+//! A broken law, and the check that finds it.
 
 use std::fmt;
 use whitstone_core::Ray;
@@ -35,4 +35,9 @@ impl fmt::Display for Broken {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.law)
     }
+}
+
+/// Fails with `text` if a law does not hold.
+pub(crate) fn law(holds: bool, text: &str) -> Result<(), String> {
+    if holds { Ok(()) } else { Err(text.to_owned()) }
 }

@@ -1,7 +1,7 @@
 //! Instances of groups of shapes, for the laws of accelerators.
 
-use crate::accelerators::{ball, slivers, soup};
 use crate::random::Random;
+use crate::test_shapes::{ball, slivers, soup};
 use crate::{Wall, placements};
 use std::sync::Arc;
 use whitstone_core::stream::{HitStream, Lanes, RayStream};

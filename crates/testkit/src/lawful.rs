@@ -1,10 +1,11 @@
 //! The families whose laws can be checked in random configurations, and the scenes that demonstrate
 //! failures.
 
-use crate::accelerators::{compare, mesh_of};
+use crate::accelerators::compare;
 use crate::ball::Ball;
 use crate::broken::Broken;
 use crate::shapes::{first_broken, placements};
+use crate::test_shapes::mesh_of;
 use crate::{accelerator_laws, build, camera_laws, light_laws, material_laws, texture_laws};
 use proptest::prelude::*;
 use std::fmt::Debug;

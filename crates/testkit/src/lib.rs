@@ -20,6 +20,7 @@ mod instances;
 mod random;
 mod shapes;
 mod solids;
+mod test_shapes;
 
 pub use accelerators::{accelerator_agrees, accelerator_laws, random_rays};
 pub use broken::Broken;

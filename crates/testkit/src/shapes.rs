@@ -1,6 +1,6 @@
 //! Laws of shapes.
 
-use crate::broken::Broken;
+use crate::broken::{Broken, law};
 use crate::random::Random;
 use crate::solids::check_solid;
 use crate::streams::{accelerator_streams, surface_streams};
@@ -488,10 +488,6 @@ impl Bench {
         };
         self.intersect(&ray, around, SelfHitFilter::NOTHING).is_some()
     }
-}
-
-pub(crate) fn law(holds: bool, text: &str) -> Result<(), String> {
-    if holds { Ok(()) } else { Err(text.to_owned()) }
 }
 
 /// Bitwise equality: distinguishes +0 and -0.

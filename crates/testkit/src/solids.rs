@@ -1,7 +1,7 @@
 //! Laws of solids, in addition to those of shapes.
 
+use crate::broken::law;
 use crate::random::Random;
-use crate::shapes::law;
 use whitstone_core::{
     DVec3, InstanceId, Interval, Ray, Shape, ShapeHit, Span, Spans, SurfaceAttributes, solid,
 };

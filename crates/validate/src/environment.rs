@@ -1,7 +1,7 @@
 //! The Python environment of a reference's driver: a private environment for Mitsuba, the system's
 //! Python for POV-Ray.
 
-use crate::renderer::Renderer;
+use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -20,15 +20,21 @@ const MINOR: u32 = 9;
 /// The oldest Python 3 with a TOML parser in its standard library (minor version).
 const MINOR_OF_POVRAY: u32 = 11;
 
+/// The Python package of Mitsuba's driver.
+const MODULE: &str = "whitstone_mitsuba";
+/// The Python package of POV-Ray's driver.
+const MODULE_OF_POVRAY: &str = "whitstone_povray";
+
 /// An environment in which a driver can run.
 #[derive(Clone, Debug)]
 pub struct Environment {
-    /// The renderer of the driver.
-    pub renderer: Renderer,
     /// The interpreter of the environment.
     pub python: PathBuf,
-    /// Folder that contains the driver's Python package.
+    /// Folder that contains the driver's Python package. Third-party plugins name their twins after
+    /// this folder.
     pub package: PathBuf,
+    /// Name of the driver's Python package.
+    pub module: &'static str,
     /// Files with the twins of third-party plugins.
     pub twins: Vec<PathBuf>,
 }
@@ -130,13 +136,13 @@ impl Environment {
     /// The system's Python with the driver of POV-Ray, which needs nothing else.
     pub fn of_povray(references: &Path) -> Result<Self, EnvironmentError> {
         let package = references.join("povray");
-        if !package.join(Renderer::POVRAY.package()).is_dir() {
+        if !package.join(MODULE_OF_POVRAY).is_dir() {
             return Err(EnvironmentError::NoPackage(package));
         }
         Ok(Self {
-            renderer: Renderer::POVRAY,
             python: find_python(MINOR_OF_POVRAY)?.0,
             package,
+            module: MODULE_OF_POVRAY,
             twins: Vec::new(),
         })
     }
@@ -146,7 +152,8 @@ impl Environment {
     /// # Errors
     /// If they cannot be written.
     pub fn with_twins(mut self, registry: &Registry, target: &Path) -> std::io::Result<Self> {
-        for twin in registry.twins(self.renderer.package_folder()) {
+        let renderer = self.package.file_name().and_then(OsStr::to_str);
+        for twin in registry.twins(renderer.unwrap_or_default()) {
             let hash = blake3::hash(twin.text.as_bytes()).to_hex();
             let folder = target.join("twins").join(&hash[..12]);
             fs::create_dir_all(&folder)?;
@@ -194,9 +201,9 @@ impl Place {
             version,
             key,
             environment: Environment {
-                renderer: Renderer::MITSUBA,
                 python: interpreter(&folder),
                 package,
+                module: MODULE,
                 twins: Vec::new(),
             },
             folder,

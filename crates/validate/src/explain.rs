@@ -10,7 +10,7 @@
 //! can. Our own variation never counts: in a trial, a rule that let it count explained away 4,003
 //! of 4,034 wrong pixels.
 
-use crate::driver::Setting;
+use crate::protocol::Setting;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 

@@ -5,8 +5,7 @@
 //! rays perturbed by units in the last place, and mesh vertices rounded differently. A limit below
 //! this error would be arbitrary.
 
-use crate::driver::Setting;
-use crate::renderer::Renderer;
+use crate::protocol::Setting;
 use whitstone_image::{CompareError, CompareOptions, Image, Tolerance, compare, metrics};
 
 /// Lower bound of the floor (2^-21): a few roundings of single precision, which every shading
@@ -99,11 +98,12 @@ pub(crate) fn bias_limit(floor: f64, cap: f64) -> f64 {
     (4.0 * floor).min(cap)
 }
 
-/// The upper bound of all limits, however inaccurate the reference is.
-pub(crate) fn cap(renderer: Renderer, textured: bool) -> f64 {
+/// The upper bound of all limits, however inaccurate the reference is. `untextured` is that of a
+/// scene without textures, which depends on the renderer.
+pub(crate) fn cap(untextured: f64, textured: bool) -> f64 {
     if textured {
         LARGEST_LIMIT_TEXTURED
     } else {
-        renderer.largest_limit()
+        untextured
     }
 }

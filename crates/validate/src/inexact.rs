@@ -5,7 +5,7 @@
 //! although ours are right. The verdict does not change: a case that cannot be confirmed does not
 //! pass. The notes only show which renderer may be inaccurate.
 
-use crate::driver::Setting;
+use crate::protocol::Setting;
 use crate::renderer::Renderer;
 use crate::result::CaseResult;
 use whitstone_core::{Aabb, Geometry};
@@ -123,7 +123,7 @@ mod tests {
             &case,
             &Geometry::new(shapes),
             Renderer::MITSUBA,
-            floor::cap(Renderer::MITSUBA, false),
+            floor::cap(Renderer::MITSUBA.largest_limit(), false),
         )
     }
 

@@ -2,11 +2,12 @@
 //! own variation, and computes the numbers that have limits. The verdict follows in
 //! [`crate::verdict`].
 
-use crate::driver::SceneText;
 use crate::explain::{Explanation, Range, Reason, explain};
 use crate::pixels::Pictures;
+use crate::protocol::SceneText;
 use crate::result::{CaseResult, LayerResult, Reference, WorstPixel};
 use crate::stored::Stored;
+use crate::tolerance::{allowed, color_at};
 use crate::validator::{Against, EXPLAINED_PIXELS, Ours, Validator};
 use crate::{floor, inexact, tree, vacuous};
 use whitstone_core::SurfaceAttributes;
@@ -46,20 +47,6 @@ impl Judged {
     }
 }
 
-/// The colour of a pixel.
-pub(crate) fn color_at(image: &Image, [x, y]: [usize; 2]) -> [f64; 3] {
-    let index = y * image.width() + x;
-    image.rgb().map_or([f64::NAN; 3], |planes| {
-        planes.map(|plane| f64::from(plane[index]))
-    })
-}
-
-/// The tolerance of each channel around the reference's value.
-pub(crate) fn allowed(nominal: [f64; 3], mean: f64) -> [f64; 3] {
-    let Tolerance { relative, absolute } = Tolerance::default();
-    nominal.map(|v| relative * v.abs() + absolute * mean)
-}
-
 impl Validator<'_> {
     /// Computes the numbers of a case, and returns the pixels over tolerance.
     pub(crate) fn judge(
@@ -85,7 +72,7 @@ impl Validator<'_> {
         case.moved = meta.moved;
         case.reference_s = Some(meta.seconds);
         let textured = ours.pipeline.scene.needs().contains(SurfaceAttributes::UV);
-        let cap = floor::cap(self.options.renderer, textured);
+        let cap = floor::cap(self.options.renderer.largest_limit(), textured);
         if case.limit == 0.0 {
             case.limit = floor::limit(meta.floor, cap);
         }

@@ -1,9 +1,10 @@
 //! A live reference and the cache of its answers.
 
-use crate::driver::{Coincident, Driver, DriverError, SceneText, Setting, Versions};
+use crate::driver::{Driver, DriverError};
 use crate::environment::Environment;
 use crate::explain::{Range, Trial};
 use crate::floor;
+use crate::protocol::{Coincident, Rendered, SceneText, Setting, Versions};
 use crate::renderer::Renderer;
 use crate::stored::{Meta, Stored, StoredError};
 use crate::variants::Variants;
@@ -16,6 +17,7 @@ use whitstone_image::{Image, Limits, Tolerance, atomic, exr_io, metrics};
 
 /// A driver that starts on demand, and a cache folder of its answers.
 pub struct Live {
+    renderer: Renderer,
     environment: Environment,
     driver: Option<Driver>,
     /// The versions of the renderer; known once the driver has reported them.
@@ -63,17 +65,19 @@ impl Live {
     /// Starts the driver once to query its versions. `cache` is a folder for its answers, which are
     /// reused if `reuse` is set.
     pub fn start(
+        renderer: Renderer,
         environment: Environment,
         cache: PathBuf,
         reuse: bool,
         limit: Duration,
     ) -> Result<Self, LiveError> {
-        let driver_hash = hash_sources(&environment);
+        let driver_hash = hash_sources(renderer, &environment);
         let hello_path = cache.join(format!("hello-{driver_hash}.json"));
         // The installation on the system may have changed.
-        let is_private = environment.renderer.is_private();
+        let is_private = renderer.is_private();
         let known = std::fs::read(&hello_path).ok().filter(|_| reuse && is_private);
         let mut live = Self {
+            renderer,
             environment,
             driver: None,
             versions: None,
@@ -85,7 +89,6 @@ impl Live {
         let versions = match known.and_then(|bytes| serde_json::from_slice(&bytes).ok()) {
             Some(versions) => versions,
             None => {
-                let renderer = live.renderer();
                 let versions = renderer.versions(live.driver()?)?;
                 let text =
                     serde_json::to_vec(&versions).map_err(|error| LiveError::Image(error.to_string()))?;
@@ -126,7 +129,7 @@ impl Live {
 
     /// The renderer.
     pub fn renderer(&self) -> Renderer {
-        self.environment.renderer
+        self.renderer
     }
 
     /// The versions; `None` only before the driver has reported them.
@@ -231,11 +234,7 @@ impl Live {
         Ok(stored)
     }
 
-    fn render(
-        &mut self,
-        scene: SceneText<'_>,
-        setting: Setting,
-    ) -> Result<(Image, crate::driver::Rendered), LiveError> {
+    fn render(&mut self, scene: SceneText<'_>, setting: Setting) -> Result<(Image, Rendered), LiveError> {
         std::fs::create_dir_all(&self.cache).map_err(DriverError::Io)?;
         // Concurrent runs must not share the file.
         let folder = tempfile::tempdir_in(&self.cache).map_err(DriverError::Io)?;
@@ -378,17 +377,17 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), LiveError> {
 
 /// A hash of the driver's Python files and requirements, of the package that all drivers share, and
 /// of the driver's requests for a floor. Answers are reused only if it is unchanged.
-pub fn hash_sources(environment: &Environment) -> String {
+pub fn hash_sources(renderer: Renderer, environment: &Environment) -> String {
     let Environment {
-        renderer,
         package,
+        module,
         twins,
         ..
     } = environment;
     let mut files = vec![package.join("requirements.txt")];
     files.extend_from_slice(twins);
     let mut open = vec![
-        package.join(renderer.package()),
+        package.join(module),
         package.with_file_name("protocol").join("whitstone_protocol"),
     ];
     while let Some(folder) = open.pop() {

@@ -14,11 +14,10 @@
 //! | 1 | how the pixel was judged: [`judgement`] |
 
 use crate::explain::Reason;
-use crate::report::ERROR_VIEW;
 use half::f16;
 use miniz_oxide::deflate::compress_to_vec_zlib;
 use serde::{Deserialize, Serialize};
-use whitstone_image::error_map::error_map;
+use whitstone_image::error_map::{ErrorView, Quantity, Scale, error_map};
 use whitstone_image::flip::flip_ldr;
 use whitstone_image::layer_view;
 use whitstone_image::metrics::{mean_reference, relative_residual};
@@ -33,6 +32,12 @@ pub(crate) const LEAST_RESIDUAL: f64 = 1e-9;
 pub(crate) const CODES_A_DECADE: f64 = 12.5;
 /// The code of a residual that is not finite.
 const NOT_FINITE: u8 = 127;
+
+/// The quantity that the error pictures of a report show, and its legend.
+pub(crate) const ERROR_VIEW: ErrorView = ErrorView {
+    quantity: Quantity::Relative,
+    scale: Scale::Log { min: 1e-7, max: 1e-1 },
+};
 
 /// Pictures of a case, as files in memory.
 #[derive(Clone, Debug, Serialize, Deserialize)]

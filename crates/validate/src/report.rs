@@ -7,6 +7,7 @@
 
 mod case;
 mod changes;
+mod extras;
 mod number;
 mod script;
 mod view;
@@ -15,20 +16,12 @@ mod view;
 pub(crate) mod tests;
 
 pub use changes::{Baseline, Change, Changes, Kind};
+pub use extras::{Diagram, Extras};
 
 use crate::matrix::{Cell, Tally};
-use crate::sensitivity::Parameter;
 use crate::{CaseResult, Results, Summary};
-use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use view::{Page, PageKind};
-use whitstone_image::error_map::{ErrorView, Quantity, Scale};
-
-/// The quantity that the error pictures of a report show, and its legend.
-pub const ERROR_VIEW: ErrorView = ErrorView {
-    quantity: Quantity::Relative,
-    scale: Scale::Log { min: 1e-7, max: 1e-1 },
-};
 
 /// Maximum number of cases on one page. With more, each scene gets its own page.
 pub const ON_ONE_PAGE: usize = 150;
@@ -37,45 +30,6 @@ pub const ON_ONE_PAGE: usize = 150;
 const INDEX: &str = "index.html";
 /// Folder of the pages of scenes, next to it.
 pub const SCENES: &str = "scenes";
-
-/// Further data for a page besides the results.
-#[derive(Debug, Default)]
-pub struct Extras {
-    /// Diagrams of error against run time.
-    pub diagrams: Vec<Diagram>,
-    /// Diagrams of the stress families.
-    pub stress: Vec<Diagram>,
-    /// For each scene, the smallest detectable change of each of its numbers.
-    pub sensitivity: BTreeMap<String, Vec<Parameter>>,
-    /// The changes since an earlier run.
-    pub changes: Option<Changes>,
-}
-
-impl Extras {
-    /// Only for the unchanged scene, because it was measured there.
-    fn sensitivity_of(&self, case: &CaseResult) -> &[Parameter] {
-        let known = self.sensitivity.get(&case.scene);
-        known
-            .filter(|_| case.config == "default")
-            .map_or(&[], Vec::as_slice)
-    }
-}
-
-/// A diagram of a study.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Diagram {
-    /// Name of the study.
-    pub name: String,
-    /// One line.
-    pub title: String,
-    /// What the study measures.
-    pub about: String,
-    /// Its verdict.
-    pub verdict: String,
-    /// The picture. It is embedded unescaped, because it is well-formed SVG that this program
-    /// generated.
-    pub svg: String,
-}
 
 /// The complete page, without anything from a network, to be opened from disk.
 pub fn html(results: &Results, extras: &Extras) -> String {

@@ -1,11 +1,11 @@
 //! The results of a validation, in the form of `results.json`.
 
-use crate::driver::{Hello, PovRay};
 use crate::explain::Reason;
-use crate::matrix::{Cell, Tally};
+use crate::matrix::cell::{Cell, Tally};
 use crate::noisy::Noisy;
 use crate::opinion::{Opinion, Verdict};
 use crate::pixels::Pictures;
+use crate::protocol::{Hello, PovRay};
 use serde::{Deserialize, Deserializer, Serialize};
 use whitstone_image::metrics::BlockBias;
 use whitstone_render::Cost;

@@ -7,8 +7,8 @@
 //! without a live renderer.
 
 use crate::explain::{Explanation, Range, Reason, Trial, explain};
-use crate::judge::color_at;
 use crate::renderer::Renderer;
+use crate::tolerance::color_at;
 use crate::variants::Variants;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};

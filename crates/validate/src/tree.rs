@@ -1,6 +1,6 @@
 //! Ray trees of one sample, ours and the reference's, and their first difference.
 
-use crate::driver::{number, numbers};
+use crate::protocol::{number, numbers};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use whitstone_core::{Scratch, TreeNode};

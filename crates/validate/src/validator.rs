@@ -1,7 +1,10 @@
-use crate::driver::{DriverError, SceneText};
+//! Validates scenes: renders a scene, obtains its reference, and has the two compared.
+
+use crate::driver::DriverError;
 use crate::key::{folder_of, quoted, scene_key};
 use crate::live::{Live, LiveError};
 use crate::opinion::OraclePolicy;
+use crate::protocol::SceneText;
 use crate::renderer::{Adaptation, Renderer};
 use crate::result::{CaseResult, Status};
 use crate::stored::{Stored, StoredError};
@@ -450,5 +453,12 @@ fn start_live(registry: &Registry, options: &Options, say: &dyn Fn(&str)) -> Res
     let environment = environment.with_twins(registry, &options.target);
     let environment = environment.map_err(|error| format!("the twins of plugins: {error}"))?;
     let cache = options.target.join("live");
-    Live::start(environment, cache, options.reuse, options.time_limit).map_err(|error| error.to_string())
+    Live::start(
+        options.renderer,
+        environment,
+        cache,
+        options.reuse,
+        options.time_limit,
+    )
+    .map_err(|error| error.to_string())
 }

@@ -12,12 +12,14 @@
 //! no sign of inaccuracy. The strongest sign is that the reference varies in the pixel itself. A
 //! sign for the whole scene ([`crate::inexact`]) counts only if no shared code is in use.
 
-use crate::driver::SceneText;
 use crate::explain::Explanation;
-use crate::judge::{Judged, color_at, measure};
-use crate::opinion::{Ask, Hearing, MOST_ASKED, Opinion, Verdict, choose};
+use crate::judge::{Judged, measure};
+use crate::opinion::{Ask, MOST_ASKED, Opinion, Verdict};
+use crate::oracle::{Hearing, choose};
+use crate::protocol::SceneText;
 use crate::result::{CaseResult, Status, counted};
 use crate::shared;
+use crate::tolerance::color_at;
 use crate::validator::{Against, Ours, Validator};
 use std::collections::BTreeMap;
 use std::path::Path;

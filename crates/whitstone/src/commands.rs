@@ -9,6 +9,7 @@ pub mod doctor;
 pub mod explain;
 mod junit;
 pub mod list;
+mod names;
 pub mod new_plugin;
 #[cfg(any(feature = "converge", feature = "stress"))]
 mod page;

@@ -13,7 +13,8 @@ from typing import Any, Dict, List, Tuple
 
 import numpy as np
 
-from .driver import LANES, Rays, Tracer
+from .driver import LANES, Tracer
+from .levels import Rays
 from .runtime import dr, mi
 from .samplers import CENTRE, Samples
 from .scene import Built, load_shapes

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from .lanes import mix, pad
+from .levels import Level, Rays
 from .runtime import ULP, dr, mi
 
 # Less than this in every channel counts as blocked.
@@ -29,8 +31,6 @@ def through(tracer: Any, level: Any, lanes: Any, number: int, p: Any, n_g: Any, 
     """The share of a lamp's light that arrives (Color3f). `lanes` are indices in the level; all
     other arrays have one entry per lane.
     """
-    from .driver import Level, Rays, mix, pad
-
     filtered = tracer.document.integrator.filtered
     rays = level.rays
     width = dr.width(lanes)

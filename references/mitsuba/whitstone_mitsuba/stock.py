@@ -27,9 +27,10 @@ from whitstone_protocol.errors import Unsupported
 
 from . import patterns, shapes
 from .document import Document
-from .driver import LANES, Level, Rays, Tracer
+from .driver import LANES, Tracer
 from .fields import Vector
 from .lanes import pad
+from .levels import Level, Rays
 from .materials import Material
 from .runtime import dr, mi
 from .scene import Built, load_shapes

@@ -8,7 +8,8 @@ import numpy as np
 
 from whitstone_protocol.errors import DriverError
 
-from .driver import Level, Tracer
+from .driver import Tracer
+from .levels import Level
 from .scene import Built
 from .settings import Setting
 

@@ -101,10 +101,11 @@ class LevelSets(Case):
                 z = z * z + c
             return abs(z) < 2
 
-        points = [(x / 8 + 0.01, y / 8 + 0.01) for x in range(-14, 15, 2) for y in (0, 2, 4)]
+        # POV-Ray takes some seconds per point.
+        points = [(x / 8 + 0.01, y / 8 + 0.01) for x in range(-14, 15, 4) for y in (0, 4)]
         expected = [any(inside(x, y + k / 200) for k in range(300)) for x, y in points]
         clear = [p for p, e in zip(points, expected) if all(any(inside(p[0] + d, p[1] + f + k / 200) for k in range(300)) == e for d in (-0.02, 0.02) for f in (0, 0.02))]
-        self.assertGreater(len(clear), 20)
+        self.assertGreater(len(clear), 8)
         self.assertEqual(self.seen(solid, clear), [e for p, e in zip(points, expected) if p in clear])
         # On +z, one iterate is r² + r: 2 at r = 1; on -z it is r² - r: 2 at r = 2.
         bulb = 'type = "fractal"\nSEEN\nkind = "mandelbulb"\npower = 2\ndepth = 1\n'

@@ -3,6 +3,7 @@
 
 use super::backend::{self, Backend};
 use super::chart;
+use super::choice::{Choice, build};
 use super::data;
 use super::fetch;
 use super::machine::processor_time;
@@ -13,9 +14,8 @@ use clap::Args;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::sync::Arc;
-use whitstone::core::{Accelerator, Accelerators, Element, FamilyName, Geometry, LoweredShape, Registry};
+use whitstone::core::{Accelerator, Element, FamilyName, Geometry, LoweredShape, Registry};
 use whitstone::{Exit, Failure};
-use whitstone_testkit::TestContext;
 
 /// Benchmark accelerators on three meshes with three sets of rays each, interleaved with Embree
 ///
@@ -77,28 +77,6 @@ const KEPT_MEMORY: usize = 31 << 20;
 
 /// The quality of the Embree build against which rays are compared.
 const EMBREE_QUALITY: &str = "HIGH";
-
-/// An accelerator and its quality.
-pub(super) struct Choice {
-    kind: String,
-    /// Empty for the default.
-    quality: String,
-}
-
-impl Choice {
-    /// Parses TYPE or TYPE:QUALITY.
-    pub(super) fn parse(text: &str) -> Self {
-        let (kind, quality) = text.split_once(':').unwrap_or((text, ""));
-        Self {
-            kind: kind.to_owned(),
-            quality: quality.to_owned(),
-        }
-    }
-
-    fn label(&self) -> String {
-        format!("{} {}", self.kind, self.quality)
-    }
-}
 
 /// An accelerator over a mesh.
 struct Built<'a> {
@@ -368,21 +346,4 @@ fn summarise(rows: &[Value], version: Value) -> Value {
         "geomean_single": best("single"), "geomean_batch": best("batch"), "embree_version": version,
         "geomeans": means,
     })
-}
-
-/// Builds the accelerator of this name.
-pub(super) fn build(
-    registry: &Registry,
-    choice: &Choice,
-    geometry: &Arc<Geometry>,
-) -> Result<Box<dyn Accelerator>, String> {
-    let Choice { kind, quality } = choice;
-    let text = match quality.as_str() {
-        "" => String::new(),
-        quality => format!("quality = \"{quality}\""),
-    };
-    let table = toml::de::DeTable::parse(&text).map_err(|error| error.to_string())?;
-    registry
-        .build::<Accelerators>(kind, &table, geometry.clone(), &mut TestContext::default())
-        .map_err(|error| format!("{kind}: {error}"))
 }

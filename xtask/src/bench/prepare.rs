@@ -1,6 +1,6 @@
 //! Creates the meshes and rays for `bench accelerators`, if they do not exist.
 
-use super::accelerators::{Choice, build};
+use super::choice::{Choice, build};
 use super::data::{self, Query};
 use super::fetch;
 use std::f64::consts::TAU;

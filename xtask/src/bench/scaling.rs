@@ -4,7 +4,7 @@
 //! extra processor time of several threads is their overhead, and bounds the speedup on an idle
 //! machine.
 
-use super::accelerators::{Choice, build};
+use super::choice::{Choice, build};
 use super::data;
 use super::fetch;
 use super::machine::{load, processor_time};

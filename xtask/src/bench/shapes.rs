@@ -98,8 +98,8 @@ pub(super) struct Arguments {
 }
 
 /// A ray in both precisions, with equal values.
-pub(super) struct Both {
-    pub(super) ray: Ray,
+struct Both {
+    ray: Ray,
     o: [f32; 3],
     d: [f32; 3],
 }
@@ -255,6 +255,7 @@ fn measure(
             let found = textbook.intersect(both.o, both.d).map(f64::from);
             theirs.add(&subject.oracle.nearest(&both.ray, Interval::FORWARD), found);
         }
+        let checked: Vec<Ray> = checked.iter().map(|both| both.ray).collect();
         let [ns, ns_textbook] = times.each_mut().map(|times| median(times));
         Row {
             shape: case.shape,
@@ -264,7 +265,7 @@ fn measure(
             ns_textbook,
             ours,
             textbook: theirs,
-            mitsuba: mitsuba.errors(&scene, &subject.oracle, checked),
+            mitsuba: mitsuba.errors(&scene, &subject.oracle, &checked),
         }
     };
     let [hit_times, miss_times] = &mut times;

@@ -1,6 +1,6 @@
 //! Mitsuba in `bench shapes`, if this program is built with it.
 
-use super::shapes::Both;
+use whitstone::core::Ray;
 use whitstone::{Exit, Failure};
 use whitstone_oracle::Oracle;
 use whitstone_oracle::agreement::Errors;
@@ -23,20 +23,19 @@ impl LiveMitsuba {
     }
 
     /// The errors of Mitsuba's hits.
-    pub(super) fn errors(&self, scene: &str, oracle: &Oracle, rays: &[Both]) -> Result<Errors, &'static str> {
+    pub(super) fn errors(&self, scene: &str, oracle: &Oracle, rays: &[Ray]) -> Result<Errors, &'static str> {
         use std::path::Path;
-        use whitstone::core::{Interval, Ray};
+        use whitstone::core::Interval;
         let camera =
             "camera = { type = \"perspective\", look_at = { origin = [0, 0, 9], target = [0, 0, 0] } }\n";
-        let all: Vec<Ray> = rays.iter().map(|both| both.ray).collect();
         let found = self
             .0
-            .intersect(&format!("{camera}{scene}"), Path::new("scenes"), &all);
+            .intersect(&format!("{camera}{scene}"), Path::new("scenes"), rays);
         let found = found
             .map_err(|_| "Mitsuba failed")?
             .ok_or("Mitsuba has no such shape")?;
         let mut errors = Errors::default();
-        for (ray, t) in all.iter().zip(found) {
+        for (ray, t) in rays.iter().zip(found) {
             errors.add(&oracle.nearest(ray, Interval::FORWARD), t);
         }
         Ok(errors)
@@ -60,7 +59,7 @@ impl LiveMitsuba {
     }
 
     /// Always an error, which says how to build with Mitsuba.
-    pub(super) fn errors(&self, _: &str, _: &Oracle, _: &[Both]) -> Result<Errors, &'static str> {
+    pub(super) fn errors(&self, _: &str, _: &Oracle, _: &[Ray]) -> Result<Errors, &'static str> {
         Err(
             "not built with Mitsuba; run `cargo run --release --package xtask --features mitsuba -- bench shapes`",
         )

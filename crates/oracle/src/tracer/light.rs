@@ -1,7 +1,9 @@
 //! Lights: section 7 of the model.
 
-use super::pattern::{Codes, Lookup, Picture, Wrap};
-use super::texture::{Place, Texture, TextureFunction};
+use super::mapping::{Place, TextureFunction};
+use super::pattern::{Codes, Lookup, Picture};
+use super::texture::Texture;
+use super::wrap::Wrap;
 use super::{sky, unknown};
 use crate::shapes::mesh;
 use serde::Deserialize;
@@ -207,7 +209,9 @@ impl Lights {
                     };
                     if config.samples > 0 {
                         let look = |uv, d| sky.at(uv, d);
-                        lights.all.extend(sky::lights(config.samples, sky.parts(), look));
+                        let far = sky::lights(config.samples, sky.parts(), look).into_iter();
+                        let far = far.map(|(towards, irradiance)| Light::Far { towards, irradiance });
+                        lights.all.extend(far);
                     }
                     lights.environments.push(sky);
                 }

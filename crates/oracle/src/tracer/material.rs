@@ -1,52 +1,20 @@
 //! Materials: section 8 of the model.
 
 pub(super) mod bodies;
+pub(super) mod medium;
 mod read;
 
 use super::camera::lens;
 use super::footprint::{APART, Differential, bounded, slope};
-use super::texture::{Place, Texture};
-use bodies::{Face, Medium};
+use super::mapping::Place;
+use super::texture::Texture;
+use bodies::Face;
+use medium::{Medium, MediumState};
 use read::Source;
 use std::f64::consts::PI;
 use whitstone_core::config::Color;
 use whitstone_core::{DVec2, DVec3, Rgb, SceneErrors};
 use whitstone_scene::{Description, ShapeTable};
-
-/// The medium that a ray travels in.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct MediumState {
-    absorption: Rgb,
-    /// The prioritised dielectrics that the ray is in: one bit per rank.
-    inside: u64,
-}
-
-impl Default for MediumState {
-    fn default() -> Self {
-        Self::of(Rgb::splat(0.0))
-    }
-}
-
-impl MediumState {
-    fn of(absorption: Rgb) -> Self {
-        Self {
-            absorption,
-            inside: 0,
-        }
-    }
-
-    fn within(self, inside: u64) -> Self {
-        Self { inside, ..self }
-    }
-
-    pub(super) fn transmittance(self, length: f64) -> Rgb {
-        self.absorption.map(|a| (-a * length).exp())
-    }
-
-    pub(super) fn transmittance_to_infinity(self) -> Rgb {
-        self.absorption.map(|a| if a == 0.0 { 1.0 } else { 0.0 })
-    }
-}
 
 /// A direction in which the ray tree continues.
 pub(super) struct SpecularRay {

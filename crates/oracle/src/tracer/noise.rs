@@ -1,7 +1,7 @@
 //! Noise textures: section 10 of the model.
 
+use super::mapping::{MappingConfig, TextureFunction};
 use super::pattern::colors;
-use super::texture::{MappingConfig, TextureFunction};
 use crate::shapes::heightfield::m;
 use serde::Deserialize;
 use std::f64::consts::TAU;

@@ -1,7 +1,8 @@
 //! Images and two-dimensional patterns: section 10 of the model.
 
+use super::mapping::{MappingConfig, TextureFunction};
 use super::pyramid::{Level, Mean};
-use super::texture::{MappingConfig, TextureFunction};
+use super::wrap::{Wrap, Wraps};
 use serde::Deserialize;
 use std::path::Path;
 use whitstone_core::config::{Color, FilePath};
@@ -109,55 +110,6 @@ impl TextureFunction for Lines {
         let part = part - part.floor();
         let near = part.min(1.0 - part);
         self.colors[usize::from(near.x < self.half.x || near.y < self.half.y)]
-    }
-}
-
-/// Lookups outside of an image or a block.
-#[derive(Clone, Copy, Default, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub(super) enum Wrap {
-    #[default]
-    Repeat,
-    Clamp,
-    Mirror,
-}
-
-/// One wrap mode for both axes of an image, or one for each.
-#[derive(Clone, Copy, Deserialize)]
-#[serde(untagged)]
-pub(super) enum Wraps {
-    Both(Wrap),
-    Each([Wrap; 2]),
-}
-
-impl Default for Wraps {
-    fn default() -> Self {
-        Self::Both(Wrap::Repeat)
-    }
-}
-
-impl Wraps {
-    pub(super) fn each(self) -> [Wrap; 2] {
-        match self {
-            Self::Both(wrap) => [wrap; 2],
-            Self::Each(wraps) => wraps,
-        }
-    }
-}
-
-impl Wrap {
-    /// Maps any index to 0..count.
-    pub(super) fn index(self, i: f64, count: usize) -> usize {
-        let count = count as f64;
-        let inside = match self {
-            Self::Repeat => i.rem_euclid(count),
-            Self::Clamp => i.clamp(0.0, count - 1.0),
-            Self::Mirror => {
-                let k = i.rem_euclid(2.0 * count);
-                if k < count { k } else { 2.0 * count - 1.0 - k }
-            }
-        };
-        inside as usize
     }
 }
 

@@ -1,6 +1,6 @@
 //! Texture coordinates and shading normals of shapes: section 9 of the model.
 
-use super::texture::around;
+use super::mapping::around;
 use crate::shapes::csg;
 use crate::shapes::heightfield::Heightfield;
 use crate::shapes::mesh::{self, Mesh};

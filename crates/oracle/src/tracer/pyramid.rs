@@ -1,6 +1,6 @@
 //! Mipmaps: section 10, *Levels*, *Trilinear* and *EWA*.
 
-use super::pattern::Wrap;
+use super::wrap::Wrap;
 use whitstone_core::{DVec2, Rgb};
 
 /// Filters over the footprint of a sample.

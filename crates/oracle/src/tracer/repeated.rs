@@ -1,7 +1,7 @@
 //! Textures that repeat in space: cubes, stripes, rings and ramps (section 10 of the model).
 
+use super::mapping::{MappingConfig, TextureFunction};
 use super::pattern::colors;
-use super::texture::{MappingConfig, TextureFunction};
 use serde::Deserialize;
 use whitstone_core::config::Color;
 use whitstone_core::{DVec3, Rgb};

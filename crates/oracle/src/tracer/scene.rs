@@ -2,9 +2,9 @@
 
 use super::coincident::{Meeting, Standing};
 use super::footprint::{Differential, Footprint, NEAR, Sides, slope};
+use super::mapping::Place;
 use super::material::{At, Material, bodies};
 use super::place::{Coordinates, Corner};
-use super::texture::Place;
 use super::{Unsure, unknown_part};
 use crate::interval::{Decided, Undecided};
 use crate::root::Root;

@@ -4,7 +4,6 @@
 //! Splitting a region splits one of the lists. Integrals over a region are sums over all pairs of
 //! strips.
 
-use super::light::Light;
 use std::f64::consts::{FRAC_PI_2, PI};
 use whitstone_core::{DVec2, DVec3, Rgb};
 
@@ -34,9 +33,9 @@ fn angle(index: usize, of: usize, full: f64) -> f64 {
     full * index as f64 / of as f64 - full / 2.0
 }
 
-/// The lights for n > 0, each with its direction and irradiance. `look` evaluates the texture at
+/// The lights for n > 0, each as the direction to it and its irradiance. `look` evaluates the texture at
 /// (u, v) and a direction.
-pub(super) fn lights(n: u32, s: usize, look: impl Fn(DVec2, DVec3) -> Rgb) -> Vec<Light> {
+pub(super) fn lights(n: u32, s: usize, look: impl Fn(DVec2, DVec3) -> Rgb) -> Vec<(DVec3, Rgb)> {
     let cells: Vec<Rgb> = (0..ROWS * COLUMNS)
         .map(|cell| {
             let mut mean = Rgb::splat(0.0);
@@ -153,8 +152,8 @@ fn cut(strips: &[Strip], weights: &[f64], share: f64) -> (Vec<Strip>, Vec<Strip>
     (strips.to_vec(), strips.to_vec())
 }
 
-/// The light that represents a region.
-fn direction(cells: &[Rgb], rows: &[Strip], columns: &[Strip], unit: f64) -> Option<Light> {
+/// The light that represents a region: the direction to it and its irradiance.
+fn direction(cells: &[Rgb], rows: &[Strip], columns: &[Strip], unit: f64) -> Option<(DVec3, Rgb)> {
     let integral = |y: f64| {
         let asin = if y.abs() >= 1.0 {
             FRAC_PI_2 * y.signum()
@@ -180,8 +179,8 @@ fn direction(cells: &[Rgb], rows: &[Strip], columns: &[Strip], unit: f64) -> Opt
                 );
         }
     }
-    (energy != Rgb::splat(0.0)).then(|| Light::Far {
-        towards: moment.try_normalize().unwrap_or(DVec3::Y),
-        irradiance: energy.map(|e| (e * unit).min(f64::MAX)),
+    (energy != Rgb::splat(0.0)).then(|| {
+        let towards = moment.try_normalize().unwrap_or(DVec3::Y);
+        (towards, energy.map(|e| (e * unit).min(f64::MAX)))
     })
 }

@@ -1,7 +1,8 @@
 //! Texture synthesis by image quilting: section 10 of the model.
 
-use super::pattern::{Codes, Lookup, Pair, Picture, Wraps};
-use super::texture::MappingConfig;
+use super::mapping::MappingConfig;
+use super::pattern::{Codes, Lookup, Pair, Picture};
+use super::wrap::Wraps;
 use crate::shapes::heightfield::m;
 use serde::Deserialize;
 use std::path::Path;

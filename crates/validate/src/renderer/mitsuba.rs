@@ -1,11 +1,12 @@
 //! Mitsuba 3 as a Whitted ray tracer: `references/mitsuba` drives its intersections, BSDFs and
 //! emitters.
 
-use super::Reference;
-use crate::driver::{Driver, DriverError, Setting, Versions};
+use crate::driver::{Driver, DriverError};
 use crate::environment::{Environment, EnvironmentError};
 use crate::explain::{self, Trial};
 use crate::floor;
+use crate::protocol::{Setting, Versions};
+use crate::reference::Reference;
 use std::path::Path;
 
 pub(super) struct Mitsuba;
@@ -20,10 +21,6 @@ impl Reference for Mitsuba {
 
     fn name(&self) -> &'static str {
         "mitsuba"
-    }
-
-    fn package(&self) -> &'static str {
-        "whitstone_mitsuba"
     }
 
     /// The name dates from when there was only one reference.

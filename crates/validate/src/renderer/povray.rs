@@ -1,11 +1,12 @@
 //! POV-Ray 3.7: `references/povray` writes its scenes. It computes in double precision and shares
 //! no code with Mitsuba.
 
-use super::{Adaptation, Reference, without_layers};
-use crate::driver::{Driver, DriverError, Setting, Versions};
+use crate::driver::{Driver, DriverError};
 use crate::environment::{Environment, EnvironmentError};
 use crate::explain::{self, Trial};
 use crate::floor;
+use crate::protocol::{Setting, Versions};
+use crate::reference::{Adaptation, Reference, without_layers};
 use std::path::Path;
 use toml::Value;
 
@@ -22,10 +23,6 @@ impl Reference for PovRay {
 
     fn name(&self) -> &'static str {
         "povray"
-    }
-
-    fn package(&self) -> &'static str {
-        "whitstone_povray"
     }
 
     fn is_private(&self) -> bool {

@@ -5,10 +5,12 @@
 //! refract, `volpathmis` those of them that absorb. In a scene with both kinds of surfaces, the
 //! reflections are disabled on both sides.
 
-use super::{Adaptation, Reference, mitsuba, without_layers};
-use crate::driver::{Driver, DriverError, Rendered, SceneText, Setting, Versions};
+use super::mitsuba;
+use crate::driver::{Driver, DriverError};
 use crate::environment::{Environment, EnvironmentError};
 use crate::explain::Trial;
+use crate::protocol::{Rendered, SceneText, Setting, Versions};
+use crate::reference::{Adaptation, Reference, without_layers};
 use std::path::Path;
 use toml::Value;
 
@@ -31,14 +33,6 @@ impl Reference for Stock {
         "mitsuba-stock"
     }
 
-    fn package(&self) -> &'static str {
-        mitsuba::Mitsuba.package()
-    }
-
-    fn package_folder(&self) -> &'static str {
-        mitsuba::Mitsuba.package_folder()
-    }
-
     fn is_private(&self) -> bool {
         true
     }
@@ -49,11 +43,7 @@ impl Reference for Stock {
         references: &Path,
         say: &dyn Fn(&str),
     ) -> Result<Environment, EnvironmentError> {
-        let environment = Environment::ensure(target, references, say)?;
-        Ok(Environment {
-            renderer: super::Renderer::MITSUBA_STOCK,
-            ..environment
-        })
+        Environment::ensure(target, references, say)
     }
 
     fn versions(&self, driver: &mut Driver) -> Result<Versions, DriverError> {

@@ -1,8 +1,7 @@
 //! The data for the scripts of the page.
 
-use super::ERROR_VIEW;
 use crate::CaseResult;
-use crate::pixels::{CODES_A_DECADE, LEAST_RESIDUAL};
+use crate::pixels::{CODES_A_DECADE, ERROR_VIEW, LEAST_RESIDUAL};
 use std::collections::{BTreeMap, BTreeSet};
 use whitstone_image::ColorMap;
 

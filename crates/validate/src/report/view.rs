@@ -2,10 +2,11 @@
 
 use super::case::{CaseView, PICTURE_WIDTH, data_uri, failed, reference_name};
 use super::changes::{Changes, Kind};
+use super::extras::{Diagram, Extras};
 use super::number::{Number, short};
 use super::script::{drawing, plugins};
-use super::{Diagram, ERROR_VIEW, Extras};
 use crate::matrix::{Row, Tally, rows};
+use crate::pixels::ERROR_VIEW;
 use crate::{CaseResult, LeftOut, Provenance, Results, Status, counted};
 use askama::Template;
 use std::collections::{BTreeMap, BTreeSet};

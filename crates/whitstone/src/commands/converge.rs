@@ -13,7 +13,7 @@ use whitstone_core::Registry;
 use whitstone_image::atomic;
 use whitstone_validate::driver::Driver;
 use whitstone_validate::environment::Environment;
-use whitstone_validate::hash_sources;
+use whitstone_validate::{Renderer, hash_sources};
 
 /// Folder of the stored studies.
 const STUDIES: &str = "studies";
@@ -259,7 +259,7 @@ fn mitsuba(arguments: &Arguments, studies: &[Study]) -> Result<(Result<Driver, S
     });
     let environment = environment
         .map_err(|error| Failure::environment(format!("{error}; use --no-mitsuba to run without Mitsuba")))?;
-    let hash = hash_sources(&environment);
+    let hash = hash_sources(Renderer::MITSUBA, &environment);
     let limit = Duration::from_secs(arguments.time_limit);
     let mut driver = Driver::start(&environment, limit).map_err(Failure::environment)?;
     let hello = driver.hello().map_err(Failure::environment)?;

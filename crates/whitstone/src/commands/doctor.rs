@@ -138,8 +138,14 @@ fn start(arguments: &Arguments) -> Result<Hello, String> {
     .map_err(|error| error.to_string())?;
     // The answer of an earlier run says nothing about the present state.
     let (reuse, limit) = (false, Duration::from_secs(arguments.time_limit));
-    let live = Live::start(environment, arguments.target.join("live"), reuse, limit)
-        .map_err(|error| error.to_string())?;
+    let live = Live::start(
+        Renderer::MITSUBA,
+        environment,
+        arguments.target.join("live"),
+        reuse,
+        limit,
+    )
+    .map_err(|error| error.to_string())?;
     match live.versions() {
         Some(Versions::Mitsuba(hello)) => Ok(hello.clone()),
         _ => Err("the driver does not report its version".to_owned()),
@@ -149,8 +155,14 @@ fn start(arguments: &Arguments) -> Result<Hello, String> {
 fn start_povray(arguments: &Arguments) -> Result<PovRay, String> {
     let environment = Environment::of_povray(&arguments.references).map_err(|error| error.to_string())?;
     let limit = Duration::from_secs(arguments.time_limit);
-    let live = Live::start(environment, arguments.target.join("live"), false, limit)
-        .map_err(|error| error.to_string())?;
+    let live = Live::start(
+        Renderer::POVRAY,
+        environment,
+        arguments.target.join("live"),
+        false,
+        limit,
+    )
+    .map_err(|error| error.to_string())?;
     match live.versions() {
         Some(Versions::PovRay(found)) => Ok(found.clone()),
         _ => Err("the driver does not report its version".to_owned()),

@@ -1,5 +1,6 @@
 //! `explain`: shows how the pipeline renders a scene, and which rays make up one pixel.
 
+use super::names::Names;
 use super::pixel::{PixelArguments, PixelTree};
 use super::{SceneArguments, build_with};
 use crate::terminal::{Exit, Failure, write_json};
@@ -10,7 +11,6 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use whitstone_core::{Counters, Geometry, Registry, SurfaceAttributes};
 use whitstone_render::{Cost, Pipeline, RenderOptions};
-use whitstone_scene::Plan;
 
 /// Show what Whitstone builds for a scene and what it omits; with --pixel, print the ray tree of a
 /// pixel and compare it with Mitsuba's
@@ -37,48 +37,6 @@ pub struct Arguments {
     /// Write everything, with the whole ray tree, to this file as JSON; - means standard output
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-}
-
-/// Names from the scene description, which the pipeline does not keep.
-pub(super) struct Names {
-    camera: String,
-    sampler: String,
-    integrator: String,
-    lights: Vec<String>,
-    /// For each shape by number, its id or its type; shapes of groups come last.
-    shapes: Vec<String>,
-}
-
-impl Names {
-    fn of(plan: &Plan<'_, '_>) -> Self {
-        let description = plan.description;
-        let shapes = plan.shapes().into_iter().map(|shape| {
-            let kind = &shape.plugin.name;
-            shape
-                .id
-                .as_ref()
-                .map_or_else(|| kind.clone(), |id| format!("{kind} \"{id}\""))
-        });
-        Self {
-            camera: description.camera.name.clone(),
-            sampler: plan.sampler.name.clone(),
-            integrator: plan.integrator.name.clone(),
-            lights: description
-                .lights
-                .iter()
-                .map(|light| light.name.clone())
-                .collect(),
-            shapes: shapes.collect(),
-        }
-    }
-
-    /// The name of a shape by number.
-    pub(super) fn shape(&self, number: i64) -> &str {
-        let name = usize::try_from(number)
-            .ok()
-            .and_then(|number| self.shapes.get(number));
-        name.map_or("?", String::as_str)
-    }
 }
 
 /// Runs the command.

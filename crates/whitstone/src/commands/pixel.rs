@@ -1,7 +1,7 @@
 //! Prints the rays of one pixel, alone or next to those of a live reference: part of `explain`.
 
 use super::SceneArguments;
-use super::explain::Names;
+use super::names::Names;
 use crate::terminal::Failure;
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
@@ -12,7 +12,7 @@ use whitstone_render::Pipeline;
 use whitstone_validate::driver::SceneText;
 use whitstone_validate::environment::Environment;
 use whitstone_validate::tree::{self, Node, Pair};
-use whitstone_validate::{Live, counted, flatten};
+use whitstone_validate::{Live, Renderer, counted, flatten};
 
 /// Time limit for one answer of the driver.
 const TIME_LIMIT: Duration = Duration::from_secs(300);
@@ -133,8 +133,8 @@ impl PixelArguments {
             .with_twins(registry, &scene.target)
             .map_err(|error| error.to_string())?;
         let cache = scene.target.join("live");
-        let mut live =
-            Live::start(environment, cache, !scene.fresh, TIME_LIMIT).map_err(|error| error.to_string())?;
+        let mut live = Live::start(Renderer::MITSUBA, environment, cache, !scene.fresh, TIME_LIMIT)
+            .map_err(|error| error.to_string())?;
         let flattened = flatten(&scene.scene, &scene.overrides)?;
         let text = SceneText {
             text: &flattened.text,

@@ -1,17 +1,11 @@
 //! Prioritised (nested) dielectrics: section 8 of the model.
 
+use super::medium::Medium;
 use super::read;
 use std::cmp::Reverse;
 use std::sync::Arc;
 use whitstone_core::{Rgb, SceneErrors};
 use whitstone_scene::Description;
-
-/// Optical properties of a dielectric or of the surroundings.
-#[derive(Clone, Copy)]
-pub(super) struct Medium {
-    pub(super) ior: f64,
-    pub(super) absorption: Rgb,
-}
 
 /// The prioritised dielectrics of a scene, the highest priority first.
 type Media = Arc<[Medium]>;

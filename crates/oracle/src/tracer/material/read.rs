@@ -1,6 +1,6 @@
 //! Parses the tables of materials.
 
-use super::bodies::Medium;
+use super::medium::Medium;
 use super::{Highlight, Interface, Kind, Tangent, lobe};
 use crate::tracer::texture::{Texture, table};
 use crate::tracer::unknown;
