@@ -7,7 +7,8 @@ use crate::usage::{Memory, Ticks, processor_time};
 use std::path::Path;
 use std::time::{Duration, Instant};
 use whitstone_core::{Registry, SceneError, SceneErrors};
-use whitstone_image::{Image, Limits, Mask, exr_io};
+use whitstone_image::{Image, Limits, exr_io};
+use whitstone_metrics::Mask;
 use whitstone_scene::{Description, Flattened, Pipeline, Plan, RenderOptions, Sources, all_errors};
 use whitstone_validate::driver::{Driver, DriverError, Rendered, SceneText, Setting};
 

@@ -7,7 +7,8 @@
 
 use crate::driver::Setting;
 use crate::renderer::Renderer;
-use whitstone_image::{CompareError, CompareOptions, Image, Tolerance, compare, metrics};
+use whitstone_image::Image;
+use whitstone_metrics::{CompareError, CompareOptions, Tolerance, compare, metrics};
 
 /// Lower bound of the floor (2^-21): a few roundings of single precision, which every shading
 /// formula has. It applies even if a scene's variations happen to cancel.

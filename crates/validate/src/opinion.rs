@@ -10,7 +10,8 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
-use whitstone_image::{Image, metrics};
+use whitstone_image::Image;
+use whitstone_metrics::metrics;
 
 /// Maximum number of pixels of a scene that are queried; of more, an even selection.
 pub const MOST_ASKED: usize = 200;

@@ -22,7 +22,7 @@ use crate::{CaseResult, Results, Summary};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use view::{Page, PageKind};
-use whitstone_image::error_map::{ErrorView, Quantity, Scale};
+use whitstone_metrics::error_map::{ErrorView, Quantity, Scale};
 
 /// The quantity that the error pictures of a report show, and its legend.
 pub const ERROR_VIEW: ErrorView = ErrorView {

@@ -7,7 +7,7 @@ use crate::noisy::Noisy;
 use crate::opinion::{Opinion, Verdict};
 use crate::pixels::Pictures;
 use serde::{Deserialize, Deserializer, Serialize};
-use whitstone_image::metrics::BlockBias;
+use whitstone_metrics::metrics::BlockBias;
 use whitstone_scene::Cost;
 
 /// All cases of a run.
