@@ -48,7 +48,7 @@ fn a_report_is_written_anew_and_says_what_changed() {
     validate(target, &["--junit", junit.to_str().unwrap()]);
     let junit = fs::read_to_string(junit).unwrap();
     assert!(
-        junit.contains("tests=\"2\" failures=\"0\" errors=\"0\" skipped=\"0\""),
+        junit.contains("tests=\"2\" skipped=\"0\" errors=\"0\" failures=\"0\""),
         "{junit}"
     );
     assert!(junit.contains("<testcase name=\"shapes/sphere\" classname=\"whitstone validate\""));

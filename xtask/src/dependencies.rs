@@ -1,25 +1,13 @@
-//! Checks the dependencies of the workspace: every licence is allowed, and the table in
-//! `Cargo.toml` matches their use.
+//! Checks the dependencies of the workspace: every licence is allowed by `deny.toml`, and the table
+//! in `Cargo.toml` is sorted and matches their use.
 
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::process::Command;
 
-/// Allowed SPDX identifiers, with exceptions where they have one.
-const ALLOWED: [&str; 12] = [
-    "0BSD",
-    "Apache-2.0",
-    "Apache-2.0 WITH LLVM-exception",
-    "BSD-2-Clause",
-    "BSD-3-Clause",
-    "BSL-1.0",
-    "CC0-1.0",
-    "ISC",
-    "MIT",
-    "MIT-0",
-    "Unicode-3.0",
-    "Zlib",
-];
+/// The file with the allowed licences, which cargo-deny reads too. Its check of licences is
+/// repeated here because it takes many minutes to build on a machine with two cores.
+const RULES: &str = "deny.toml";
 
 /// The problems of the dependencies, including those of other platforms and of tests.
 pub(crate) fn check() -> Vec<String> {
@@ -30,15 +18,39 @@ pub(crate) fn check() -> Vec<String> {
             "{problem}\n  copy Cargo.lock to {outside} and run `cargo metadata` there"
         )];
     }
-    match metadata(&[]) {
-        Err(problem) => vec![format!("cargo metadata: {problem}")],
-        Ok(metadata) => {
-            let manifest = std::fs::read_to_string("Cargo.toml").unwrap_or_default();
-            let mut problems = check_licences(&metadata);
-            problems.extend(check_table(&table(&manifest), &metadata));
-            problems
-        }
-    }
+    let metadata = match metadata(&[]) {
+        Err(problem) => return vec![format!("cargo metadata: {problem}")],
+        Ok(metadata) => metadata,
+    };
+    let rules = std::fs::read_to_string(RULES).map_err(|error| error.to_string());
+    let mut problems = match rules.and_then(|rules| allowed(&rules)) {
+        Err(problem) => vec![format!("{RULES}: {problem}")],
+        Ok(allowed) => check_licences(&allowed, &metadata),
+    };
+    let manifest = std::fs::read_to_string("Cargo.toml").unwrap_or_default();
+    problems.extend(check_order(&manifest));
+    problems.extend(check_table(&table(&manifest), &metadata));
+    problems
+}
+
+/// SPDX identifiers, with exceptions where they have one.
+type Allowed = BTreeSet<String>;
+
+/// The key `licenses.allow` of the rules.
+fn allowed(rules: &str) -> Result<Allowed, String> {
+    let rules: toml::Table = rules
+        .parse()
+        .map_err(|error: toml::de::Error| error.to_string())?;
+    let list = rules.get("licenses").and_then(|licences| licences.get("allow"));
+    let list = list.and_then(toml::Value::as_array);
+    let list = list.ok_or("licenses.allow is not a list")?;
+    list.iter()
+        .map(|name| {
+            let name = name.as_str();
+            name.map(str::to_owned)
+                .ok_or_else(|| "licenses.allow contains something other than names".to_owned())
+        })
+        .collect()
 }
 
 fn metadata(more: &[&str]) -> Result<Value, String> {
@@ -58,14 +70,14 @@ fn packages(metadata: &Value) -> impl Iterator<Item = &Value> {
     metadata["packages"].as_array().into_iter().flatten()
 }
 
-fn check_licences(metadata: &Value) -> Vec<String> {
+fn check_licences(allowed: &Allowed, metadata: &Value) -> Vec<String> {
     packages(metadata)
         .filter_map(|package| {
             let (name, version) = (package["name"].as_str()?, package["version"].as_str()?);
             match package["license"].as_str() {
                 None => Some(format!("{name} {version}: names no licence")),
-                Some(licence) if !is_allowed(licence) => Some(format!(
-                    "{name} {version}: its licence \"{licence}\" is not allowed; xtask/src/dependencies.rs lists the allowed ones"
+                Some(licence) if !is_allowed(allowed, licence) => Some(format!(
+                    "{name} {version}: its licence \"{licence}\" is not allowed; {RULES} lists the allowed ones"
                 )),
                 Some(_) => None,
             }
@@ -73,14 +85,36 @@ fn check_licences(metadata: &Value) -> Vec<String> {
         .collect()
 }
 
+/// The lines of `[workspace.dependencies]`.
+fn lines(manifest: &str) -> std::str::Lines<'_> {
+    let table = manifest.split("[workspace.dependencies]").nth(1);
+    let table = table.and_then(|rest| rest.split("\n[").next());
+    table.unwrap_or_default().lines()
+}
+
 /// Names in `[workspace.dependencies]`.
 fn table(manifest: &str) -> BTreeSet<&str> {
-    let table = manifest.split("[workspace.dependencies]").nth(1);
-    let table = table
-        .and_then(|rest| rest.split("\n[").next())
-        .unwrap_or_default();
-    let entries = table.lines().filter_map(|line| line.split_once(" = "));
+    let entries = lines(manifest).filter_map(|line| line.split_once(" = "));
     entries.map(|(name, _)| name).collect()
+}
+
+/// Entries of the table that are not sorted by name. Blank lines separate groups.
+fn check_order(manifest: &str) -> Vec<String> {
+    let mut problems = Vec::new();
+    let mut before = "";
+    for line in lines(manifest) {
+        if line.is_empty() {
+            before = "";
+        } else if let Some((name, _)) = line.split_once(" = ") {
+            if name < before {
+                problems.push(format!(
+                    "Cargo.toml: the dependency `{name}` belongs before `{before}`"
+                ));
+            }
+            before = name;
+        }
+    }
+    problems
 }
 
 /// Entries that no member uses, and dependencies of members that are not in the table.
@@ -109,39 +143,39 @@ fn check_table(table: &BTreeSet<&str>, metadata: &Value) -> Vec<String> {
 
 /// Whether allowed licences satisfy an SPDX expression. `/` is the old way to write OR, and some
 /// packages write operators in lower case.
-fn is_allowed(expression: &str) -> bool {
+fn is_allowed(allowed: &Allowed, expression: &str) -> bool {
     let spaced = expression
         .replace('(', " ( ")
         .replace(')', " ) ")
         .replace('/', " OR ")
         .replace(" or ", " OR ");
     let mut words = spaced.split_whitespace().peekable();
-    any(&mut words) == Some(true) && words.next().is_none()
+    any(allowed, &mut words) == Some(true) && words.next().is_none()
 }
 
 type Words<'a> = std::iter::Peekable<std::str::SplitWhitespace<'a>>;
 
 /// Evaluates alternatives. `None` for an invalid expression.
-fn any(words: &mut Words<'_>) -> Option<bool> {
-    let mut met = all(words)?;
+fn any(allowed: &Allowed, words: &mut Words<'_>) -> Option<bool> {
+    let mut met = all(allowed, words)?;
     while words.next_if_eq(&"OR").is_some() {
-        met |= all(words)?;
+        met |= all(allowed, words)?;
     }
     Some(met)
 }
 
-fn all(words: &mut Words<'_>) -> Option<bool> {
-    let mut met = one(words)?;
+fn all(allowed: &Allowed, words: &mut Words<'_>) -> Option<bool> {
+    let mut met = one(allowed, words)?;
     while words.next_if_eq(&"AND").is_some() {
-        met &= one(words)?;
+        met &= one(allowed, words)?;
     }
     Some(met)
 }
 
-fn one(words: &mut Words<'_>) -> Option<bool> {
+fn one(allowed: &Allowed, words: &mut Words<'_>) -> Option<bool> {
     let mut licence = match words.next()? {
         "(" => {
-            let met = any(words)?;
+            let met = any(allowed, words)?;
             return words.next_if_eq(&")").map(|_| met);
         }
         licence => licence.to_owned(),
@@ -149,13 +183,17 @@ fn one(words: &mut Words<'_>) -> Option<bool> {
     if words.next_if_eq(&"WITH").is_some() {
         licence = format!("{licence} WITH {}", words.next()?);
     }
-    Some(ALLOWED.contains(&licence.as_str()))
+    Some(allowed.contains(&licence))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use serde_json::json;
+
+    fn ours() -> Allowed {
+        allowed(include_str!("../../deny.toml")).unwrap()
+    }
 
     #[test]
     fn expressions_are_met_or_not() {
@@ -168,7 +206,7 @@ mod tests {
             "GPL-3.0 OR Apache-2.0 WITH LLVM-exception",
             "GPL-3.0 OR MIT AND Zlib",
         ] {
-            assert!(is_allowed(good), "{good}");
+            assert!(is_allowed(&ours(), good), "{good}");
         }
         for bad in [
             "",
@@ -182,7 +220,7 @@ mod tests {
             "MIT)",
             "MIT MIT",
         ] {
-            assert!(!is_allowed(bad), "{bad}");
+            assert!(!is_allowed(&ours(), bad), "{bad}");
         }
     }
 
@@ -195,10 +233,35 @@ mod tests {
             package("copyleft", json!("MPL-2.0")),
             package("silent", Value::Null),
         ] });
-        let problems = check_licences(&metadata);
+        let problems = check_licences(&ours(), &metadata);
         assert_eq!(problems.len(), 2);
         assert!(problems[0].starts_with("copyleft 1.0.0: its licence \"MPL-2.0\""));
         assert_eq!(problems[1], "silent 1.0.0: names no licence");
+    }
+
+    #[test]
+    fn rules_without_a_list_of_names_are_an_error() {
+        let one = allowed("[licenses]\nallow = [\"MIT\"]").unwrap();
+        assert!(is_allowed(&one, "MIT") && !is_allowed(&one, "Zlib"));
+        for bad in [
+            "",
+            "[licenses]",
+            "[licenses]\nallow = \"MIT\"",
+            "[licenses]\nallow = [1]",
+            "[",
+        ] {
+            assert!(allowed(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn a_table_that_is_not_sorted_is_reported() {
+        let manifest =
+            "[workspace.dependencies]\nours = 1\n\n# Why.\nb = 1\nc = 1\na = 1\n\n[x]\nb = 1\na = 1\n";
+        assert_eq!(
+            check_order(manifest),
+            ["Cargo.toml: the dependency `a` belongs before `c`"]
+        );
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! Error metrics of an image compared with the truth.
 
 use serde::{Deserialize, Serialize};
-use whitstone_image::{Image, ImageError, Mask};
+use whitstone_image::{Image, ImageError};
+use whitstone_metrics::Mask;
 
 /// Regularisation of the relative error, as in `compare`.
 const RELATIVE_FLOOR: f64 = 0.01;
@@ -122,7 +123,7 @@ pub fn edges(width: usize, height: usize, ids: &[f32]) -> Mask {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_image::{CompareOptions, compare};
+    use whitstone_metrics::{CompareOptions, compare};
 
     #[test]
     fn the_numbers_are_those_of_compare() {

@@ -7,7 +7,8 @@ use crate::lab::{Lab, Ready};
 use crate::report::{Point, SeriesReport, StudyReport, TruthReport};
 use crate::study::{Engine, Series, Study, Truth};
 use crate::usage::Ticks;
-use whitstone_image::{Image, Mask};
+use whitstone_image::Image;
+use whitstone_metrics::Mask;
 use whitstone_validate::quoted;
 
 /// A setting of a series that is being measured.

@@ -1,4 +1,5 @@
-//! Images of Whitstone: planes of `f32`, their files, and comparisons of two images.
+//! Images of Whitstone: planes of `f32`, and their files. Comparisons of two images are in
+//! `whitstone-metrics`.
 //!
 //! | module | contents |
 //! |---|---|
@@ -7,19 +8,7 @@
 //! | [`texels`] | texture files (PNG, JPEG, EXR) as raw normalised values |
 //! | [`tone`] | exposure and the sRGB transfer functions |
 //! | [`png`] | 8-bit pictures for people |
-//! | [`metrics`] | error metrics of an image and its reference |
-//! | [`mod@flip`] | FLIP: how visible a difference is |
-//! | [`mod@ssim`] | SSIM: structural similarity of two pictures |
-//! | [`mod@significance`] | test of whether noise explains a difference |
-//! | [`range`] | the range of values that a reference takes; vacuous comparisons |
-//! | [`layers`] | differences of two AOV layers |
-//! | [`layer_view`] | pictures of AOV layers |
-//! | [`error_map`] | pictures of the difference, with a legend |
-//! | [`color_map`] | the colours of error maps as tables |
-//! | [`mask`] | sets of pixels |
-//! | [`areas`] | connected components of sets of pixels |
-//! | [`edges`] | pixels at the edges in layers |
-//! | [`sum`] | compensated sums |
+//! | [`limits`] | sizes that files may have; errors of reading |
 //! | [`atomic`] | files that are either complete or absent |
 //!
 //! Pixel `(x, y)` counts x to the right and y *down* from the top left corner, as everywhere in
@@ -31,39 +20,19 @@
 
 #![forbid(unsafe_code)]
 
-pub mod areas;
 pub mod atomic;
-pub mod color_map;
-pub mod edges;
-pub mod error_map;
 pub mod exr_io;
-pub mod flip;
-pub mod layer_view;
-pub mod layers;
 pub mod limits;
-pub mod mask;
-pub mod metrics;
 pub mod planes;
 pub mod png;
-pub mod range;
-pub mod significance;
-pub mod ssim;
-pub mod sum;
 pub mod texels;
 pub mod tone;
 
 #[cfg(test)]
 mod test_data;
 
-pub use color_map::ColorMap;
-pub use error_map::{ErrorView, Quantity, Scale};
-pub use flip::{Flip, flip};
 pub use limits::{Limits, ReadError, ReadFault};
-pub use mask::Mask;
-pub use metrics::{CompareError, CompareOptions, Metrics, Side, Tolerance, compare};
 pub use planes::{Image, ImageError, Placement};
 pub use png::Raster;
-pub use significance::significance;
-pub use ssim::ssim;
 pub use texels::{Encoding, Texels};
 pub use tone::ToneMap;

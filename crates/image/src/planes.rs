@@ -270,7 +270,7 @@ impl Image {
 }
 
 /// Names of the colour channels, in the order in which pixels are given.
-pub(crate) const RGB: [&str; 3] = ["R", "G", "B"];
+pub const RGB: [&str; 3] = ["R", "G", "B"];
 
 fn check_name(name: &str, prefix_bytes: usize) -> Result<(), ImageError> {
     let fits = !name.is_empty() && name.len() + prefix_bytes <= MAX_NAME_BYTES && !name.contains('\0');

@@ -6,7 +6,8 @@
 //! this error would be arbitrary.
 
 use crate::protocol::Setting;
-use whitstone_image::{CompareError, CompareOptions, Image, Tolerance, compare, metrics};
+use whitstone_image::Image;
+use whitstone_metrics::{CompareError, CompareOptions, Tolerance, compare, metrics};
 
 /// Lower bound of the floor (2^-21): a few roundings of single precision, which every shading
 /// formula has. It applies even if a scene's variations happen to cancel.

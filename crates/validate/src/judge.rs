@@ -11,7 +11,8 @@ use crate::tolerance::{allowed, color_at};
 use crate::validator::{Against, EXPLAINED_PIXELS, Ours, Validator};
 use crate::{floor, inexact, tree, vacuous};
 use whitstone_core::SurfaceAttributes;
-use whitstone_image::{CompareError, CompareOptions, Image, Mask, Tolerance, compare, layers, metrics};
+use whitstone_image::Image;
+use whitstone_metrics::{CompareError, CompareOptions, Mask, Tolerance, compare, layers, metrics};
 
 /// Number of worst pixels that a result lists.
 const WORST: usize = 20;

@@ -9,8 +9,9 @@ use crate::result::{CaseResult, Reference, Status, WorstPixel, counted};
 use crate::vacuous;
 use crate::validator::{Against, Ours, Validator};
 use std::path::Path;
-use whitstone_image::significance::SignificanceError;
-use whitstone_image::{Image, Mask, Tolerance, metrics, significance};
+use whitstone_image::Image;
+use whitstone_metrics::significance::SignificanceError;
+use whitstone_metrics::{Mask, Tolerance, metrics, significance};
 
 /// The probability that noise alone makes any pixel of an image significant.
 const LEVEL: f64 = 0.01;

@@ -13,7 +13,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use thiserror::Error;
-use whitstone_image::{Image, Limits, Tolerance, atomic, exr_io, metrics};
+use whitstone_image::{Image, Limits, atomic, exr_io};
+use whitstone_metrics::{Tolerance, metrics};
 
 /// A driver that starts on demand, and a cache folder of its answers.
 pub struct Live {

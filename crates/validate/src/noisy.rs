@@ -1,7 +1,7 @@
 //! Compares with a reference that has noise: Mitsuba's own integrators.
 //!
 //! A pixel agrees if it is within the pixel tolerance, or if noise explains the difference
-//! ([`whitstone_image::significance`]). As in Mitsuba's own `test_renders.py`, 99.75 % of the
+//! ([`whitstone_metrics::significance`]). As in Mitsuba's own `test_renders.py`, 99.75 % of the
 //! pixels must agree, because single precision moves edges, and Mitsuba's own spawn offsets are
 //! larger than the driver's. The mean of all values must be unbiased too, which detects errors that
 //! are too faint in a single pixel.

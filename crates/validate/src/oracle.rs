@@ -9,7 +9,8 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 use std::time::Instant;
-use whitstone_image::{Image, metrics};
+use whitstone_image::Image;
+use whitstone_metrics::metrics;
 
 /// The oracle's value of a pixel, its uncertainty per channel, and all values that it found; `None`
 /// if it is not known.

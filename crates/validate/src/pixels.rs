@@ -17,11 +17,11 @@ use crate::explain::Reason;
 use half::f16;
 use miniz_oxide::deflate::compress_to_vec_zlib;
 use serde::{Deserialize, Serialize};
-use whitstone_image::error_map::{ErrorView, Quantity, Scale, error_map};
-use whitstone_image::flip::flip_ldr;
-use whitstone_image::layer_view;
-use whitstone_image::metrics::{mean_reference, relative_residual};
 use whitstone_image::{Image, Raster, ToneMap};
+use whitstone_metrics::error_map::{ErrorView, Quantity, Scale, error_map};
+use whitstone_metrics::flip::flip_ldr;
+use whitstone_metrics::layer_view;
+use whitstone_metrics::metrics::{mean_reference, relative_residual};
 
 /// Best compression: a page is written once and kept.
 const LEVEL: u8 = 9;

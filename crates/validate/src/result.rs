@@ -7,7 +7,7 @@ use crate::opinion::{Opinion, Verdict};
 use crate::pixels::Pictures;
 use crate::protocol::{Hello, PovRay};
 use serde::{Deserialize, Deserializer, Serialize};
-use whitstone_image::metrics::BlockBias;
+use whitstone_metrics::metrics::BlockBias;
 use whitstone_render::Cost;
 
 /// All cases of a run.

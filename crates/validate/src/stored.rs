@@ -13,8 +13,9 @@ use crate::variants::Variants;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
-use whitstone_image::range::{LAYERS, Ranges};
-use whitstone_image::{Image, Limits, Tolerance, atomic, exr_io};
+use whitstone_image::{Image, Limits, atomic, exr_io};
+use whitstone_metrics::Tolerance;
+use whitstone_metrics::range::{LAYERS, Ranges};
 
 /// The metadata of a stored reference.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -1,6 +1,7 @@
 //! The colour of a pixel and its tolerance.
 
-use whitstone_image::{Image, Tolerance};
+use whitstone_image::Image;
+use whitstone_metrics::Tolerance;
 
 /// The colour of a pixel.
 pub(crate) fn color_at(image: &Image, [x, y]: [usize; 2]) -> [f64; 3] {

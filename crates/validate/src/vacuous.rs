@@ -2,7 +2,7 @@
 //! coincident surfaces.
 
 use whitstone_image::Image;
-use whitstone_image::range::is_vacuous;
+use whitstone_metrics::range::is_vacuous;
 use whitstone_render::Pipeline;
 
 /// Maximum number of pairs of coincident surfaces that are listed.

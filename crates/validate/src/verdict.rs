@@ -23,7 +23,8 @@ use crate::tolerance::color_at;
 use crate::validator::{Against, Ours, Validator};
 use std::collections::BTreeMap;
 use std::path::Path;
-use whitstone_image::{Image, Mask, metrics};
+use whitstone_image::Image;
+use whitstone_metrics::{Mask, metrics};
 
 /// Number of the worst interior pixels that the oracle is queried about if only their mean error is
 /// above its limit.

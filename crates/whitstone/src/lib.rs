@@ -20,6 +20,8 @@ pub use terminal::progress;
 pub use terminal::{Exit, Failure, finish};
 pub use whitstone_core as core;
 pub use whitstone_image as image;
+#[cfg(feature = "cli")]
+pub use whitstone_metrics as metrics;
 pub use whitstone_render as render;
 pub use whitstone_scene as scene;
 #[cfg(feature = "cli")]

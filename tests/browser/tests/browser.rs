@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use thirtyfour::Key;
 use whitstone_browser::{Browser, DOT, Driver, Problem, SIZE, UNEXPLAINED, images, page};
-use whitstone_image::ColorMap;
 use whitstone_image::tone::linear_to_srgb;
+use whitstone_metrics::ColorMap;
 
 /// The case that fails, which is open from the start.
 const CASE: &str = "#case-2";
@@ -154,7 +154,7 @@ fn errors(browser: &Browser) -> Result<(), Problem> {
     // At (3, 4) and (60, 4), of the channel that differs most.
     let residual = |[x, y]: [usize; 2]| {
         let [ours, reference] = images();
-        let mean = whitstone_image::metrics::mean_reference(&reference).expect("it is made of R, G and B");
+        let mean = whitstone_metrics::metrics::mean_reference(&reference).expect("it is made of R, G and B");
         let pixel = y * SIZE[0] + x;
         let channels = ours.rgb().into_iter().zip(reference.rgb()).flat_map(|(a, b)| {
             [0, 1, 2].map(|c| {

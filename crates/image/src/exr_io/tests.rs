@@ -560,7 +560,9 @@ fn public_environment_maps_are_read() {
             .filter(|path| path.extension() == Some("exr".as_ref()))
         {
             let image = read(path, Limits::IMAGE).unwrap();
-            let mean = crate::metrics::mean_reference(&image).unwrap();
+            let values = image.rgb().unwrap().into_iter().flatten();
+            let mean = values.map(|value| f64::from(value.abs())).sum::<f64>()
+                / (3 * image.width() * image.height()) as f64;
             assert!(mean > 0.01 && mean < 100.0, "{}: {mean}", path.display());
         }
     }

@@ -8,7 +8,7 @@ use crate::sensitivity::{Effect, Parameter};
 use crate::{CaseResult, Pictures, Status, WorstPixel};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use whitstone_image::Tolerance;
+use whitstone_metrics::Tolerance;
 
 /// Width at which a picture is easy to see, in pixels of the page.
 pub(super) const PICTURE_WIDTH: usize = 384;

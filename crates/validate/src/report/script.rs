@@ -3,7 +3,7 @@
 use crate::CaseResult;
 use crate::pixels::{CODES_A_DECADE, ERROR_VIEW, LEAST_RESIDUAL};
 use std::collections::{BTreeMap, BTreeSet};
-use whitstone_image::ColorMap;
+use whitstone_metrics::ColorMap;
 
 /// The other error pictures that the page itself draws, with scales that are the same in all
 /// reports: smallest and largest value in units of radiance, and smallest and largest magnitude of

@@ -8,7 +8,7 @@ use crate::{CaseResult, LayerResult, Pictures, Provenance, Reference, Results, S
 use page::Page;
 use std::collections::{BTreeMap, BTreeSet};
 use whitstone_image::Image;
-use whitstone_image::metrics::BlockBias;
+use whitstone_metrics::metrics::BlockBias;
 
 /// Text that a scene file may contain and a page must not.
 const HOSTILE: &str =

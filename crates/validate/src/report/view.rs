@@ -10,8 +10,8 @@ use crate::pixels::ERROR_VIEW;
 use crate::{CaseResult, LeftOut, Provenance, Results, Status, counted};
 use askama::Template;
 use std::collections::{BTreeMap, BTreeSet};
-use whitstone_image::Tolerance;
-use whitstone_image::error_map::legend;
+use whitstone_metrics::Tolerance;
+use whitstone_metrics::error_map::legend;
 
 /// The whole page.
 #[derive(Template)]

@@ -8,10 +8,11 @@ use crate::terminal::{Exit, Failure, write_json};
 use clap::Args;
 use measure::{Comparison, measure};
 use std::path::{Path, PathBuf};
-use whitstone_image::edges::EdgeLayer;
-use whitstone_image::error_map::trio;
-use whitstone_image::range::Ranges;
-use whitstone_image::{ErrorView, Image, Limits, Tolerance, ToneMap, exr_io};
+use whitstone_image::{Image, Limits, ToneMap, exr_io};
+use whitstone_metrics::edges::EdgeLayer;
+use whitstone_metrics::error_map::trio;
+use whitstone_metrics::range::Ranges;
+use whitstone_metrics::{ErrorView, Tolerance};
 use whitstone_validate::Variants;
 use whitstone_validate::stored::read_variants;
 

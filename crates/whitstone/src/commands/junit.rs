@@ -1,10 +1,9 @@
 //! Results as JUnit XML, which most CI systems display: one suite with a case for each comparison.
 
 use crate::terminal::Failure;
-use quick_xml::Writer;
-use quick_xml::events::{BytesDecl, BytesText, Event};
-use std::io::{Result, Write};
+use quick_junit::{NonSuccessKind, Report, SerializeError, TestCase, TestCaseStatus, TestSuite};
 use std::path::Path;
+use std::time::Duration;
 use whitstone_image::atomic;
 
 /// A comparison.
@@ -30,87 +29,62 @@ pub(super) enum Outcome {
 }
 
 impl Outcome {
-    /// The name of the element, its message, and whether the message is only an attribute.
-    fn element(&self) -> Option<(&'static str, &str)> {
-        match self {
-            Self::Pass => None,
-            Self::Fails(text) => Some(("failure", text)),
-            Self::Error(text) => Some(("error", text)),
-            Self::Skipped(text) => Some(("skipped", text)),
-        }
+    fn status(&self) -> TestCaseStatus {
+        let (mut status, text) = match self {
+            Self::Pass => return TestCaseStatus::success(),
+            Self::Fails(text) => (TestCaseStatus::non_success(NonSuccessKind::Failure), text),
+            Self::Error(text) => (TestCaseStatus::non_success(NonSuccessKind::Error), text),
+            Self::Skipped(text) => (TestCaseStatus::skipped(), text),
+        };
+        let text = allowed(text);
+        status.set_message(text.lines().next().unwrap_or_default());
+        status.set_description(&text);
+        status
     }
 }
 
 /// Writes a suite to a file, atomically.
-pub(super) fn write(path: &Path, suite: &str, cases: &[Case]) -> std::result::Result<(), Failure> {
+pub(super) fn write(path: &Path, suite: &str, cases: &[Case]) -> Result<(), Failure> {
     let text = xml(suite, cases).map_err(Failure::environment)?;
-    atomic::write_bytes(path, &text).map_err(Failure::environment)
+    atomic::write_bytes(path, text.as_bytes()).map_err(Failure::environment)
 }
 
-fn xml(suite: &str, cases: &[Case]) -> Result<Vec<u8>> {
-    let count = |name: &str| {
-        let named = cases.iter().filter_map(|case| case.outcome.element());
-        named.filter(|element| element.0 == name).count().to_string()
-    };
-    let seconds: f64 = cases.iter().map(|case| case.seconds).sum();
-    let attributes = [
-        ("name", suite.to_owned()),
-        ("tests", cases.len().to_string()),
-        ("failures", count("failure")),
-        ("errors", count("error")),
-        ("skipped", count("skipped")),
-        ("time", format!("{seconds:.3}")),
-    ];
-    let attributes = || attributes.iter().map(|(key, value)| (*key, value.as_str()));
-    let mut writer = Writer::new_with_indent(Vec::new(), b' ', 2);
-    writer.write_event(Event::Decl(BytesDecl::new("1.0", Some("UTF-8"), None)))?;
-    writer
-        .create_element("testsuites")
-        .with_attributes(attributes().filter(|(key, _)| *key != "skipped"))
-        .write_inner_content(|writer| {
-            writer
-                .create_element("testsuite")
-                .with_attributes(attributes())
-                .write_inner_content(|writer| cases.iter().try_for_each(|one| case(writer, suite, one)))?;
-            Ok(())
-        })?;
-    let mut text = writer.into_inner();
-    text.push(b'\n');
-    Ok(text)
+fn xml(name: &str, cases: &[Case]) -> Result<String, SerializeError> {
+    let mut suite = TestSuite::new(name);
+    for case in cases {
+        let mut test = TestCase::new(allowed(&case.name), case.outcome.status());
+        test.set_classname(name).set_time(duration(case.seconds));
+        suite.add_test_case(test);
+    }
+    let total = duration(cases.iter().map(|case| case.seconds).sum());
+    suite.set_time(total);
+    let mut report = Report::new(name);
+    report.set_time(total).add_test_suite(suite);
+    report.to_string()
 }
 
-fn case<W: Write>(writer: &mut Writer<W>, suite: &str, case: &Case) -> Result<()> {
-    let (name, time) = (allowed(&case.name), format!("{:.3}", case.seconds));
-    let attributes = [("name", name.as_str()), ("classname", suite), ("time", &time)];
-    let element = writer.create_element("testcase").with_attributes(attributes);
-    let Some((outcome, text)) = case.outcome.element() else {
-        element.write_empty()?;
-        return Ok(());
-    };
-    let text = allowed(text);
-    let first = text.lines().next().unwrap_or_default();
-    element.write_inner_content(|writer| {
-        writer
-            .create_element(outcome)
-            .with_attribute(("message", first))
-            .write_text_content(BytesText::new(&text))?;
-        Ok(())
-    })?;
-    Ok(())
+/// Zero for a number that is no duration.
+fn duration(seconds: f64) -> Duration {
+    Duration::try_from_secs_f64(seconds).unwrap_or_default()
 }
 
-/// A text without the characters that XML 1.0 cannot represent (section 2.2).
+/// A text without the characters that XML 1.0 cannot represent (section 2.2). `quick_junit` would
+/// drop some of them, with everything up to the end of an escape sequence, but not U+FFFE and
+/// U+FFFF. It also drops tabs.
 fn allowed(text: &str) -> String {
-    let fits = |c: char| matches!(c, '\t' | '\n' | '\r' | ' '..='\u{fffd}' | '\u{10000}'..);
-    text.chars()
-        .map(|c| if fits(c) { c } else { '\u{fffd}' })
-        .collect()
+    let replaced = |c: char| match c {
+        '\t' => ' ',
+        '\n' | '\r' | ' '..='\u{fffd}' | '\u{10000}'.. => c,
+        _ => '\u{fffd}',
+    };
+    text.chars().map(replaced).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use quick_xml::Reader;
+    use quick_xml::events::Event;
 
     const HOSTILE: &str = "a]]></failure><x y=\"1\"> & 'quoted'\u{0}\u{1b}[31m\u{fffe}\nsecond line";
 
@@ -131,8 +105,9 @@ mod tests {
 
     /// The names of the elements in order, their attributes, and all text; or the error if the XML
     /// is not well-formed.
-    fn read(xml: &[u8]) -> std::result::Result<(Vec<String>, Vec<String>, String), String> {
-        let mut reader = Reader::from_str(std::str::from_utf8(xml).map_err(|error| error.to_string())?);
+    fn read(xml: &str) -> Result<(Vec<String>, Vec<String>, String), String> {
+        let string = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).map_err(|error| error.to_string());
+        let mut reader = Reader::from_str(xml);
         reader.config_mut().check_end_names = true;
         let (mut names, mut values, mut text, mut open) = (Vec::new(), Vec::new(), String::new(), 0);
         loop {
@@ -144,17 +119,17 @@ mod tests {
             };
             match event {
                 Event::Start(element) | Event::Empty(element) => {
-                    names.push(AsRef::<str>::as_ref(&element.name()).to_owned());
+                    names.push(string(element.name().as_ref())?);
                     for attribute in element.attributes() {
                         let attribute = attribute.map_err(|error| error.to_string())?;
-                        let value = attribute.value.to_string();
+                        let value = string(&attribute.value)?;
                         if value.contains(['<', '"']) {
                             return Err(format!("attribute {value}"));
                         }
                         values.push(value);
                     }
                 }
-                Event::Text(part) => text.push_str(&part),
+                Event::Text(part) => text.push_str(&string(&part)?),
                 Event::Eof => break,
                 _ => {}
             }
@@ -184,23 +159,45 @@ mod tests {
                 "skipped"
             ]
         );
-        assert_eq!(values[..5], ["a suite", "4", "1", "1", "1.000"]);
+        let counts = ["a suite", "4", "1", "1", "1", "1.000"];
+        assert_eq!(
+            (&values[..6], &values[6..12]),
+            (&counts.map(String::from)[..], &counts.map(String::from)[..])
+        );
+        assert_eq!(values.iter().filter(|value| *value == "0.250").count(), 4);
         assert!(
             values
                 .iter()
                 .any(|value| value.contains("&lt;x y=&quot;1&quot;&gt; &amp;"))
         );
-        let all = String::from_utf8(xml).unwrap();
-        assert!(all.contains("second line") && text.contains("second line"));
-        assert!(!all.contains(['\u{0}', '\u{1b}', '\u{fffe}']) && all.contains('\u{fffd}'));
-        assert!(!all.contains("]]>"), "not allowed in text");
+        assert!(xml.contains("second line") && text.contains("second line"));
+        assert!(!xml.contains(['\u{0}', '\u{1b}', '\u{fffe}']) && xml.contains('\u{fffd}'));
+        assert!(!xml.contains("]]>"), "not allowed in text");
+    }
+
+    #[test]
+    fn no_text_is_lost_and_no_duration_panics() {
+        let case = |seconds| Case {
+            name: "a\tb \u{1b}]0;an unfinished escape sequence".to_owned(),
+            seconds,
+            outcome: Outcome::Pass,
+        };
+        let xml = xml("a", &[case(f64::NAN), case(-1.0)]).unwrap();
+        let (_, values, _) = read(&xml).unwrap();
+        let name = "a b \u{fffd}]0;an unfinished escape sequence";
+        assert_eq!(
+            values.iter().filter(|value| *value == name).count(),
+            2,
+            "{values:?}"
+        );
+        assert_eq!(values.iter().filter(|value| *value == "0.000").count(), 4);
     }
 
     #[test]
     fn the_check_sees_what_is_not_well_formed() {
-        let xml = String::from_utf8(xml("a", &cases()).unwrap()).unwrap();
+        let xml = xml("a", &cases()).unwrap();
         for (from, to) in [("</testsuite>", ""), ("&lt;x", "<x"), ("</error>", "</failure>")] {
-            assert!(read(xml.replacen(from, to, 1).as_bytes()).is_err(), "{from}");
+            assert!(read(&xml.replacen(from, to, 1)).is_err(), "{from}");
         }
     }
 }

@@ -25,8 +25,8 @@
 use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::mask::Mask;
-use crate::planes::{Image, ImageError, Placement, RGB};
 use crate::sum::Sum;
+use whitstone_image::planes::{Image, ImageError, Placement, RGB};
 
 /// Side of the square blocks of [`Metrics::signed_block_bias`], in pixels. Blocks are aligned to
 /// the top left corner; those at the right and the bottom may be smaller.

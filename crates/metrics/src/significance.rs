@@ -33,8 +33,8 @@
 
 use crate::mask::Mask;
 use crate::metrics::{CompareError, Pair, Side, Tolerance};
-use crate::planes::{Image, ImageError, RGB};
 use serde::Serialize;
+use whitstone_image::planes::{Image, ImageError, RGB};
 
 /// Side of the window around a pixel whose mean variance is the minimum variance of the pixel, if
 /// only one side has noise.

@@ -5,7 +5,7 @@
 //! pixel is at an edge or ill-conditioned.
 
 use crate::metrics::{CompareError, Pair, Side};
-use crate::planes::Image;
+use whitstone_image::Image;
 
 /// The layers: smallest values of R, G, B, then largest.
 pub const LAYERS: [&str; 6] = ["min.R", "min.G", "min.B", "max.R", "max.G", "max.B"];

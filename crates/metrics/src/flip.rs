@@ -10,10 +10,10 @@
 //! 1.7.
 
 use crate::metrics::{CompareError, Pair};
-use crate::planes::Image;
 use crate::sum::Sum;
 use serde::Serialize;
 use std::f64::consts::PI;
+use whitstone_image::Image;
 
 /// Pixels per degree of the visual field for which the values are valid: a screen of 3840 pixels
 /// and 0.7 m, seen from 0.7 m.

@@ -7,8 +7,8 @@ use serde::Serialize;
 
 use crate::mask::Mask;
 use crate::metrics::{CompareError, NotFinite, Side, check_geometry, check_mask_size};
-use crate::planes::Image;
 use crate::sum::Sum;
+use whitstone_image::Image;
 
 /// A pixel at which two layers differ.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]

@@ -5,7 +5,7 @@
 
 use crate::mask::Mask;
 use crate::metrics::{CompareError, Side, check_geometry};
-use crate::planes::{Image, ImageError};
+use whitstone_image::{Image, ImageError};
 
 /// A layer, and the smallest step that counts as an edge.
 #[derive(Debug, Clone, PartialEq)]

@@ -11,9 +11,9 @@
 //! scikit-image 0.26 (`gaussian_weights`, population covariance).
 
 use crate::metrics::{CompareError, Pair};
-use crate::planes::Image;
 use crate::sum::Sum;
-use crate::tone::{ToneMap, linear_to_srgb};
+use whitstone_image::Image;
+use whitstone_image::tone::{ToneMap, linear_to_srgb};
 
 /// Side of the window in pixels.
 pub const WINDOW: usize = 11;

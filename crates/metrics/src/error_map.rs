@@ -2,16 +2,16 @@
 //!
 //! A map shows one number per pixel, for the channel (R, G, B) whose difference has the largest
 //! magnitude: the difference itself, or the relative residual of [`metrics`](crate::metrics).
-//! Values that are not finite on either side are [magenta](crate::png::NOT_FINITE), which is in no
-//! colour map. The legend and [`ErrorView::scale`] always state the range; values outside it get
-//! the colour of the nearer end.
+//! Values that are not finite on either side are [`NOT_FINITE`], a colour that is in no colour map.
+//! The legend and [`ErrorView::scale`] always state the range; values outside it get the colour of
+//! the nearer end.
 
 use serde::Serialize;
 
 use crate::metrics::{CompareError, Pair, relative_residual};
-use crate::planes::Image;
-use crate::png::{NOT_FINITE, Raster};
-use crate::tone::ToneMap;
+use whitstone_image::Image;
+use whitstone_image::png::{NOT_FINITE, Raster};
+use whitstone_image::tone::ToneMap;
 
 /// The number that is shown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]

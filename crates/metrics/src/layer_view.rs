@@ -1,7 +1,7 @@
 //! Pictures of AOV layers for people.
 
-use crate::planes::Image;
-use crate::png::{NOT_FINITE, Raster};
+use whitstone_image::Image;
+use whitstone_image::png::{NOT_FINITE, Raster};
 
 /// Colour of a miss: no id, an infinite depth.
 const NOTHING: [u8; 3] = [0; 3];
