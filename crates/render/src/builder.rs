@@ -1,9 +1,9 @@
 //! Builds the plugins of a scene and the plugins that they refer to.
 
+use crate::cache::Cache;
 use crate::coincident::{self, Coincidence, Seen};
 use crate::memory::Memory;
 use crate::operands::Operands;
-use crate::pipeline::{BuildOptions, BuiltGroup};
 use crate::unused::LookedUp;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -19,6 +19,28 @@ use whitstone_scene::{AUTO, Description, Omitted, Plan, PluginTable, ShapeTable,
 
 /// Maximum nesting of materials: each hit evaluates all of them.
 const MAX_NESTING: usize = 16;
+
+/// A built group.
+pub struct BuiltGroup {
+    /// The id, as in `[group.ID]`.
+    pub id: String,
+    /// Its shapes and their accelerator.
+    pub group: Arc<Group>,
+    /// The accelerator in use, and the reason if the scene leaves the choice.
+    pub accelerator: (String, String),
+}
+
+/// Options of the build. They do not affect the image.
+#[derive(Clone, Copy, Default)]
+pub struct BuildOptions<'a> {
+    /// Memory limit in bytes for meshes and accelerators, including their construction; by default
+    /// the available memory.
+    pub max_memory: Option<u64>,
+    /// The cache for data that takes long to compute; by default none.
+    pub cache: Option<Cache<'a>>,
+    /// Called with the part that is about to be built.
+    pub progress: Option<&'a dyn Fn(&str)>,
+}
 
 /// Shapes and their accelerator.
 pub(crate) struct Structure {

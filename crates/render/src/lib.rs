@@ -19,9 +19,10 @@ mod render;
 mod samples;
 mod unused;
 
+pub use builder::{BuildOptions, BuiltGroup};
 pub use cache::Cache;
 pub use coincident::Coincidence;
 pub use costs::Cost;
 pub use film::{Film, Progress};
-pub use pipeline::{BuildOptions, BuiltGroup, Pipeline};
+pub use pipeline::Pipeline;
 pub use render::RenderOptions;

@@ -1,7 +1,6 @@
 //! The built scene.
 
-use crate::builder::Builder;
-use crate::cache::Cache;
+use crate::builder::{BuildOptions, Builder, BuiltGroup};
 use crate::coincident::{self, Coincidence, Seen};
 use crate::unused::unused_parts;
 use crate::{limits, reach};
@@ -9,8 +8,8 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Instant;
 use whitstone_core::{
-    Camera, Cameras, FamilyName, Group, Integrator, Integrators, Lights, ObjectOrder, Registry, Sampler,
-    Samplers, Scene, SceneError, SceneErrors, Texture, View,
+    Camera, Cameras, FamilyName, Integrator, Integrators, Lights, ObjectOrder, Registry, Sampler, Samplers,
+    Scene, SceneError, SceneErrors, Texture, View,
 };
 use whitstone_scene::{Checked, Description, FilmTable, Omitted, Plan, Sources};
 
@@ -49,28 +48,6 @@ pub struct Pipeline {
     pub warnings: Vec<SceneError>,
     /// Build time in seconds, including reading files.
     pub build_seconds: f64,
-}
-
-/// A built group.
-pub struct BuiltGroup {
-    /// The id, as in `[group.ID]`.
-    pub id: String,
-    /// Its shapes and their accelerator.
-    pub group: Arc<Group>,
-    /// The accelerator in use, and the reason if the scene leaves the choice.
-    pub accelerator: (String, String),
-}
-
-/// Options of the build. They do not affect the image.
-#[derive(Clone, Copy, Default)]
-pub struct BuildOptions<'a> {
-    /// Memory limit in bytes for meshes and accelerators, including their construction; by default
-    /// the available memory.
-    pub max_memory: Option<u64>,
-    /// The cache for data that takes long to compute; by default none.
-    pub cache: Option<Cache<'a>>,
-    /// Called with the part that is about to be built.
-    pub progress: Option<&'a dyn Fn(&str)>,
 }
 
 impl Pipeline {
