@@ -30,8 +30,8 @@ const MODULE_OF_POVRAY: &str = "whitstone_povray";
 pub struct Environment {
     /// The interpreter of the environment.
     pub python: PathBuf,
-    /// Folder that contains the driver's Python package. Third-party plugins name their twins after
-    /// this folder.
+    /// Folder that contains the driver's Python package. Third-party plugins refer to the renderer
+    /// by the name of this folder.
     pub package: PathBuf,
     /// Name of the driver's Python package.
     pub module: &'static str,

@@ -1,4 +1,4 @@
-//! Compares with a reference that has noise: Mitsuba's own integrators.
+//! The rule for references that have noise, and its result: Mitsuba's own integrators.
 //!
 //! A pixel agrees if it is within the pixel tolerance, or if noise explains the difference
 //! ([`whitstone_metrics::significance`]). As in Mitsuba's own `test_renders.py`, 99.75 % of the

@@ -33,8 +33,8 @@ fn angle(index: usize, of: usize, full: f64) -> f64 {
     full * index as f64 / of as f64 - full / 2.0
 }
 
-/// The lights for n > 0, each as the direction to it and its irradiance. `look` evaluates the texture at
-/// (u, v) and a direction.
+/// The lights for n > 0, each as the direction to it and its irradiance. `look` evaluates the
+/// texture at (u, v) and a direction.
 pub(super) fn lights(n: u32, s: usize, look: impl Fn(DVec2, DVec3) -> Rgb) -> Vec<(DVec3, Rgb)> {
     let cells: Vec<Rgb> = (0..ROWS * COLUMNS)
         .map(|cell| {
