@@ -15,8 +15,8 @@ use whitstone_core::{
 /// Builds an operand inside a shape with the given transform.
 type Operand = Rc<dyn Fn(&Transform) -> Result<LoweredShape, SceneErrors>>;
 
-/// A [`whitstone_core::Context`] for tests: constants as textures, files of one folder, and groups, materials,
-/// textures and operands by id. Collects warnings.
+/// A [`whitstone_core::Context`] for tests: constants as textures, files of one folder, and groups,
+/// materials, textures and operands by id. Collects warnings.
 #[derive(Clone, Default)]
 pub struct TestContext {
     /// The folder that files are relative to; by default the working directory of the tests.

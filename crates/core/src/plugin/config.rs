@@ -407,7 +407,7 @@ impl Serialize for PluginRef {
 }
 
 /// A colour parameter as written: a number, three numbers, the id of a shared texture, or an inline
-/// texture. [`crate::Context::texture`] turns it into a [`crate::ColorSource`].
+/// texture. [`crate::Resources::texture`] turns it into a [`crate::ColorSource`].
 #[derive(Clone, Debug)]
 pub struct TextureRef {
     /// Position in the source; `None` for a default.
