@@ -142,7 +142,7 @@ pub fn closest_shape(shape: &LoweredShape, rays: &RayStream, hits: &mut HitStrea
     hits.clear(rays);
     match shape {
         LoweredShape::Triangles(mesh) => mesh.intersect_stream(0, rays, hits),
-        LoweredShape::Opaque(primitive) => primitive.intersect_stream(0, rays, hits),
+        LoweredShape::Custom(primitive) => primitive.intersect_stream(0, rays, hits),
         _ => {}
     }
 }

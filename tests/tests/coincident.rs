@@ -124,7 +124,7 @@ fn wrong(values: impl Iterator<Item = Option<[f64; 3]>>, truths: &[Option<[f64; 
 const GAP: f64 = 1e-8;
 
 /// Of 4,800 pixels, 99.9 % are the same.
-const MOST: usize = 4;
+const MAX: usize = 4;
 
 /// A scene as TOML, by the gap in metres.
 type Scene = Box<dyn Fn(f64) -> String>;
@@ -308,7 +308,7 @@ fn coincident_surfaces_look_like_those_with_a_tiny_gap() {
             let (exact, lifted) = (built(&scene(0.0), rest), built(&scene(GAP), rest));
             let differing = differing(&exact, &lifted);
             println!("{name} {rest}: {differing}");
-            if differing > MOST {
+            if differing > MAX {
                 failed.push(format!("{name} {rest}: {differing}"));
             }
         }
@@ -382,7 +382,7 @@ fn a_light_in_coincident_surfaces_is_hidden_by_none() {
     assert!(two.scene.light_margin > 0.0 && one.scene.light_margin == 0.0);
     let dark = built(&(ceiling(RED) + &rest).replace(lamp, ""), "");
     assert!(differing(&one, &dark) > 1000);
-    assert!(differing(&one, &two) <= MOST);
+    assert!(differing(&one, &two) <= MAX);
 }
 
 #[test]

@@ -424,7 +424,7 @@ impl Plugin<Shapes> for FlippedSphere {
         context: &mut dyn Context,
     ) -> Result<LoweredShape, SceneErrors> {
         match <Sphere as Plugin<Shapes>>::build(config, transform, context)? {
-            LoweredShape::Opaque(primitive) => Ok(LoweredShape::Opaque(Box::new(Self(primitive)))),
+            LoweredShape::Custom(primitive) => Ok(LoweredShape::Custom(Box::new(Self(primitive)))),
             other => Ok(other),
         }
     }

@@ -214,10 +214,5 @@ fn rays_carry_nothing_where_no_texture_asks() {
     let built = build(&sources.unwrap(), &whitstone::registry()).unwrap_or_else(|report| panic!("{report}"));
     assert!(!built.scene.reads_footprints());
     assert_eq!(built.camera_differential([0, 0], 0), None);
-    assert!(
-        built
-            .left_out
-            .iter()
-            .any(|part| part.what == "footprints of rays")
-    );
+    assert!(built.omitted.iter().any(|part| part.what == "footprints of rays"));
 }

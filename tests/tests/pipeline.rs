@@ -34,7 +34,7 @@ fn constant_textures_are_colours() {
         );
         let built = pipeline(&format!("{black}{shape}"));
         assert_eq!(built.scene.materials[0].flags(), lobes, "{k_refl}");
-        let traces = !built.left_out.iter().any(|part| part.what == "reflected rays");
+        let traces = !built.omitted.iter().any(|part| part.what == "reflected rays");
         assert_eq!(traces, lobes.contains(BsdfFlags::REFLECTION), "{k_refl}");
     }
 }
@@ -138,7 +138,7 @@ fn lights_that_reach_nothing_are_left_out() {
         let built = scene(&format!("{point}{light}"), "matte");
         assert_eq!(built.scene.lights.len(), kept, "{light}");
         let told = built
-            .left_out
+            .omitted
             .iter()
             .any(|part| part.what.starts_with("light 2 ("));
         assert_eq!(told, kept == 1, "{light}");
@@ -150,7 +150,7 @@ fn lights_that_reach_nothing_are_left_out() {
     }
     let mirror = scene(point, "mirror");
     assert_eq!(mirror.scene.lights.len(), 0);
-    let why = mirror.left_out.iter().find(|part| part.what == "light 1 (point)");
+    let why = mirror.omitted.iter().find(|part| part.what == "light 1 (point)");
     assert_eq!(why.unwrap().why, "no material in use has local illumination");
 }
 
@@ -174,7 +174,7 @@ fn textures_that_nothing_looks_up_any_more_are_told_and_not_kept() {
         kinds.collect()
     };
     let why = |pipeline: &Pipeline, what: &str| {
-        let part = pipeline.left_out.iter().find(|part| part.what == what);
+        let part = pipeline.omitted.iter().find(|part| part.what == what);
         part.map(|part| part.why.clone())
     };
     let read = Some("not used after the scene is built".to_owned());

@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Maximum number of characters in a line.
-const MOST: usize = 100;
+const MAX: usize = 100;
 /// Folders that are checked.
 const FOLDERS: [&str; 10] = [
     "benches",
@@ -37,7 +37,7 @@ pub(crate) fn check() -> Vec<String> {
         let extension = file.extension().and_then(|extension| extension.to_str());
         for number in too_long(&text, marks(extension)) {
             problems.push(format!(
-                "{}:{number}: this line has more than {MOST} columns; wrap it",
+                "{}:{number}: this line has more than {MAX} columns; wrap it",
                 file.display()
             ));
         }
@@ -99,7 +99,7 @@ fn too_long(text: &str, marks: &[&str]) -> Vec<usize> {
             .any(|mark| body.trim_start().starts_with(mark));
         // A link or a path cannot be broken.
         let is_one_word = !body.trim().contains(' ');
-        if !code && !whole && !is_one_word && line.chars().count() > MOST {
+        if !code && !whole && !is_one_word && line.chars().count() > MAX {
             found.push(number);
         }
     }
@@ -120,6 +120,6 @@ mod tests {
         assert_eq!(too_long(&rust, marks(Some("rs"))), [1, 6]);
         let python = format!("# {long}\nvalue = 1  # {long}\n#     {long}\n");
         assert_eq!(too_long(&python, marks(Some("py"))), [1]);
-        assert_eq!(too_long(&"é".repeat(MOST), &[]), Vec::<usize>::new());
+        assert_eq!(too_long(&"é".repeat(MAX), &[]), Vec::<usize>::new());
     }
 }

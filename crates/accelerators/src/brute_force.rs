@@ -56,7 +56,7 @@ impl BruteForce {
         for (part, shape) in self.geometry.shapes().iter().zip(0u32..) {
             let leaves = skip.of_shape(InstanceId::TOP_LEVEL, shape);
             match part {
-                LoweredShape::Opaque(primitive) => {
+                LoweredShape::Custom(primitive) => {
                     if let Some(hit) = primitive.intersect(ray, interval, leaves)
                         && !found(hit.of_shape(InstanceId::TOP_LEVEL, shape))
                     {
@@ -107,7 +107,7 @@ impl Accelerator for BruteForce {
     ) -> Option<PreliminaryIntersection> {
         let mut best: Option<PreliminaryIntersection> = None;
         self.hits(ray, interval, skip, |hit| {
-            if best.as_ref().is_none_or(|best| hit.beats(best)) {
+            if best.as_ref().is_none_or(|best| hit.is_nearer_than(best)) {
                 best = Some(hit);
             }
             true
@@ -128,7 +128,7 @@ impl Accelerator for BruteForce {
         hits.clear(rays);
         for (part, shape) in self.geometry.shapes().iter().zip(0u32..) {
             match part {
-                LoweredShape::Opaque(primitive) => primitive.intersect_stream(shape, rays, hits),
+                LoweredShape::Custom(primitive) => primitive.intersect_stream(shape, rays, hits),
                 LoweredShape::Triangles(mesh) => mesh.intersect_stream(shape, rays, hits),
                 _ => {}
             }
@@ -143,7 +143,7 @@ impl Accelerator for BruteForce {
         hidden[..rays.len].fill(false);
         for (part, shape) in self.geometry.shapes().iter().zip(0u32..) {
             match part {
-                LoweredShape::Opaque(primitive) => primitive.occluded_stream(shape, rays, hidden),
+                LoweredShape::Custom(primitive) => primitive.occluded_stream(shape, rays, hidden),
                 LoweredShape::Triangles(mesh) => mesh.occluded_stream(shape, rays, hidden),
                 _ => {}
             }

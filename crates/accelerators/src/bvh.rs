@@ -21,7 +21,7 @@ mod stream;
 mod tree;
 mod wide;
 
-use crate::support::elements::{MOST_ELEMENTS, check_count};
+use crate::support::elements::{MAX_ELEMENTS, check_count};
 use crate::support::leaves::Leaves;
 use crate::support::leaves::child::{Child, Kind};
 use crate::support::leaves::items::{Item, Items};
@@ -89,7 +89,7 @@ impl Plugin<Accelerators> for Bvh {
     ) -> Result<Box<dyn Accelerator>, SceneErrors> {
         // Spatial splits increase the number of references by at most 30%.
         let spare = if config.quality == Quality::Best { 4 } else { 0 };
-        check_count(&geometry, MOST_ELEMENTS / 16 * (16 - spare))?;
+        check_count(&geometry, MAX_ELEMENTS / 16 * (16 - spare))?;
         Ok(Box::new(Self::new(geometry, config.quality)))
     }
 }

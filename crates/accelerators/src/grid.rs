@@ -63,7 +63,7 @@ const COARSER: f64 = 32.0;
 const CROWD: usize = 8;
 
 /// Maximum number of references per element, on average; with two levels, its square root on each.
-const MOST_REFERENCES: usize = 16;
+const MAX_REFERENCES: usize = 16;
 
 /// The grid.
 pub struct Grid {
@@ -98,9 +98,9 @@ impl Grid {
         let items = &elements.items;
         let all: Vec<u32> = (0..items.len() as u32).collect();
         let (coarse, most) = if two {
-            (density / COARSER, MOST_REFERENCES.isqrt())
+            (density / COARSER, MAX_REFERENCES.isqrt())
         } else {
-            (density, MOST_REFERENCES)
+            (density, MAX_REFERENCES)
         };
         let whole = bounds(items);
         let cells = Cells::new(geometry, elements, &all, whole, coarse, most);

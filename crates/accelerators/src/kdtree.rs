@@ -24,7 +24,7 @@
 mod build;
 mod search;
 
-use crate::support::elements::{MOST_ELEMENTS, check_count};
+use crate::support::elements::{MAX_ELEMENTS, check_count};
 use crate::support::leaves::child::WIDTH;
 use crate::support::leaves::filter::NUMBERS;
 use crate::support::leaves::items::{Box4, Contents, Items};
@@ -89,7 +89,7 @@ impl Plugin<Accelerators> for KdTree {
         geometry: Arc<Geometry>,
         _: &mut dyn Context,
     ) -> Result<Box<dyn Accelerator>, SceneErrors> {
-        check_count(&geometry, MOST_ELEMENTS)?;
+        check_count(&geometry, MAX_ELEMENTS)?;
         Ok(Box::new(Self::new(geometry, &config)))
     }
 }
@@ -110,7 +110,7 @@ impl KdTree {
         let mut numbers = corners.into_flattened();
         for node in nodes.iter_mut().filter(|node| node.is_leaf()) {
             let held = node.slots();
-            if slots[held.clone()].iter().any(|slot| slot.is_opaque()) {
+            if slots[held.clone()].iter().any(|slot| slot.is_custom()) {
                 *node = node.mixed();
             } else {
                 for numbers in numbers[NUMBERS * held.start..NUMBERS * held.end].chunks_mut(NUMBERS * WIDTH) {

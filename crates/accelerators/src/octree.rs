@@ -48,7 +48,7 @@ fn eight() -> NonZeroU32 {
 }
 
 /// Maximum number of references per element, on average.
-const MOST_REFERENCES: usize = 8;
+const MAX_REFERENCES: usize = 8;
 
 /// The tree.
 pub struct Octree {
@@ -148,7 +148,7 @@ impl Octree {
                 .map_or(usual.min(24.0) as u32, |depth| depth.get()),
         };
         let all = (0..items.len() as u32).collect();
-        let spare = (MOST_REFERENCES - 1) * items.len();
+        let spare = (MAX_REFERENCES - 1) * items.len();
         let cube = tree.cube;
         tree.divide(&builder, 0, all, cube, 0, spare);
         tree

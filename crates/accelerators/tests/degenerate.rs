@@ -37,10 +37,10 @@ const CONFIGURATIONS: [(&str, Make, &str); 13] = [
 ];
 
 /// Bytes per element: more than any structure needs for any of these inputs.
-const MOST_BYTES: f64 = 256.0;
+const MAX_BYTES: f64 = 256.0;
 
 /// Far more than any build needs, and far less than quadratic growth would take.
-const MOST_TIME: Duration = Duration::from_secs(300);
+const MAX_TIME: Duration = Duration::from_secs(300);
 
 fn mesh(positions: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> LoweredShape {
     LoweredShape::Triangles(TriangleMesh {
@@ -75,9 +75,9 @@ fn all_take(name: &str, shapes: Vec<LoweredShape>, rays: u64) {
         let time = start.elapsed();
         let bytes = accelerator.statistics()["bytes"] / count;
         println!("{name}: {kind} {text}: {time:.2?}, {bytes:.1} bytes an element");
-        assert!(time < MOST_TIME, "{name}: {kind} with \"{text}\" took {time:?}");
+        assert!(time < MAX_TIME, "{name}: {kind} with \"{text}\" took {time:?}");
         assert!(
-            bytes < MOST_BYTES,
+            bytes < MAX_BYTES,
             "{name}: {kind} with \"{text}\" takes {bytes} bytes an element"
         );
         for (ray, expected) in &expected {
@@ -182,7 +182,7 @@ fn bounds_that_are_no_numbers_or_endless() {
     ] {
         let mut random = Random::new(4);
         let corners = (0..900).map(|_| 3.0 * random.cube()).collect();
-        let odd = LoweredShape::Opaque(Box::new(Odd(bounds)));
+        let odd = LoweredShape::Custom(Box::new(Odd(bounds)));
         all_take(&format!("{bounds:?}"), vec![separate(corners), odd], 200);
     }
 }

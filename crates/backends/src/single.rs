@@ -116,7 +116,7 @@ impl<T: Triangles> Single<T> {
         let mut open = interval;
         for &element in &self.others {
             if let Some(hit) = self.geometry.intersect(element, ray, &sheared, open, skip)
-                && best.is_none_or(|best| hit.beats(&best))
+                && best.is_none_or(|best| hit.is_nearer_than(&best))
             {
                 best = Some(hit);
                 // Elements at the same distance are no longer found: the first one, of the lowest

@@ -10,7 +10,7 @@ mod backends {
 
     /// Maximum fraction of pixels that are not close: a ray near an edge may hit another triangle,
     /// and then the pixel shows something else.
-    const MOST_OTHERS: f64 = 0.02;
+    const MAX_OTHERS: f64 = 0.02;
 
     /// Tolerance of all other pixels: single-precision rounding, carried on by refraction and
     /// reflection.
@@ -58,7 +58,7 @@ mod backends {
         let differ = theirs.iter().zip(&ours).filter(|(a, b)| a != b).count();
         let all = ours.len();
         println!("{accelerator}, {scene}: {differ} of {all} pixels differ, {others} by more than {CLOSE}");
-        if others as f64 > MOST_OTHERS * all as f64 {
+        if others as f64 > MAX_OTHERS * all as f64 {
             return Err(format!("{others} of {all} pixels are not close").into());
         }
         // A mesh that looks exactly like ours was not rendered by the backend; all else must look

@@ -17,7 +17,7 @@ use whitstone_validate::driver::{Driver, DriverError, Rendered, SceneText, Setti
 /// limited resolution.
 const SHORTEST: f64 = 0.02;
 /// Largest batch.
-const MOST_AT_ONCE: u32 = 50;
+const MAX_AT_ONCE: u32 = 50;
 /// Pause before each repeat: threads of the previous run, perhaps of another process, spin for a
 /// while before they sleep.
 const REST: Duration = Duration::from_millis(20);
@@ -277,7 +277,7 @@ impl<'a> Lab<'a> {
             memory: shot.memory,
             repeats: self.repeats(study, affordable),
             affordable,
-            batch: ((SHORTEST / seconds).ceil() as u32).clamp(1, MOST_AT_ONCE),
+            batch: ((SHORTEST / seconds).ceil() as u32).clamp(1, MAX_AT_ONCE),
             errors,
         }
     }

@@ -39,7 +39,7 @@ pub use shading::glossy_lobe::GlossyLobe;
 pub use shading::integrator::{Counters, Integrator, LightMemory, Scene, Scratch, TreeNode};
 pub use shading::light::{Light, LightFlags, LightSample};
 pub use shading::material::{
-    BsdfFlags, LaneMask, LightLiSample, LightSamples, Material, MaterialRef, SpecularRay, SpecularRayKind,
+    BsdfFlags, IncidentLight, LaneMask, LightSamples, Material, MaterialRef, SpecularRay, SpecularRayKind,
     SpecularRayStream, SpecularRayStreams, SpecularRays, Transmittance,
 };
 pub use shading::nested_dielectrics::{

@@ -291,7 +291,7 @@ mod tests {
         let straight = Eye(Some(DMat4::IDENTITY), 1);
         assert_eq!(refused(vec![mesh()], &straight), None);
         let (shape, message) =
-            refused(vec![mesh(), LoweredShape::Opaque(Box::new(wall))], &straight).unwrap();
+            refused(vec![mesh(), LoweredShape::Custom(Box::new(wall))], &straight).unwrap();
         assert_eq!((shape, &*message), (Some(1), "only triangles can be rasterized"));
         for eye in [Eye(None, 1), Eye(Some(DMat4::IDENTITY), 4)] {
             assert_eq!(refused(vec![mesh()], &eye).unwrap().0, None);

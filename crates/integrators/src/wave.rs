@@ -213,7 +213,7 @@ impl Memory {
 
     /// Keeps undeviated rays in the medium of their parent.
     fn stay(&mut self) {
-        for lane in (0..self.group.rays.len).filter(|lane| self.branches.straight.0[*lane]) {
+        for lane in (0..self.group.rays.len).filter(|lane| self.branches.undeviated.0[*lane]) {
             let medium = self.group.absorption.get(lane);
             self.branches.absorption.set(lane, medium);
         }

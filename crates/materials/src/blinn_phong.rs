@@ -86,7 +86,7 @@ impl Material for BlinnPhong {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::LightLiSample;
+    use whitstone_core::IncidentLight;
     use whitstone_testkit::{build, material_laws};
 
     #[test]
@@ -106,7 +106,7 @@ mod tests {
         let material =
             build::<Materials, BlinnPhong>("k_d = 0.25\nk_s = [1, 2, 0]\nexponent = 4", ()).unwrap();
         let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
-        let lights = [LightLiSample {
+        let lights = [IncidentLight {
             direction: DVec3::new(0.96, 0.0, 0.28),
             irradiance: Rgb::splat(2.0),
         }];
@@ -127,7 +127,7 @@ mod tests {
         let material = build::<Materials, BlinnPhong>("k_d = 0", ()).unwrap();
         let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
         let v = DVec3::new(1.0, 0.0, 1e-300);
-        let lights = [LightLiSample {
+        let lights = [IncidentLight {
             direction: DVec3::new(-1.0, 0.0, 1e-300),
             irradiance: Rgb::WHITE,
         }];

@@ -31,7 +31,7 @@ use whitstone_core::{
 };
 
 /// Upper limit of eta and k, so that their squares and the products of these stay finite.
-const MOST: f64 = 1e3;
+const MAX: f64 = 1e3;
 
 /// A metal: a mirror whose colour follows from its index of refraction.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -163,10 +163,10 @@ fn index(config: &Config) -> Result<[[f64; 3]; 2], SceneErrors> {
     let mut number = |color: &Option<Spanned<Color>>, name: &str, zero: bool| {
         let color = color.as_ref()?;
         let channels = color.get_ref().get().to_array();
-        let wrong = channels.into_iter().find(|x| *x > MOST || (*x == 0.0 && !zero));
+        let wrong = channels.into_iter().find(|x| *x > MAX || (*x == 0.0 && !zero));
         if let Some(wrong) = wrong {
             let least = if zero { "of at least 0" } else { "above 0" };
-            let message = format!("expected `{name}` {least} and at most {MOST}, found {wrong}");
+            let message = format!("expected `{name}` {least} and at most {MAX}, found {wrong}");
             errors.0.push(SceneError::at(color.span(), message));
         }
         Some(channels)

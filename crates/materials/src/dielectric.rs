@@ -122,7 +122,12 @@ impl Material for Dielectric {
         SurfaceAttributes::SHADING_NORMAL
     }
 
-    fn shadow(&self, point: &SurfaceInteraction, direction: DVec3, filtered: bool) -> Transmittance {
+    fn shadow_transmittance(
+        &self,
+        point: &SurfaceInteraction,
+        direction: DVec3,
+        filtered: bool,
+    ) -> Transmittance {
         if !filtered {
             return Transmittance::OPAQUE;
         }
@@ -326,11 +331,14 @@ mod tests {
         let text = "absorption = 2\nexterior_absorption = 3";
         let material = build::<Materials, Dielectric>(text, ()).unwrap();
         let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
-        assert_eq!(material.shadow(&point, DVec3::Z, false), Transmittance::OPAQUE);
+        assert_eq!(
+            material.shadow_transmittance(&point, DVec3::Z, false),
+            Transmittance::OPAQUE
+        );
         let (down, up) = (DVec3::new(0.8, 0.0, -0.6), DVec3::new(0.8, 0.0, 0.6));
         let (inwards, outwards) = (
-            material.shadow(&point, down, true),
-            material.shadow(&point, up, true),
+            material.shadow_transmittance(&point, down, true),
+            material.shadow_transmittance(&point, up, true),
         );
         // 1 - R at 0.6 onto an index of 1.5, with cos_t = sqrt(1 - 0.64/2.25).
         let cos_t = (1.0 - 0.64 / 2.25_f64).sqrt();
@@ -373,7 +381,7 @@ mod tests {
             named.specular_rays(&point, view, &mut expected);
             assert!(found.iter().eq(expected.iter()));
             let filter = body.transmittance_between(&point, -view, from, to);
-            assert_eq!(filter, named.shadow(&point, -view, true).weight);
+            assert_eq!(filter, named.shadow_transmittance(&point, -view, true).weight);
         }
     }
 

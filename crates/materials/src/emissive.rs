@@ -102,8 +102,13 @@ impl Material for Emissive {
         self.radiance.value(point) + self.under.emission(point, view)
     }
 
-    fn shadow(&self, point: &SurfaceInteraction, direction: DVec3, filtered: bool) -> Transmittance {
-        self.under.shadow(point, direction, filtered)
+    fn shadow_transmittance(
+        &self,
+        point: &SurfaceInteraction,
+        direction: DVec3,
+        filtered: bool,
+    ) -> Transmittance {
+        self.under.shadow_transmittance(point, direction, filtered)
     }
 
     fn specular_rays(&self, point: &SurfaceInteraction, view: DVec3, out: &mut SpecularRays) {

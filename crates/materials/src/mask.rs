@@ -87,9 +87,14 @@ impl Material for Mask {
         self.inner.emission(point, view) * self.opacity.value(point)
     }
 
-    fn shadow(&self, point: &SurfaceInteraction, direction: DVec3, filtered: bool) -> Transmittance {
+    fn shadow_transmittance(
+        &self,
+        point: &SurfaceInteraction,
+        direction: DVec3,
+        filtered: bool,
+    ) -> Transmittance {
         let opacity = self.opacity.value(point);
-        let inner = self.inner.shadow(point, direction, filtered);
+        let inner = self.inner.shadow_transmittance(point, direction, filtered);
         Transmittance::straight(complement(opacity) + inner.weight * opacity)
     }
 
@@ -170,7 +175,7 @@ mod tests {
         assert_eq!(all, [expected]);
         // Holes let light through even if shadows are not filtered.
         assert_eq!(
-            material.shadow(&point, DVec3::Z, false),
+            material.shadow_transmittance(&point, DVec3::Z, false),
             Transmittance::straight(expected.weight)
         );
     }
@@ -186,8 +191,11 @@ mod tests {
         for (a, b) in weights.iter().zip(expected) {
             assert!((a - b).abs() < 1e-15, "{a} {b}");
         }
-        assert_eq!(material.shadow(&point, DVec3::Z, false).weight, Rgb::splat(0.5));
-        let filtered = material.shadow(&point, DVec3::Z, true).weight.g;
+        assert_eq!(
+            material.shadow_transmittance(&point, DVec3::Z, false).weight,
+            Rgb::splat(0.5)
+        );
+        let filtered = material.shadow_transmittance(&point, DVec3::Z, true).weight.g;
         assert!((filtered - expected[1]).abs() < 1e-15);
     }
 

@@ -113,7 +113,7 @@ fn reflected(reflectance: Rgb, ambient: Rgb, irradiance: Rgb) -> Rgb {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::LightLiSample;
+    use whitstone_core::IncidentLight;
     use whitstone_testkit::build;
 
     whitstone_testkit::material_laws!(
@@ -129,11 +129,11 @@ mod tests {
         let material = build::<Materials, Matte>("reflectance = 0.5", ()).unwrap();
         let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
         let lights = [
-            LightLiSample {
+            IncidentLight {
                 direction: DVec3::new(0.6, 0.0, 0.8),
                 irradiance: Rgb::splat(2.0),
             },
-            LightLiSample {
+            IncidentLight {
                 direction: DVec3::Z,
                 irradiance: Rgb::new(1.0, 0.0, 0.0),
             },

@@ -119,8 +119,13 @@ impl Material for Mix {
         self.blend(point, |material| material.emission(point, view))
     }
 
-    fn shadow(&self, point: &SurfaceInteraction, direction: DVec3, filtered: bool) -> Transmittance {
-        let of = |material: &dyn Material| material.shadow(point, direction, filtered);
+    fn shadow_transmittance(
+        &self,
+        point: &SurfaceInteraction,
+        direction: DVec3,
+        filtered: bool,
+    ) -> Transmittance {
+        let of = |material: &dyn Material| material.shadow_transmittance(point, direction, filtered);
         Transmittance {
             weight: self.blend(point, |material| of(material).weight),
             // At most one of them refracts.

@@ -87,7 +87,7 @@ impl Material for Phong {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::LightLiSample;
+    use whitstone_core::IncidentLight;
     use whitstone_testkit::{build, material_laws};
 
     #[test]
@@ -106,7 +106,7 @@ mod tests {
     fn the_closed_form() {
         let material = build::<Materials, Phong>("k_d = 0.25\nk_s = [1, 2, 0]\nexponent = 2", ()).unwrap();
         let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
-        let lights = [LightLiSample {
+        let lights = [IncidentLight {
             direction: DVec3::new(0.6, 0.0, 0.8),
             irradiance: Rgb::splat(2.0),
         }];

@@ -97,7 +97,12 @@ impl Material for ThinDielectric {
         SurfaceAttributes::SHADING_NORMAL | self.tint.needs()
     }
 
-    fn shadow(&self, point: &SurfaceInteraction, direction: DVec3, filtered: bool) -> Transmittance {
+    fn shadow_transmittance(
+        &self,
+        point: &SurfaceInteraction,
+        direction: DVec3,
+        filtered: bool,
+    ) -> Transmittance {
         if !filtered {
             return Transmittance::OPAQUE;
         }
@@ -127,7 +132,7 @@ impl Material for ThinDielectric {
 
     fn specular_rays_stream(&self, points: &SurfaceStream, out: &mut SpecularRayStreams) {
         self.tint.value_stream(points, &mut out.transmission.weight);
-        out.straight.0[..points.len].fill(true);
+        out.undeviated.0[..points.len].fill(true);
         simd::dispatch(
             #[inline(always)]
             || {
@@ -222,8 +227,11 @@ mod tests {
     fn only_filtered_shadows_go_through() {
         let material = build::<Materials, ThinDielectric>("tint = 0.5", ()).unwrap();
         let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
-        assert_eq!(material.shadow(&point, DVec3::Z, false), Transmittance::OPAQUE);
-        let filter = material.shadow(&point, DVec3::Z, true);
+        assert_eq!(
+            material.shadow_transmittance(&point, DVec3::Z, false),
+            Transmittance::OPAQUE
+        );
+        let filter = material.shadow_transmittance(&point, DVec3::Z, true);
         assert!((filter.weight.g - 0.5 * 0.96 / 1.04).abs() < 1e-15);
         assert_eq!(filter.medium, None);
     }

@@ -73,8 +73,14 @@ impl Material for TwoSided {
         self.seen(point, view).emission(point, view)
     }
 
-    fn shadow(&self, point: &SurfaceInteraction, direction: DVec3, filtered: bool) -> Transmittance {
-        self.seen(point, -direction).shadow(point, direction, filtered)
+    fn shadow_transmittance(
+        &self,
+        point: &SurfaceInteraction,
+        direction: DVec3,
+        filtered: bool,
+    ) -> Transmittance {
+        self.seen(point, -direction)
+            .shadow_transmittance(point, direction, filtered)
     }
 
     fn specular_rays(&self, point: &SurfaceInteraction, view: DVec3, out: &mut SpecularRays) {
@@ -138,8 +144,11 @@ mod tests {
         ];
         assert_eq!(kinds(DVec3::NEG_Z), both);
         // A shadow ray is filtered by the side that it arrives at.
-        assert_eq!(material.shadow(&point, DVec3::NEG_Z, true), Transmittance::OPAQUE);
-        assert!(material.shadow(&point, DVec3::Z, true).weight.g > 0.9);
+        assert_eq!(
+            material.shadow_transmittance(&point, DVec3::NEG_Z, true),
+            Transmittance::OPAQUE
+        );
+        assert!(material.shadow_transmittance(&point, DVec3::Z, true).weight.g > 0.9);
     }
 
     #[test]

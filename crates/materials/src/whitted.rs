@@ -137,7 +137,12 @@ impl Material for Whitted {
             .local_illumination(Highlight::Phong, point, view, light)
     }
 
-    fn shadow(&self, point: &SurfaceInteraction, direction: DVec3, filtered: bool) -> Transmittance {
+    fn shadow_transmittance(
+        &self,
+        point: &SurfaceInteraction,
+        direction: DVec3,
+        filtered: bool,
+    ) -> Transmittance {
         if !filtered {
             return Transmittance::OPAQUE;
         }

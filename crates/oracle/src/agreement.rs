@@ -10,7 +10,7 @@ use whitstone_scene::{Description, Plan, Sources};
 
 /// Largest accepted error of a ray parameter, in units in the last place (ulp), divided by the
 /// condition number.
-pub const MOST_ULPS: f64 = 16.0;
+pub const MAX_ULPS: f64 = 16.0;
 
 /// Camera of a test scene; only its shape matters.
 const CAMERA: &str =
@@ -80,8 +80,8 @@ impl Agreement {
     /// bounding box of the shape.
     ///
     /// An answer is right if it agrees on hit or miss, and if the error of t is at most
-    /// [`MOST_ULPS`] ulp times the condition number. A wrong answer counts as *ill-posed*, which is
-    /// no fault, if it is right for one of 26 rays whose origin is shifted by [`MOST_ULPS`] ulp of
+    /// [`MAX_ULPS`] ulp times the condition number. A wrong answer counts as *ill-posed*, which is
+    /// no fault, if it is right for one of 26 rays whose origin is shifted by [`MAX_ULPS`] ulp of
     /// all coordinates involved. A backward stable method may give such an answer where a ray
     /// touches a surface or passes an edge.
     pub fn add(&mut self, oracle: &Oracle, ray: &Ray, found: Option<f64>, bounds: &Aabb) {
@@ -188,7 +188,7 @@ impl Error {
     }
 
     fn is_small(self) -> bool {
-        self.by_condition <= MOST_ULPS
+        self.by_condition <= MAX_ULPS
     }
 }
 
@@ -212,7 +212,7 @@ fn shifted(ray: &Ray, t: f64, bounds: &Aabb) -> impl Iterator<Item = Ray> + use<
     let finite = |v: DVec3| DVec3::select(v.is_finite_mask(), v, DVec3::ZERO);
     let reach = finite(bounds.min.abs()).max(finite(bounds.max.abs()));
     let scale = ray.origin.abs() + (t * ray.direction).abs() + reach;
-    let step = MOST_ULPS * f64::EPSILON * scale;
+    let step = MAX_ULPS * f64::EPSILON * scale;
     let sides = || [-1.0, 0.0, 1.0].into_iter();
     let boxes =
         sides().flat_map(move |x| sides().flat_map(move |y| sides().map(move |z| DVec3::new(x, y, z))));

@@ -8,7 +8,7 @@
 //!
 //! All roots along the line are enclosed in intervals, first with 128 bits. The precision is
 //! doubled until the class of the hit is certain and t is known to 1/256 of a unit in the last
-//! place of a double. If [`MOST_BITS`] do not suffice, the line touches a surface or an edge. The
+//! place of a double. If [`MAX_BITS`] do not suffice, the line touches a surface or an edge. The
 //! answer is then [`Nearest::Unknown`], never a guess.
 
 pub mod agreement;
@@ -37,7 +37,7 @@ use whitstone_scene::Description;
 const FIRST_BITS: usize = 128;
 
 /// Precision of the last attempt, in bits: sums of products of up to eight doubles are exact.
-pub const MOST_BITS: usize = 1024;
+pub const MAX_BITS: usize = 1024;
 
 /// The nearest hit of a ray.
 #[derive(Clone, Debug)]
@@ -93,7 +93,7 @@ impl Oracle {
         loop {
             match self.attempt(ray, interval, bits) {
                 Ok(nearest) => return nearest,
-                Err(Undecided) if bits >= MOST_BITS => return Nearest::Unknown,
+                Err(Undecided) if bits >= MAX_BITS => return Nearest::Unknown,
                 Err(Undecided) => bits *= 2,
             }
         }
@@ -103,7 +103,7 @@ impl Oracle {
     /// `None` if they are not all certain.
     pub fn roots(&self, ray: &Ray) -> Option<Vec<Root>> {
         let mut bits = FIRST_BITS;
-        while bits <= MOST_BITS {
+        while bits <= MAX_BITS {
             let roots = self.shape.meet(&Line::of(ray, bits));
             if let Ok(mut roots) = roots
                 && roots.all.iter().all(|root| root.t.is_narrow())

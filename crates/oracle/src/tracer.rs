@@ -99,9 +99,9 @@ pub(crate) enum Unsure {
 }
 
 /// Upper bound on the rays of a tree.
-const MOST_RAYS: u32 = 20_000;
+const MAX_RAYS: u32 = 20_000;
 /// Upper bound on the bounces of a path; each is a nested call.
-const MOST_BOUNCES: u32 = 500;
+const MAX_BOUNCES: u32 = 500;
 
 /// Traces pixels of one scene.
 pub struct Tracer {
@@ -229,7 +229,7 @@ impl Jitter {
 /// Shadow rays with less transmittance than this count as blocked.
 const LEAST_LIGHT: f64 = 0.002;
 /// This many surfaces block a light, whatever they are.
-const MOST_FILTERS: usize = 1000;
+const MAX_FILTERS: usize = 1000;
 
 /// The state of tracing one tree.
 struct Walk {
@@ -420,7 +420,7 @@ impl Tracer {
     /// The radiance along a ray: section 6 of the model.
     fn radiance(&self, arriving: &Arriving, walk: &mut Walk) -> Result<Rgb, Unsure> {
         walk.rays += 1;
-        if walk.rays > MOST_RAYS || arriving.depth > MOST_BOUNCES {
+        if walk.rays > MAX_RAYS || arriving.depth > MAX_BOUNCES {
             return Err(Unsure::Long);
         }
         in_time(walk.deadline)?;
@@ -584,7 +584,7 @@ impl Tracer {
                 left *= medium.transmittance(hit.t - passed);
             }
             left *= transmittance;
-            if left.max_component() < LEAST_LIGHT || number + 1 >= MOST_FILTERS {
+            if left.max_component() < LEAST_LIGHT || number + 1 >= MAX_FILTERS {
                 return Ok(Rgb::splat(0.0));
             }
             passed = hit.t;

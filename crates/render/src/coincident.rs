@@ -295,7 +295,7 @@ fn meet(
     far: f64,
 ) -> Option<(Ray, whitstone_core::PreliminaryIntersection)> {
     let ray = Ray::new(p + far * n, -n);
-    let element = Element::Opaque { shape: shape as u32 };
+    let element = Element::Custom { shape: shape as u32 };
     let sheared = ShearedRay::new(&ray);
     let hit = geometry.intersect(element, &ray, &sheared, Interval::FORWARD, SelfHitFilter::NOTHING)?;
     Some((ray, hit))

@@ -5,7 +5,7 @@ use whitstone_core::{Integrator, Material, NestedDielectrics, SceneError, SceneE
 use whitstone_scene::Plan;
 
 /// Maximum number of rays into which one camera ray may branch by glossy reflection.
-const MOST_REFLECTIONS: f64 = (1 << 24) as f64;
+const MAX_REFLECTIONS: f64 = (1 << 24) as f64;
 
 /// Checks the prioritised dielectrics: their number is limited, and they must not be in groups.
 /// `materials` are those of all shapes.
@@ -18,10 +18,10 @@ pub(crate) fn prioritized(plan: &Plan<'_, '_>, materials: &[Arc<dyn Material>], 
         let place = shape.material.as_ref().map(|(span, _)| span.clone());
         let message = if number >= alone {
             "a shape in a group must not have a priority: all its instances would be one body".to_owned()
-        } else if count == NestedDielectrics::MOST {
+        } else if count == NestedDielectrics::MAX {
             format!(
                 "expected at most {} shapes with a priority, found more",
-                NestedDielectrics::MOST
+                NestedDielectrics::MAX
             )
         } else {
             continue;
@@ -52,7 +52,7 @@ pub(crate) fn glossy_rays(
         let directions = material.reflections();
         let bounces = integrator.max_split_depth(directions);
         let rays = |bounces: u32| f64::from(directions).powf(f64::from(bounces));
-        if rays(bounces) <= MOST_REFLECTIONS || reported.contains(place) {
+        if rays(bounces) <= MAX_REFLECTIONS || reported.contains(place) {
             continue;
         }
         reported.push(place.clone());
@@ -60,7 +60,7 @@ pub(crate) fn glossy_rays(
             "with this material one camera ray may become {directions}^{bounces} rays, more than 2^24"
         );
         let most = (1..bounces)
-            .take_while(|bounces| rays(*bounces) <= MOST_REFLECTIONS)
+            .take_while(|bounces| rays(*bounces) <= MAX_REFLECTIONS)
             .count() as u32;
         // The smallest power of ten for which one more bounce is skipped.
         let power = rays(most + 1).log10().floor();

@@ -39,7 +39,7 @@ pub struct Pipeline {
     /// The plugins that it is built from.
     pub used: BTreeSet<(FamilyName, &'static str)>,
     /// The parts that were not built, with the reasons.
-    pub left_out: Vec<Omitted>,
+    pub omitted: Vec<Omitted>,
     /// The pairs of shapes with coincident surfaces, by their numbers in the scene.
     pub coincident: Vec<Coincidence>,
     /// Why coincident surfaces were not searched, in the scene or in a group, if so.
@@ -130,14 +130,14 @@ impl Pipeline {
             (0, &seen),
             &mut errors,
         );
-        let mut left_out = builder.unused_materials();
-        left_out.extend_from_slice(&plan.left_out);
-        left_out.extend(builder.unused_textures());
+        let mut omitted = builder.unused_materials();
+        omitted.extend_from_slice(&plan.omitted);
+        omitted.extend(builder.unused_textures());
         if let Some(built) = &built
             && errors.0.is_empty()
         {
             let tables = &description.lights;
-            left_out.extend(reach::leave_out_lights(
+            omitted.extend(reach::omit_lights(
                 tables,
                 &mut lights,
                 &built.geometry,
@@ -145,7 +145,7 @@ impl Pipeline {
             ));
         }
         if let Some(integrator) = &integrator {
-            left_out.extend(unused_parts(
+            omitted.extend(unused_parts(
                 description,
                 &lights,
                 &materials,
@@ -169,7 +169,7 @@ impl Pipeline {
         let groups = builder.groups.into_values().collect();
         // Drop textures that were only needed during the build.
         drop(builder.textures);
-        let textures = builder.looked_up.kept(&mut left_out);
+        let textures = builder.looked_up.kept(&mut omitted);
         let pipeline = match (camera, sampler, integrator, built) {
             (Some(camera), Some(sampler), Some(integrator), Some(built))
                 if complete && errors.0.is_empty() =>
@@ -188,7 +188,7 @@ impl Pipeline {
                     groups,
                     textures,
                     used,
-                    left_out,
+                    omitted,
                     coincident,
                     coincident_unknown,
                     warnings,

@@ -6,7 +6,7 @@ use whitstone_scene::{Omitted, PluginTable};
 
 /// Drops the lights that cannot reach any reflecting surface. `lights` are paired with their
 /// tables. The image is unchanged, because these lights would contribute nothing.
-pub(crate) fn leave_out_lights(
+pub(crate) fn omit_lights(
     tables: &[PluginTable<'_>],
     lights: &mut Vec<Arc<dyn Light>>,
     geometry: &Geometry,
@@ -21,9 +21,9 @@ pub(crate) fn leave_out_lights(
         .filter(|((shape, material), _)| {
             matches!(shape, LoweredShape::Instance(_)) || material.flags().intersects(BsdfFlags::LOCAL)
         })
-        .map(|(_, shape)| geometry.bounds(Element::Opaque { shape }))
+        .map(|(_, shape)| geometry.bounds(Element::Custom { shape }))
         .collect();
-    let mut left_out = Vec::new();
+    let mut omitted = Vec::new();
     let mut number = 0;
     lights.retain(|light| {
         number += 1;
@@ -36,12 +36,12 @@ pub(crate) fn leave_out_lights(
             } else {
                 "it reaches no surface that reflects light"
             };
-            left_out.push(Omitted {
+            omitted.push(Omitted {
                 what: format!("light {number} ({})", tables[number - 1].name),
                 why: why.to_owned(),
             });
         }
         kept
     });
-    left_out
+    omitted
 }

@@ -27,13 +27,13 @@ impl LookedUp {
 
     /// The textures that other objects hold, with their types. The rest were only needed during the
     /// build, such as height maps, or belong to parts that are not built.
-    pub(crate) fn kept(self, left_out: &mut Vec<Omitted>) -> Vec<(String, Arc<dyn Texture>)> {
+    pub(crate) fn kept(self, omitted: &mut Vec<Omitted>) -> Vec<(String, Arc<dyn Texture>)> {
         let mut kept = Vec::new();
         for Built { id, kind, texture } in self.0 {
             if Arc::strong_count(&texture) > 1 {
                 kept.push((kind, texture));
             } else if texture.constant().is_none() {
-                left_out.push(Omitted {
+                omitted.push(Omitted {
                     what: id.map_or_else(|| format!("a texture, {kind}"), |id| format!("texture \"{id}\"")),
                     why: "not used after the scene is built".to_owned(),
                 });
@@ -56,7 +56,7 @@ pub(crate) fn unused_parts(
             .any(|material| material.flags().intersects(flags))
     };
     let mut parts = Vec::new();
-    let mut leave_out = |what: &str, why: &str| {
+    let mut omit = |what: &str, why: &str| {
         parts.push(Omitted {
             what: what.to_owned(),
             why: why.to_owned(),
@@ -66,21 +66,21 @@ pub(crate) fn unused_parts(
         .iter()
         .any(|light| light.flags().contains(LightFlags::SAMPLES));
     if !any(BsdfFlags::LOCAL) {
-        leave_out("shadow rays", "no material in use has local illumination");
+        omit("shadow rays", "no material in use has local illumination");
     } else if !sampled {
-        leave_out("shadow rays", "no light has a position or a direction");
+        omit("shadow rays", "no light has a position or a direction");
     }
     if !integrator.follows_branches() {
-        leave_out(
+        omit(
             "reflected and refracted rays",
             "the integrator does not follow them",
         );
     } else {
         if !any(BsdfFlags::REFLECTION) {
-            leave_out("reflected rays", "no material in use reflects specularly");
+            omit("reflected rays", "no material in use reflects specularly");
         }
         if !any(BsdfFlags::TRANSMISSION | BsdfFlags::NULL) {
-            leave_out("refracted rays", "no material in use transmits light");
+            omit("refracted rays", "no material in use transmits light");
         }
     }
     let needs = materials
@@ -89,13 +89,13 @@ pub(crate) fn unused_parts(
             needs | material.needs()
         });
     if !needs.contains(SurfaceAttributes::UV) {
-        leave_out("texture coordinates", "no texture in use reads them");
+        omit("texture coordinates", "no texture in use reads them");
     }
     if !needs.contains(SurfaceAttributes::FOOTPRINT) {
-        leave_out("footprints of rays", "no texture in use is filtered");
+        omit("footprints of rays", "no texture in use is filtered");
     }
     if description.film.aovs.is_empty() {
-        leave_out("output layers", "`aovs` of the film is empty");
+        omit("output layers", "`aovs` of the film is empty");
     }
     parts
 }

@@ -14,7 +14,7 @@ pub struct Plan<'d, 's> {
     /// The instantiated groups, each after the groups that it instantiates itself.
     pub groups: Vec<PlannedGroup<'d>>,
     /// The parts that are not built, loaded or run.
-    pub left_out: Vec<Omitted>,
+    pub omitted: Vec<Omitted>,
     /// Every plugin that the scene names, whether or not it is built. A scene is rejected if one of
     /// them is missing.
     pub named: BTreeSet<(FamilyName, &'static str)>,
@@ -76,7 +76,7 @@ impl<'d, 's> Plan<'d, 's> {
         }
         let groups = groups::plan(description, &mut errors);
         let unplaced = |id: &&String| !groups.iter().any(|group| group.id == id.as_str());
-        let left_out = description
+        let omitted = description
             .groups
             .keys()
             .filter(unplaced)
@@ -90,7 +90,7 @@ impl<'d, 's> Plan<'d, 's> {
             sampler,
             integrator,
             groups,
-            left_out,
+            omitted,
             named,
         };
         Checked {

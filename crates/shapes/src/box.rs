@@ -43,7 +43,7 @@ impl Plugin<Shapes> for Cuboid {
         let center = bounds.center();
         // Upper bound on the rounding error of the center and the extent.
         let rounding = 4.0 * f64::EPSILON * center.abs().max_element();
-        Ok(LoweredShape::Opaque(Box::new(Self {
+        Ok(LoweredShape::Custom(Box::new(Self {
             center,
             radius: (0.5 + 1e-9) * bounds.extent().length() + rounding,
             frame,
@@ -190,7 +190,7 @@ impl ShapeKernel for Cuboid {
         Some(ShapeKernel::surface(self, &Ray::new(q, p), &there, needs))
     }
 
-    fn solid(&self) -> bool {
+    fn is_solid(&self) -> bool {
         true
     }
 
@@ -213,7 +213,7 @@ mod tests {
 
     fn cube() -> Box<dyn Shape> {
         match build::<Shapes, Cuboid>("", Transform::IDENTITY).unwrap() {
-            LoweredShape::Opaque(cube) => cube,
+            LoweredShape::Custom(cube) => cube,
             _ => unreachable!("a box is opaque"),
         }
     }

@@ -104,7 +104,7 @@ mod tests {
 
     fn cone(text: &str) -> Box<dyn Shape> {
         match build::<Shapes, Cone>(text, Transform::IDENTITY).unwrap() {
-            LoweredShape::Opaque(primitive) => primitive,
+            LoweredShape::Custom(primitive) => primitive,
             _ => unreachable!("a cone is opaque"),
         }
     }

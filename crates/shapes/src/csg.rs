@@ -125,7 +125,7 @@ impl Plugin<Shapes> for Csg {
             );
             context.warn(warning.with_help("the intersection is empty, so the shape is invisible"));
         }
-        Ok(LoweredShape::Opaque(Box::new(csg)))
+        Ok(LoweredShape::Custom(Box::new(csg)))
     }
 }
 
@@ -321,7 +321,7 @@ impl Shape for Csg {
         Some(there)
     }
 
-    fn solid(&self) -> bool {
+    fn is_solid(&self) -> bool {
         true
     }
 
@@ -417,7 +417,7 @@ mod tests {
 
     fn solid_of(operation: &str, names: &[&str]) -> Box<dyn Shape> {
         match build(operation, names, Transform::IDENTITY, &mut operands()) {
-            LoweredShape::Opaque(primitive) => primitive,
+            LoweredShape::Custom(primitive) => primitive,
             _ => unreachable!("csg is opaque"),
         }
     }
@@ -480,7 +480,7 @@ mod tests {
             .flat_map(|operation| all.map(|names| (*operation, names)))
         {
             let parts = names.map(|name| solid_of("union", &[name, name]));
-            let LoweredShape::Opaque(whole) =
+            let LoweredShape::Custom(whole) =
                 build(operation, &names, Transform::IDENTITY, &mut context.clone())
             else {
                 unreachable!("csg is opaque")
@@ -553,7 +553,7 @@ mod tests {
         // Shows that the test can fail: a sphere that is larger by a few ulps leaves slivers.
         let mut context =
             operands().with_operand::<Sphere>("larger", "radius = 1.0000000000000009", Transform::IDENTITY);
-        let LoweredShape::Opaque(skin) = build(
+        let LoweredShape::Custom(skin) = build(
             "difference",
             &["larger", "ball"],
             Transform::IDENTITY,
@@ -576,7 +576,7 @@ mod tests {
         for exponent in 1..=15 {
             for delta in [10f64.powi(-exponent), -(10f64.powi(-exponent))] {
                 let mut context = operands().with_operand::<Sphere>("moved", "", moved(delta, 0.0, 0.0));
-                let LoweredShape::Opaque(shell) = build(
+                let LoweredShape::Custom(shell) = build(
                     "difference",
                     &["ball", "moved"],
                     Transform::IDENTITY,
@@ -605,7 +605,7 @@ mod tests {
     #[test]
     fn an_empty_intersection_is_a_warning() {
         let mut context = operands();
-        let LoweredShape::Opaque(nothing) = build(
+        let LoweredShape::Custom(nothing) = build(
             "intersection",
             &["ball", "far"],
             Transform::IDENTITY,

@@ -75,7 +75,7 @@ mod tests {
 
     fn cylinder(text: &str) -> Box<dyn Shape> {
         match build::<Shapes, Cylinder>(text, Transform::IDENTITY).unwrap() {
-            LoweredShape::Opaque(primitive) => primitive,
+            LoweredShape::Custom(primitive) => primitive,
             _ => unreachable!("a cylinder is opaque"),
         }
     }

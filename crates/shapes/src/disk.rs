@@ -40,7 +40,7 @@ impl Plugin<Shapes> for Disk {
             );
         }
         let frame = Frame::new(transform);
-        Ok(LoweredShape::Opaque(Box::new(Self { frame })))
+        Ok(LoweredShape::Custom(Box::new(Self { frame })))
     }
 }
 

@@ -88,7 +88,7 @@ impl Plugin<Shapes> for Ellipsoid {
         let ellipsoid = Clipped::new(transform, sphere, Angles, |frame| {
             frame.around(frame.reach_of_ellipsoid(DVec3::ONE))
         })?;
-        Ok(LoweredShape::Opaque(Box::new(ellipsoid)))
+        Ok(LoweredShape::Custom(Box::new(ellipsoid)))
     }
 }
 
@@ -108,7 +108,7 @@ mod tests {
 
     fn ellipsoid(text: &str) -> Box<dyn Shape> {
         match build::<Shapes, Ellipsoid>(text, Transform::IDENTITY).unwrap() {
-            LoweredShape::Opaque(primitive) => primitive,
+            LoweredShape::Custom(primitive) => primitive,
             _ => unreachable!("an ellipsoid is opaque"),
         }
     }

@@ -129,7 +129,7 @@ impl Plugin<Shapes> for Fractal {
             }
         };
         errors.into_result(())?;
-        Ok(LoweredShape::Opaque(Box::new(Self::new(
+        Ok(LoweredShape::Custom(Box::new(Self::new(
             map,
             config.depth.get(),
             transform,
@@ -387,7 +387,7 @@ impl Shape for Fractal {
         self.level.surface(ray, p, |p| self.sample(p))
     }
 
-    fn solid(&self) -> bool {
+    fn is_solid(&self) -> bool {
         true
     }
 

@@ -87,7 +87,7 @@ mod tests {
 
     #[test]
     fn a_line_beside_the_waist_is_inside_twice() {
-        let LoweredShape::Opaque(shape) = build::<Shapes, Hyperboloid>("", Transform::IDENTITY).unwrap()
+        let LoweredShape::Custom(shape) = build::<Shapes, Hyperboloid>("", Transform::IDENTITY).unwrap()
         else {
             unreachable!("a hyperboloid is opaque")
         };

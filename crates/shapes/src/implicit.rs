@@ -109,7 +109,7 @@ impl Plugin<Shapes> for Implicit {
                 SceneError::at(promised.span(), message).with_help("remove it: a bound is then derived")
             })?;
         }
-        Ok(LoweredShape::Opaque(Box::new(shape)))
+        Ok(LoweredShape::Custom(Box::new(shape)))
     }
 }
 
@@ -313,7 +313,7 @@ impl Shape for Implicit {
         Some(self.surface(&Ray::new(q, point.n_g), &there, needs))
     }
 
-    fn solid(&self) -> bool {
+    fn is_solid(&self) -> bool {
         self.is_closed()
     }
 

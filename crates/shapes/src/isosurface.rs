@@ -157,7 +157,7 @@ impl Plugin<Shapes> for Isosurface {
         for value in &mut values {
             *value = -(*value - level);
         }
-        Ok(LoweredShape::Opaque(Box::new(Self::new(
+        Ok(LoweredShape::Custom(Box::new(Self::new(
             Grid::new(size, values),
             transform,
         ))))
@@ -426,7 +426,7 @@ impl Shape for Isosurface {
         self.level.surface(ray, p, |p| self.grid.sample(cell, p))
     }
 
-    fn solid(&self) -> bool {
+    fn is_solid(&self) -> bool {
         self.grid.is_closed()
     }
 
@@ -454,7 +454,7 @@ mod tests {
 
     fn iso(text: &str) -> Box<dyn Shape> {
         match build::<Shapes, Isosurface>(text, Transform::IDENTITY).unwrap() {
-            LoweredShape::Opaque(shape) => shape,
+            LoweredShape::Custom(shape) => shape,
             _ => unreachable!("an isosurface is opaque"),
         }
     }
@@ -721,7 +721,7 @@ mod tests {
             &mut context,
         );
         assert_eq!(context.warnings.len(), 1);
-        let Ok(LoweredShape::Opaque(shape)) = shape else {
+        let Ok(LoweredShape::Custom(shape)) = shape else {
             panic!("it is built")
         };
         let ray = Ray::new(DVec3::new(-3.0, 0.25, 0.5), DVec3::X);

@@ -101,7 +101,7 @@ mod tests {
 
     #[test]
     fn a_ray_along_the_axis_meets_it_once() {
-        let LoweredShape::Opaque(shape) = build::<Shapes, Paraboloid>("", Transform::IDENTITY).unwrap()
+        let LoweredShape::Custom(shape) = build::<Shapes, Paraboloid>("", Transform::IDENTITY).unwrap()
         else {
             unreachable!("a paraboloid is opaque")
         };

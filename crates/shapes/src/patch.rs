@@ -178,7 +178,7 @@ impl Plugin<Shapes> for Patch {
         let size = hull.extent().length();
         let reach = hull.min.abs().max(hull.max.abs()).max_element();
         let tree = Tree::new(origin_primitive, 4.0 * NEAR * size + 32.0 * f64::EPSILON * reach);
-        Ok(LoweredShape::Opaque(Box::new(Self {
+        Ok(LoweredShape::Custom(Box::new(Self {
             patches,
             origin: transform.world_from_object().translation,
             center: tree.bounds().center(),

@@ -36,7 +36,7 @@ impl Plugin<Shapes> for Plane {
             SceneError::anywhere("the transform of a plane must scale equally in all directions")
         })?;
         let frame = Frame::new(transform);
-        Ok(LoweredShape::Opaque(Box::new(Self { frame })))
+        Ok(LoweredShape::Custom(Box::new(Self { frame })))
     }
 }
 
@@ -97,7 +97,7 @@ impl ShapeKernel for Plane {
     }
 
     /// As a CSG operand, the plane is the half-space below it.
-    fn solid(&self) -> bool {
+    fn is_solid(&self) -> bool {
         true
     }
 
@@ -139,7 +139,7 @@ mod tests {
     #[test]
     fn texture_coordinates_count_object_units() {
         let plane = build::<Shapes, Plane>("", Transform::IDENTITY).unwrap();
-        let LoweredShape::Opaque(plane) = plane else {
+        let LoweredShape::Custom(plane) = plane else {
             unreachable!()
         };
         let ray = Ray::new(DVec3::new(3.0, -4.0, 2.0), DVec3::NEG_Z);

@@ -85,7 +85,7 @@ impl Plugin<Shapes> for Polygon {
                 "the transform moves a vertex out of the range of double precision".to_owned(),
             ));
         }
-        Ok(LoweredShape::Opaque(Box::new(Self {
+        Ok(LoweredShape::Custom(Box::new(Self {
             vertices,
             anchor: transform.point_to_world(plane.center),
             normal: transform.normal_to_world(plane.normal),
@@ -397,7 +397,7 @@ mod tests {
             write!(text, "[{:?}, {:?}, {:?}],", p.x, p.y, p.z).unwrap();
         }
         match build::<Shapes, Polygon>(&(text + "]"), Transform::IDENTITY) {
-            Ok(LoweredShape::Opaque(polygon)) => polygon,
+            Ok(LoweredShape::Custom(polygon)) => polygon,
             Ok(_) => unreachable!("a polygon is opaque"),
             Err(error) => panic!("{error}"),
         }

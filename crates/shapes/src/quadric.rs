@@ -330,7 +330,7 @@ impl Plugin<Shapes> for Quadric {
             let around = |(min, max)| frame.around_box(min, max);
             parts.into_iter().map(around).fold(Aabb::EMPTY, Aabb::union)
         })?;
-        Ok(LoweredShape::Opaque(Box::new(quadric)))
+        Ok(LoweredShape::Custom(Box::new(quadric)))
     }
 }
 
@@ -370,7 +370,7 @@ mod tests {
 
     fn quadric(text: &str) -> Result<Box<dyn Shape>, SceneErrors> {
         match build::<Shapes, Quadric>(text, Transform::IDENTITY)? {
-            LoweredShape::Opaque(primitive) => Ok(primitive),
+            LoweredShape::Custom(primitive) => Ok(primitive),
             _ => unreachable!("a quadric is opaque"),
         }
     }

@@ -30,7 +30,7 @@ impl Plugin<Shapes> for Rectangle {
 
     fn build(_: Config, transform: Transform, _: &mut dyn Context) -> Result<LoweredShape, SceneErrors> {
         let frame = Frame::new(transform);
-        Ok(LoweredShape::Opaque(Box::new(Self { frame })))
+        Ok(LoweredShape::Custom(Box::new(Self { frame })))
     }
 }
 
@@ -103,7 +103,7 @@ mod tests {
 
     #[test]
     fn the_border_belongs_to_it_and_bounds_are_exact() {
-        let LoweredShape::Opaque(square) = build::<Shapes, Rectangle>("", Transform::IDENTITY).unwrap()
+        let LoweredShape::Custom(square) = build::<Shapes, Rectangle>("", Transform::IDENTITY).unwrap()
         else {
             unreachable!()
         };

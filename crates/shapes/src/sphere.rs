@@ -59,7 +59,7 @@ impl Plugin<Shapes> for Sphere {
         })?;
         let radius = config.radius.get() * scale;
         check_radius(radius)?;
-        Ok(LoweredShape::Opaque(Box::new(Self {
+        Ok(LoweredShape::Custom(Box::new(Self {
             center: transform.point_to_world(config.center.get()),
             radius,
             transform,
@@ -137,7 +137,7 @@ impl ShapeKernel for Sphere {
         Some(goes_on(there, point))
     }
 
-    fn solid(&self) -> bool {
+    fn is_solid(&self) -> bool {
         true
     }
 

@@ -71,7 +71,7 @@ impl Plugin<Shapes> for Torus {
             let error = error.with_help("a thicker tube would intersect itself");
             return Err(SceneError { span: place, ..error }.into());
         }
-        Ok(LoweredShape::Opaque(Box::new(Self {
+        Ok(LoweredShape::Custom(Box::new(Self {
             center: transform.world_from_object().translation,
             axis: transform.world_from_object().matrix3.z_axis.normalize(),
             major: major * scale,
@@ -86,7 +86,7 @@ const UNIT: f64 = 0.5 * f64::EPSILON;
 
 /// Upper bound on the steps to one root: each step is half as long as the previous one or halves
 /// the bracket.
-const MOST_STEPS: u32 = 240;
+const MAX_STEPS: u32 = 240;
 
 /// A ray in units of the major radius, measured from its point nearest to the center: the point at
 /// `s` is `q + s d`.
@@ -379,7 +379,7 @@ fn root(
         0.5 * (from + to)
     };
     let mut before = to - from;
-    for _ in 1..MOST_STEPS {
+    for _ in 1..MAX_STEPS {
         let (value, slope) = f(s);
         if (value < 0.0) == falls {
             to = s;
@@ -438,7 +438,7 @@ impl Shape for Torus {
             .map(|crossing| crossing.hit())
     }
 
-    fn solid(&self) -> bool {
+    fn is_solid(&self) -> bool {
         true
     }
 
@@ -514,7 +514,7 @@ mod tests {
 
     fn ring(text: &str) -> Box<dyn Shape> {
         match build::<Shapes, Torus>(text, Transform::IDENTITY) {
-            Ok(LoweredShape::Opaque(ring)) => ring,
+            Ok(LoweredShape::Custom(ring)) => ring,
             _ => panic!("a torus is opaque"),
         }
     }

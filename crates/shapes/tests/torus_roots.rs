@@ -222,7 +222,7 @@ fn roots_are_right_to_a_millionth_of_the_tube() {
     for minor in [1e-5, 1e-4, 1e-3, 0.03, 0.5, 0.99] {
         for distance in [0.3, 3.0, 1e3, 1e6] {
             let text = format!("minor_radius = {minor}");
-            let Ok(LoweredShape::Opaque(torus)) = build::<Shapes, Torus>(&text, Transform::IDENTITY) else {
+            let Ok(LoweredShape::Custom(torus)) = build::<Shapes, Torus>(&text, Transform::IDENTITY) else {
                 panic!("a torus is opaque")
             };
             let mut random = Random::new(26);

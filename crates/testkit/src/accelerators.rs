@@ -84,7 +84,7 @@ pub(crate) fn compare(geometry: &Geometry, accelerator: &dyn Accelerator, rays: 
         let hits = everything(geometry, &ray, skip);
         let nearest = |interval: Interval| {
             let inside = hits.iter().filter(|hit| interval.contains(hit.t)).copied();
-            inside.reduce(|best, hit| if hit.beats(&best) { hit } else { best })
+            inside.reduce(|best, hit| if hit.is_nearer_than(&best) { hit } else { best })
         };
         // An interval that ends exactly at a hit distinguishes open from closed intervals.
         let ends = match hits.len() {
@@ -265,7 +265,7 @@ fn geometries() -> Vec<(&'static str, Vec<LoweredShape>, u32)> {
     };
     let with_wall = vec![
         soup(&mut random, 50, 0.5),
-        LoweredShape::Opaque(Box::new(wall)),
+        LoweredShape::Custom(Box::new(wall)),
         grid(3),
     ];
     let mut apart = vec![soup(&mut random, 200, 0.3), ball(&mut random, 1e-6)];
@@ -373,8 +373,9 @@ mod tests {
                 _ => {}
             }
             let last = self.fault == Fault::LastWinsTies;
-            let beats =
-                |a: &PreliminaryIntersection, b: &PreliminaryIntersection| a.beats(b) || (last && a.t == b.t);
+            let beats = |a: &PreliminaryIntersection, b: &PreliminaryIntersection| {
+                a.is_nearer_than(b) || (last && a.t == b.t)
+            };
             self.hits(ray, interval, skip)
                 .reduce(|best, hit| if beats(&hit, &best) { hit } else { best })
         }

@@ -16,7 +16,7 @@ use whitstone_core::{
 /// Number of test rays. One in 500 may hit another primitive: those that pass an edge within
 /// rounding.
 const RAYS: u32 = 20_000;
-const MOST_OTHERS: u32 = RAYS / 500;
+const MAX_OTHERS: u32 = RAYS / 500;
 
 /// Tolerance of distances, relative to the size of the scene and the distance of the ray's origin.
 const CLOSE: f64 = 2e-5;
@@ -106,9 +106,9 @@ pub fn backend_agrees(geometry: &Geometry, accelerator: &dyn Accelerator) -> Res
             _ => (2.0 * random.cube(), SelfHitFilter::NOTHING),
         };
     }
-    if others > MOST_OTHERS {
+    if others > MAX_OTHERS {
         return Err(format!(
-            "{others} of {RAYS} rays have another result, more than {MOST_OTHERS}"
+            "{others} of {RAYS} rays have another result, more than {MAX_OTHERS}"
         ));
     }
     accelerator_streams(accelerator, &queries)
@@ -135,7 +135,7 @@ fn nearest(
     let hits = geometry
         .elements()
         .filter_map(|element| geometry.intersect(element, ray, &sheared, interval, skip));
-    hits.reduce(|best, hit| if hit.beats(&best) { hit } else { best })
+    hits.reduce(|best, hit| if hit.is_nearer_than(&best) { hit } else { best })
 }
 
 fn geometries() -> Vec<(&'static str, Vec<LoweredShape>)> {
@@ -155,13 +155,13 @@ fn geometries() -> Vec<(&'static str, Vec<LoweredShape>)> {
         mesh
     };
     let ball = |x: f64| -> LoweredShape {
-        LoweredShape::Opaque(Box::new(Ball {
+        LoweredShape::Custom(Box::new(Ball {
             center: DVec3::new(x, 0.1, 0.3 * x),
             radius: 0.25,
         }))
     };
     let wall = || {
-        LoweredShape::Opaque(Box::new(Wall {
+        LoweredShape::Custom(Box::new(Wall {
             point: DVec3::new(0.0, 0.0, -1.5),
             normal: DVec3::Z,
         }))

@@ -43,7 +43,7 @@ impl Shape for Ball {
         inside.reduce(f64::min).map(ShapeHit::plain)
     }
 
-    fn solid(&self) -> bool {
+    fn is_solid(&self) -> bool {
         true
     }
 

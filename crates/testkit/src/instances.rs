@@ -42,7 +42,7 @@ impl Accelerator for Naive {
         skip: SelfHitFilter,
     ) -> Option<PreliminaryIntersection> {
         let hits = self.hits(ray, interval, skip);
-        hits.reduce(|best, hit| if hit.beats(&best) { hit } else { best })
+        hits.reduce(|best, hit| if hit.is_nearer_than(&best) { hit } else { best })
     }
 
     fn occluded(&self, ray: &Ray, interval: Interval, skip: SelfHitFilter) -> bool {
@@ -55,7 +55,7 @@ impl Accelerator for Naive {
         for (part, shape) in self.geometry.shapes().iter().zip(0..) {
             match part {
                 LoweredShape::Triangles(mesh) => mesh.intersect_stream(shape, rays, hits),
-                LoweredShape::Opaque(primitive) => primitive.intersect_stream(shape, rays, hits),
+                LoweredShape::Custom(primitive) => primitive.intersect_stream(shape, rays, hits),
                 _ => {}
             }
         }
@@ -71,7 +71,7 @@ impl Accelerator for Naive {
         for (part, shape) in self.geometry.shapes().iter().zip(0..) {
             match part {
                 LoweredShape::Triangles(mesh) => mesh.occluded_stream(shape, rays, hidden),
-                LoweredShape::Opaque(primitive) => primitive.occluded_stream(shape, rays, hidden),
+                LoweredShape::Custom(primitive) => primitive.occluded_stream(shape, rays, hidden),
                 LoweredShape::Instance(instance) => instance.occluded_stream(rays, hidden),
                 _ => {}
             }
@@ -185,7 +185,7 @@ pub(crate) fn instance_geometries() -> [(&'static str, Shapes, u32); 6] {
                     point: 0.1 * DVec3::Y,
                     normal: DVec3::Y,
                 };
-                let inside = vec![LoweredShape::Opaque(Box::new(wall)), soup(&mut random, 40, 0.3)];
+                let inside = vec![LoweredShape::Custom(Box::new(wall)), soup(&mut random, 40, 0.3)];
                 let group = group(build, inside, 4);
                 let mut shapes = vec![soup(&mut random, 40, 0.3)];
                 shapes.extend((0..3).map(|_| instance(&group, anywhere(&mut random, 0.5))));

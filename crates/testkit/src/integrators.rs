@@ -3,9 +3,9 @@
 use crate::streams::integrator_streams;
 use std::sync::Arc;
 use whitstone_core::{
-    Aabb, Accelerator, BsdfFlags, DVec2, DVec3, Geometry, Integrator, Interval, Light, LightFlags,
-    LightLiSample, LightSample, LightSamples, LoweredShape, Material, PathState, PreliminaryIntersection,
-    Ray, Rgb, Scene, Scratch, SelfHitFilter, Shape, ShapeHit, SpecularRay, SpecularRayKind, SpecularRays,
+    Aabb, Accelerator, BsdfFlags, DVec2, DVec3, Geometry, IncidentLight, Integrator, Interval, Light,
+    LightFlags, LightSample, LightSamples, LoweredShape, Material, PathState, PreliminaryIntersection, Ray,
+    Rgb, Scene, Scratch, SelfHitFilter, Shape, ShapeHit, SpecularRay, SpecularRayKind, SpecularRays,
     Statistics, SurfaceAttributes, SurfaceInteraction, Transmittance, triangle::ShearedRay,
 };
 
@@ -80,7 +80,7 @@ impl Material for Simple {
 
     fn local_illumination(&self, point: &SurfaceInteraction, view: DVec3, light: &LightSamples<'_>) -> Rgb {
         let n = point.n_towards(view);
-        let term = |light: &LightLiSample| light.irradiance * n.dot(light.direction);
+        let term = |light: &IncidentLight| light.irradiance * n.dot(light.direction);
         (light.ambient + light.lights.iter().map(term).sum()) * self.diffuse
     }
 
@@ -88,7 +88,12 @@ impl Material for Simple {
         self.emission
     }
 
-    fn shadow(&self, point: &SurfaceInteraction, direction: DVec3, filtered: bool) -> Transmittance {
+    fn shadow_transmittance(
+        &self,
+        point: &SurfaceInteraction,
+        direction: DVec3,
+        filtered: bool,
+    ) -> Transmittance {
         if !filtered {
             return Transmittance::straight(self.hole);
         }
@@ -182,7 +187,7 @@ impl Accelerator for TestAll {
         self.0
             .elements()
             .filter_map(|element| self.0.intersect(element, ray, &sheared, interval, skip))
-            .reduce(|best, hit| if hit.beats(&best) { hit } else { best })
+            .reduce(|best, hit| if hit.is_nearer_than(&best) { hit } else { best })
     }
 
     fn occluded(&self, ray: &Ray, interval: Interval, skip: SelfHitFilter) -> bool {
@@ -198,7 +203,7 @@ impl Accelerator for TestAll {
 pub fn world_of_walls(walls: &[(Wall, Simple)], light: Lamp) -> Scene {
     let shapes = walls
         .iter()
-        .map(|(wall, _)| LoweredShape::Opaque(Box::new(*wall)))
+        .map(|(wall, _)| LoweredShape::Custom(Box::new(*wall)))
         .collect();
     let geometry = Arc::new(Geometry::new(shapes));
     let accelerator = Box::new(TestAll(geometry.clone()));
@@ -247,7 +252,7 @@ fn radiance(integrator: &dyn Integrator, scene: &Scene, ray: Ray) -> Rgb {
     let lost = PathState::camera(Ray::new(DVec3::ONE, DVec3::NEG_Y));
     let mut used = Scratch::default();
     used.pending.push(lost);
-    used.incoming.push(LightLiSample {
+    used.incoming.push(IncidentLight {
         direction: DVec3::Y,
         irradiance: Rgb::WHITE,
     });

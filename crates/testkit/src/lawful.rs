@@ -217,7 +217,7 @@ impl Things {
         let triangles = self.triangles.iter();
         let triangles = triangles.map(|corners| LoweredShape::Triangles(mesh_of(corners.to_vec())));
         let balls = self.balls.iter();
-        let balls = balls.map(|&(center, radius)| LoweredShape::Opaque(Box::new(Ball { center, radius })));
+        let balls = balls.map(|&(center, radius)| LoweredShape::Custom(Box::new(Ball { center, radius })));
         Geometry::new(triangles.chain(balls).collect())
     }
 }

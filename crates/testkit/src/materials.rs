@@ -4,7 +4,7 @@ use crate::spread::{COSINES, at_cosine, directions};
 use crate::streams::material_streams;
 use crate::textures::is_colour;
 use whitstone_core::{
-    BsdfFlags, DVec2, DVec3, LightLiSample, LightSamples, Material, Rgb, SpecularRay, SpecularRayKind,
+    BsdfFlags, DVec2, DVec3, IncidentLight, LightSamples, Material, Rgb, SpecularRay, SpecularRayKind,
     SpecularRays, SurfaceAttributes, SurfaceInteraction,
 };
 
@@ -19,7 +19,7 @@ fn local_illumination(
     point: &SurfaceInteraction,
     view: DVec3,
     ambient: f64,
-    lights: &[LightLiSample],
+    lights: &[IncidentLight],
 ) -> Rgb {
     material.local_illumination(
         point,
@@ -180,11 +180,11 @@ fn specular_ray_laws(material: &dyn Material, point: &SurfaceInteraction, view: 
 
 fn local_laws(material: &dyn Material, point: &SurfaceInteraction, view: DVec3) {
     let n = point.n_towards(view);
-    let incoming = |cosine, angle, irradiance| LightLiSample {
+    let incoming = |cosine, angle, irradiance| IncidentLight {
         direction: at_cosine(n, cosine, angle).normalize(),
         irradiance: Rgb::splat(irradiance),
     };
-    let lights: Vec<LightLiSample> = COSINES
+    let lights: Vec<IncidentLight> = COSINES
         .into_iter()
         .enumerate()
         .map(|(i, cosine)| incoming(cosine, 0.7 * i as f64, 1.0 + i as f64))
@@ -221,9 +221,9 @@ fn local_laws(material: &dyn Material, point: &SurfaceInteraction, view: DVec3) 
         "local radiance without light must be black, found {dark:?}: {place}"
     );
     // Exact, since 4 is a power of two.
-    let brighter: Vec<LightLiSample> = lights
+    let brighter: Vec<IncidentLight> = lights
         .iter()
-        .map(|light| LightLiSample {
+        .map(|light| IncidentLight {
             irradiance: light.irradiance * 4.0,
             ..*light
         })
@@ -234,7 +234,7 @@ fn local_laws(material: &dyn Material, point: &SurfaceInteraction, view: DVec3) 
         "local radiance must be proportional to the light"
     );
     for filtered in [false, true] {
-        let filter = material.shadow(point, -view, filtered);
+        let filter = material.shadow_transmittance(point, -view, filtered);
         let (weight, medium) = (filter.weight, filter.medium.unwrap_or(Rgb::BLACK));
         assert!(
             is_colour(weight) && is_colour(medium),
@@ -263,7 +263,7 @@ fn local_laws(material: &dyn Material, point: &SurfaceInteraction, view: DVec3) 
 
 fn need_laws(material: &dyn Material, n_g: DVec3, n_s: DVec3, view: DVec3) {
     let needs = material.needs();
-    let lights = [LightLiSample {
+    let lights = [IncidentLight {
         direction: at_cosine(n_g, 0.8, 1.0),
         irradiance: Rgb::WHITE,
     }];
@@ -296,7 +296,7 @@ fn both_sides(material: &dyn Material, n: DVec3, view: DVec3) {
     if n.dot(view) == 0.0 {
         return;
     }
-    let lights = [LightLiSample {
+    let lights = [IncidentLight {
         direction: at_cosine(n, 0.8, 1.0),
         irradiance: Rgb::WHITE,
     }];
@@ -351,12 +351,12 @@ pub fn energy_laws(material: &dyn Material) {
     let part = std::f64::consts::TAU / f64::from(LIGHTS);
     let turn = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
     for n in directions(6) {
-        let incoming = |i: u32| LightLiSample {
+        let incoming = |i: u32| IncidentLight {
             direction: at_cosine(n, (f64::from(i) + 0.5) / f64::from(LIGHTS), turn * f64::from(i))
                 .normalize(),
             irradiance: Rgb::splat(part),
         };
-        let lights: Vec<LightLiSample> = (0..LIGHTS).map(incoming).collect();
+        let lights: Vec<IncidentLight> = (0..LIGHTS).map(incoming).collect();
         for (index, cosine) in COSINES.into_iter().enumerate() {
             let view = at_cosine(n, cosine, index as f64).normalize();
             let point = surface(n, n, DVec2::splat(0.3), view);
@@ -390,7 +390,7 @@ pub fn reciprocity_laws(material: &dyn Material) {
         for a in &slopes {
             for b in &slopes {
                 let share = |view: DVec3, light: DVec3| {
-                    let lights = [LightLiSample {
+                    let lights = [IncidentLight {
                         direction: light,
                         irradiance: Rgb::WHITE,
                     }];

@@ -165,7 +165,7 @@ impl Accelerator for Bench {
     fn intersect_stream(&self, rays: &RayStream, hits: &mut HitStream) {
         hits.clear(rays);
         match &self.geometry.shapes()[0] {
-            LoweredShape::Opaque(primitive) => primitive.intersect_stream(0, rays, hits),
+            LoweredShape::Custom(primitive) => primitive.intersect_stream(0, rays, hits),
             LoweredShape::Instance(instance) => instance.intersect_stream(rays, hits),
             _ => {
                 for lane in 0..rays.len {
@@ -181,7 +181,7 @@ impl Accelerator for Bench {
     fn occluded_stream(&self, rays: &RayStream, hidden: &mut Lanes<bool>) {
         hidden[..rays.len].fill(false);
         match &self.geometry.shapes()[0] {
-            LoweredShape::Opaque(primitive) => primitive.occluded_stream(0, rays, hidden),
+            LoweredShape::Custom(primitive) => primitive.occluded_stream(0, rays, hidden),
             LoweredShape::Instance(instance) => instance.occluded_stream(rays, hidden),
             _ => {
                 for (lane, hidden) in hidden.iter_mut().enumerate().take(rays.len) {
@@ -258,7 +258,7 @@ impl Bench {
 
     fn solid(&self) -> Option<&dyn whitstone_core::Shape> {
         match &self.geometry.shapes()[0] {
-            LoweredShape::Opaque(primitive) if primitive.solid() => Some(primitive.as_ref()),
+            LoweredShape::Custom(primitive) if primitive.is_solid() => Some(primitive.as_ref()),
             _ => None,
         }
     }
@@ -277,7 +277,7 @@ impl Bench {
         self.geometry
             .elements()
             .filter_map(|element| self.geometry.intersect(element, ray, &sheared, interval, skip))
-            .reduce(|best, hit| if hit.beats(&best) { hit } else { best })
+            .reduce(|best, hit| if hit.is_nearer_than(&best) { hit } else { best })
     }
 
     /// Checks that the ray gives the same hit in every interval that contains it.
@@ -585,7 +585,7 @@ mod tests {
             radius: 1.5,
         };
         let calls = AtomicU32::new(0);
-        let shape = LoweredShape::Opaque(Box::new(Faulty { ball, fault, calls }));
+        let shape = LoweredShape::Custom(Box::new(Faulty { ball, fault, calls }));
         first_broken(shape, 400).map_err(|broken| broken.law)
     }
 

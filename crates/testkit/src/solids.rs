@@ -205,7 +205,7 @@ mod tests {
             point
         }
 
-        fn solid(&self) -> bool {
+        fn is_solid(&self) -> bool {
             true
         }
 

@@ -4,8 +4,8 @@ use whitstone_core::stream::{
     Colors, HitStream, LANES, Lanes, RayStream, SampleStreams, SurfaceStream, Vectors,
 };
 use whitstone_core::{
-    Accelerator, BsdfFlags, Camera, DVec2, DVec3, Geometry, Integrator, Interval, Light, LightFlags,
-    LightLiSample, LightSample, LightSamples, Material, PreliminaryIntersection, Ray, Rgb, Scene, Scratch,
+    Accelerator, BsdfFlags, Camera, DVec2, DVec3, Geometry, IncidentLight, Integrator, Interval, Light,
+    LightFlags, LightSample, LightSamples, Material, PreliminaryIntersection, Ray, Rgb, Scene, Scratch,
     SelfHitFilter, SpecularRay, SpecularRayKind, SpecularRayStream, SpecularRayStreams, SpecularRays,
     SurfaceAttributes, SurfaceInteraction, Texture,
 };
@@ -250,14 +250,14 @@ pub(crate) fn material_streams(material: &dyn Material, points: &[(SurfaceIntera
         material.specular_rays_stream(&stream, &mut split);
         for (lane, (point, view)) in points.iter().enumerate() {
             let lit = lights.iter().map(|light| light.get(lane));
-            let incoming: Vec<LightLiSample> = lit
+            let incoming: Vec<IncidentLight> = lit
                 .filter(|sample| !sample.irradiance.is_black())
                 .map(
                     |LightSample {
                          direction,
                          irradiance,
                          ..
-                     }| LightLiSample {
+                     }| IncidentLight {
                         direction,
                         irradiance,
                     },
@@ -286,7 +286,7 @@ pub(crate) fn material_streams(material: &dyn Material, points: &[(SurfaceIntera
             for (expected, found) in [(of(true), &split.reflection), (of(false), &split.transmission)] {
                 let absorption = split.absorption.get(lane);
                 // Read only for materials with this flag.
-                let straight = material.flags().contains(BsdfFlags::NULL) && split.straight.0[lane];
+                let straight = material.flags().contains(BsdfFlags::NULL) && split.undeviated.0[lane];
                 law(same_branch(expected, found, lane, absorption, straight), || {
                     let found = (found.direction.get(lane), found.weight.get(lane), absorption);
                     format!("{place}: expected the specular ray {expected:?}, found {found:?}")
@@ -546,7 +546,7 @@ mod tests {
             prim_uv: DVec2::ZERO,
         };
         let hit = hit.of_shape(whitstone_core::InstanceId::TOP_LEVEL, 0);
-        let geometry = Geometry::new(vec![LoweredShape::Opaque(Box::new(Wrong))]);
+        let geometry = Geometry::new(vec![LoweredShape::Custom(Box::new(Wrong))]);
         let views = [(point, DVec3::Z); 50];
         let scene = crate::world_of_walls(&[], crate::Lamp::default());
         let found = [

@@ -32,7 +32,7 @@ pub(crate) fn soup(random: &mut Random, count: usize, size: f64) -> LoweredShape
 
 /// A random ball in a cube of this scale.
 pub(crate) fn ball(random: &mut Random, scale: f64) -> LoweredShape {
-    LoweredShape::Opaque(Box::new(Ball {
+    LoweredShape::Custom(Box::new(Ball {
         center: scale * random.cube(),
         radius: scale * (0.01 + 0.2 * random.unit()),
     }))

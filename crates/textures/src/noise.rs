@@ -101,7 +101,7 @@ enum Kind {
 
 /// Upper limit of the frequency of the last octave relative to the first, and of the sum of
 /// amplitudes.
-const MOST: f64 = 1e100;
+const MAX: f64 = 1e100;
 
 /// The `noise` texture; see the module documentation.
 pub struct Noise {
@@ -168,9 +168,9 @@ impl Plugin<Textures> for Noise {
             (&config.gain, strengths, "the sum of the strengths of all octaves"),
         ] {
             if let Some(key) = key
-                && found > MOST
+                && found > MAX
             {
-                let message = format!("{what} is {found:e}, more than {MOST:e}");
+                let message = format!("{what} is {found:e}, more than {MAX:e}");
                 errors.0.push(
                     SceneError::at(key.span(), message).with_help("choose fewer octaves or a smaller factor"),
                 );

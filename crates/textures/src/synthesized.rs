@@ -111,7 +111,7 @@ struct Optimize {
 
 impl Optimize {
     /// Validates the optimisation of an image of this size. It is an error if its steps and the
-    /// `before` previous ones exceed [`MOST_STEPS`].
+    /// `before` previous ones exceed [`MAX_STEPS`].
     fn for_image(
         &self,
         sample: &Codes,
@@ -136,8 +136,8 @@ impl Optimize {
             iterations: self.iterations.get(),
         };
         let steps = before.saturating_add(optimization.steps(sample, size));
-        if steps > MOST_STEPS {
-            let message = format!("this takes {steps} comparisons, more than {MOST_STEPS}");
+        if steps > MAX_STEPS {
+            let message = format!("this takes {steps} comparisons, more than {MAX_STEPS}");
             return Err(SceneError::at(place, message)
                 .with_help("choose fewer iterations, smaller neighborhoods, or a smaller size or sample")
                 .into());
@@ -167,7 +167,7 @@ fn zero() -> Vector2 {
 }
 
 /// Upper limit of channel comparisons; they take some seconds.
-const MOST_STEPS: u64 = 1 << 33;
+const MAX_STEPS: u64 = 1 << 33;
 
 /// The `synthesized` texture; see the module documentation.
 pub struct Synthesized;
@@ -215,8 +215,8 @@ impl Plugin<Textures> for Synthesized {
             seed: config.seed.get(),
         };
         let steps = quilt.steps(&sample);
-        if steps > MOST_STEPS {
-            let message = format!("this takes {steps} comparisons, more than {MOST_STEPS}");
+        if steps > MAX_STEPS {
+            let message = format!("this takes {steps} comparisons, more than {MAX_STEPS}");
             return Err(SceneError::at(config.size.span(), message)
                 .with_help("choose a smaller size or sample, or larger blocks")
                 .into());

@@ -20,7 +20,7 @@ const WORST: usize = 20;
 const TREES: usize = 3;
 /// Maximum number of pixels that are traced again by the reference. If more differ, there is a
 /// fault, or the reference cannot render the scene; the rest counts as unexplained.
-const MOST_TRACED_AGAIN: usize = 4096;
+const MAX_TRACED_AGAIN: usize = 4096;
 
 /// A pixel over tolerance.
 pub(crate) struct Judged {
@@ -117,7 +117,7 @@ impl Validator<'_> {
         let pixels: Vec<[usize; 2]> = over.pixels().map(|(x, y)| [x, y]).collect();
         let reference = &against.stored.image;
         let mean = metrics::mean_reference(reference).unwrap_or(0.0);
-        let most = MOST_TRACED_AGAIN.max(20 * case.explained_limit.max(EXPLAINED_PIXELS));
+        let most = MAX_TRACED_AGAIN.max(20 * case.explained_limit.max(EXPLAINED_PIXELS));
         let (asked, beyond) = pixels.split_at(pixels.len().min(most));
         let mut judged: Vec<Judged> = Vec::new();
         if !against.live {

@@ -2,7 +2,7 @@
 
 use crate::explain::Reason;
 use crate::noisy::{AGREEING, Noisy};
-use crate::opinion::{Ask, MOST_ASKED, Verdict};
+use crate::opinion::{Ask, MAX_ASKED, Verdict};
 use crate::oracle::choose;
 use crate::pixels::Pictures;
 use crate::result::{CaseResult, Reference, Status, WorstPixel, counted};
@@ -109,7 +109,7 @@ impl Validator<'_> {
             return;
         }
         let pixels: Vec<[usize; 2]> = significant.pixels().map(|(x, y)| [x, y]).collect();
-        let hearing = self.hear(path, &choose(&pixels, MOST_ASKED), ours, reference);
+        let hearing = self.hear(path, &choose(&pixels, MAX_ASKED), ours, reference);
         let verdicts: Vec<([usize; 2], Verdict)> = hearing.verdicts(ours, reference).collect();
         let opinion = hearing.opinion(&verdicts, pixels.len());
         let of = |wanted: Verdict| verdicts.iter().filter(|(_, found)| *found == wanted).count();
@@ -124,7 +124,7 @@ impl Validator<'_> {
             // Only the bias is in question: the few pixels that differ do not explain it.
             let verdict = "the mean differs by more than noise explains, which no single pixel shows";
             (Status::Undecided, verdict.to_owned())
-        } else if right == verdicts.len() && right == pixels.len().min(MOST_ASKED) && right > 0 {
+        } else if right == verdicts.len() && right == pixels.len().min(MAX_ASKED) && right > 0 {
             (
                 Status::Confirmed,
                 format!(

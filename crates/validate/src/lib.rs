@@ -39,8 +39,8 @@ pub use opinion::{Ask, OraclePolicy};
 pub use pixels::Pictures;
 pub use renderer::Renderer;
 pub use result::{
-    CaseResult, Check, LayerResult, LeftOut, Provenance, Reference, Results, Status, Summary, WorstPixel,
-    counted,
+    CaseResult, Check, LayerResult, Provenance, Reference, Results, SkippedScene, Status, Summary,
+    WorstPixel, counted,
 };
 pub use validator::{Mode, NoLive, Options, Validator, flatten};
 pub use variants::Variants;

@@ -47,7 +47,7 @@ impl Validator<'_> {
             |axis: &str, setting: &str, why: &str| cell(axis, setting, Outcome::Skipped, "", why.to_owned());
         for (axis, sweep) in own.facts.sweeps(self.registry) {
             let settings = match sweep {
-                Sweep::LeftOut(why) => {
+                Sweep::Skipped(why) => {
                     cells.push(skipped(axis, "all", &why));
                     continue;
                 }
@@ -55,7 +55,7 @@ impl Validator<'_> {
             };
             for setting in settings {
                 let name = &setting.name;
-                if let Some(why) = &setting.left_out {
+                if let Some(why) = &setting.skipped {
                     cells.push(skipped(axis, name, why));
                 } else if setting.overrides.is_empty() {
                     let (outcome, detail) = self.same_picture(&own, axis, name);

@@ -5,7 +5,7 @@ use std::fmt;
 use std::time::Duration;
 
 /// Maximum number of pixels of a scene that are queried; of more, an even selection.
-pub const MOST_ASKED: usize = 200;
+pub const MAX_ASKED: usize = 200;
 
 /// When the oracle is queried, and for how long.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -103,7 +103,7 @@ fn of_scene(results: &Results, scene: &str) -> Results {
         summary,
         provenance: results.provenance.clone(),
         results: cases,
-        left_out: Vec::new(),
+        skipped: Vec::new(),
         matrix,
     }
 }

@@ -20,7 +20,7 @@ pub struct Results {
     /// One entry per scene, configuration and reference.
     pub results: Vec<CaseResult>,
     /// Scenes that were skipped, and why.
-    pub left_out: Vec<LeftOut>,
+    pub skipped: Vec<SkippedScene>,
     /// The settings matrix, if it was requested.
     pub matrix: Vec<Cell>,
 }
@@ -48,7 +48,7 @@ pub struct Summary {
     pub nonfinite: usize,
     /// Number of scenes that were skipped because this reference has no twin of them and another
     /// has.
-    pub left_out: usize,
+    pub skipped: usize,
     /// Counts of the matrix, if it was requested.
     pub matrix: Tally,
     /// Median of `rel_rmse_interior` over the cases that have one.
@@ -61,7 +61,7 @@ pub struct Summary {
 
 /// A scene that was skipped because this reference has no twin of it.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct LeftOut {
+pub struct SkippedScene {
     /// Its name.
     pub scene: String,
     /// The plugins without a twin.
@@ -227,7 +227,7 @@ pub struct CaseResult {
     /// The plugins that our pipeline uses, such as `shape/sphere`.
     pub plugins: Vec<String>,
     /// The optimisations that skip work which this scene does not need.
-    pub left_out: Vec<String>,
+    pub omitted: Vec<String>,
     /// Changes that were made to the scene on both sides because the reference cannot render it
     /// otherwise, with the reasons.
     pub adapted: Vec<String>,
@@ -482,7 +482,7 @@ impl Summary {
             unexplained: cases.iter().map(|case| case.unexplained).sum(),
             explained: cases.iter().map(|case| case.explained).sum(),
             nonfinite: cases.iter().map(|case| case.nonfinite).sum(),
-            left_out: 0,
+            skipped: 0,
             matrix: Tally::default(),
             median_rel_rmse_interior: middle(&errors),
             references,

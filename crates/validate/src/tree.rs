@@ -198,7 +198,7 @@ mod tests {
             path: path.to_owned(),
             shape,
             primitive: if shape < 0 { -1 } else { 0 },
-            copy: 0,
+            instance: 0,
             t: if shape < 0 { f64::INFINITY } else { 2.0 },
             position: DVec3::ZERO,
             n_s: DVec3::Y,

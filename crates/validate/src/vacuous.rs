@@ -6,7 +6,7 @@ use whitstone_metrics::range::is_vacuous;
 use whitstone_render::Pipeline;
 
 /// Maximum number of pairs of coincident surfaces that are listed.
-const MOST_COINCIDENT: usize = 8;
+const MAX_COINCIDENT: usize = 8;
 
 /// Remarks about a comparison that do not affect the verdict.
 pub(crate) fn notes(ours: &Image, reference: &Image, pipeline: &Pipeline) -> Vec<String> {
@@ -27,13 +27,13 @@ pub(crate) fn coincident(pipeline: &Pipeline) -> Vec<String> {
     let pairs = &pipeline.coincident;
     let mut told: Vec<String> = pairs
         .iter()
-        .take(MOST_COINCIDENT)
+        .take(MAX_COINCIDENT)
         .map(ToString::to_string)
         .collect();
-    if pairs.len() > MOST_COINCIDENT {
+    if pairs.len() > MAX_COINCIDENT {
         told.push(format!(
             "{} more pairs, which `explain` lists",
-            pairs.len() - MOST_COINCIDENT
+            pairs.len() - MAX_COINCIDENT
         ));
     }
     told.extend(pipeline.coincident_unknown.iter().cloned());

@@ -292,8 +292,8 @@ impl<'a> Validator<'a> {
         case.plugins = used
             .map(|(family, name)| format!("{}/{name}", family.singular()))
             .collect();
-        case.left_out = pipeline
-            .left_out
+        case.omitted = pipeline
+            .omitted
             .iter()
             .map(|part| format!("{}: {}", part.what, part.why))
             .collect();
@@ -386,7 +386,7 @@ impl<'a> Validator<'a> {
                     if self.options.mode == Mode::Live {
                         return Err(NoReference::Problem(error.to_string()));
                     }
-                    case.left_out.push(format!("live reference: {error}"));
+                    case.omitted.push(format!("live reference: {error}"));
                 }
             }
         }

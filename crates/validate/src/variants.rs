@@ -11,7 +11,7 @@ use whitstone_image::Image;
 
 /// Maximum number of values that are stored for a pixel. A pixel with more varies continuously, so
 /// that its range describes it as well.
-const MOST_VALUES: usize = 64;
+const MAX_VALUES: usize = 64;
 /// Values that differ by less than this fraction of the tolerance count as equal.
 const SAME: f64 = 0.5;
 /// Bits of the mantissa of a stored value. The rounding error is 2^-12 of the value, a quarter of
@@ -47,7 +47,7 @@ impl Variants {
         let same = tolerance.map(|t| SAME * t);
         let alone = [nominal];
         let values = self.0.get(&pixel).map_or(&alone[..], Vec::as_slice);
-        if values.len() < MOST_VALUES && !values.iter().any(|known| agree(*known, value, same)) {
+        if values.len() < MAX_VALUES && !values.iter().any(|known| agree(*known, value, same)) {
             self.0.entry(pixel).or_insert_with(|| vec![nominal]).push(value);
         }
     }

@@ -14,7 +14,7 @@
 
 use crate::explain::Explanation;
 use crate::judge::{Judged, measure};
-use crate::opinion::{Ask, MOST_ASKED, Opinion, Verdict};
+use crate::opinion::{Ask, MAX_ASKED, Opinion, Verdict};
 use crate::oracle::{Hearing, choose};
 use crate::protocol::SceneText;
 use crate::result::{CaseResult, Status, counted};
@@ -75,7 +75,7 @@ impl Validator<'_> {
         if broken.is_empty() {
             if self.oracle.when == Ask::Always {
                 let pixels: Vec<[usize; 2]> = judged.iter().map(|one| one.pixel).collect();
-                let hearing = self.hear(path, &choose(&pixels, MOST_ASKED), ours, reference);
+                let hearing = self.hear(path, &choose(&pixels, MAX_ASKED), ours, reference);
                 let verdicts = note(case, &hearing, ours, reference);
                 case.opinion = Some(hearing.opinion(&verdicts, pixels.len()));
             }
@@ -114,7 +114,7 @@ impl Validator<'_> {
                 .flat_map(|y| (0..ours.width()).map(move |x| [x, y]))
                 .collect();
         }
-        let hearing = self.hear(path, &choose(&in_question, MOST_ASKED), ours, reference);
+        let hearing = self.hear(path, &choose(&in_question, MAX_ASKED), ours, reference);
         let verdicts = note(case, &hearing, ours, reference);
         let opinion = hearing.opinion(&verdicts, in_question.len());
         case.opinion = Some(opinion.clone());
@@ -152,7 +152,7 @@ impl Validator<'_> {
             open.push(format!(
                 "the oracle answered for {} of {} pixels within its time limit of {} s",
                 opinion.asked,
-                in_question.len().min(MOST_ASKED),
+                in_question.len().min(MAX_ASKED),
                 self.oracle.budget.as_secs()
             ));
         }

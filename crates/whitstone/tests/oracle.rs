@@ -6,7 +6,7 @@
 use std::path::Path;
 use whitstone::core::{Aabb, DVec3, Interval, Ray, SelfHitFilter, SurfaceAttributes};
 use whitstone_oracle::Oracle;
-use whitstone_oracle::agreement::{Agreement, Error, MOST_ULPS, Subject};
+use whitstone_oracle::agreement::{Agreement, Error, MAX_ULPS, Subject};
 use whitstone_oracle::cases::CASES;
 use whitstone_testkit::{Aim, Random, placements};
 
@@ -143,7 +143,7 @@ fn what_leaves_a_cap_beside_its_rim_meets_the_side_where_it_is() {
             let again = intersect(&away, SelfHitFilter::leaving(&hit));
             let truth = oracle.nearest(&away, Interval::FORWARD);
             let error = Error::of(&truth, again.map(|again| again.t));
-            let small = error.is_some_and(|error| error.by_condition <= MOST_ULPS);
+            let small = error.is_some_and(|error| error.by_condition <= MAX_ULPS);
             assert!(small, "{shape}, {gap}: {again:?} instead of {truth:?}");
             // At this distance the property test would not permit a hit of the same part.
             let slack = point.error + 8.0 * f64::EPSILON * point.position.abs().max_element();

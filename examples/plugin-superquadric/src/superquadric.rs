@@ -91,7 +91,7 @@ impl Plugin<Shapes> for Superquadric {
         });
         let transform = errors.take(transform);
         match (p, q, transform) {
-            (Some(p), Some(q), Some(transform)) => Ok(LoweredShape::Opaque(Box::new(Self::new(transform, p, q)))),
+            (Some(p), Some(q), Some(transform)) => Ok(LoweredShape::Custom(Box::new(Self::new(transform, p, q)))),
             _ => Err(errors),
         }
     }
@@ -301,7 +301,7 @@ impl Shape for Superquadric {
         point
     }
 
-    fn solid(&self) -> bool {
+    fn is_solid(&self) -> bool {
         true
     }
 
@@ -334,7 +334,7 @@ mod tests {
 
     fn shape(text: &str) -> Box<dyn Shape> {
         match build::<Shapes, Superquadric>(text, Transform::IDENTITY) {
-            Ok(LoweredShape::Opaque(shape)) => shape,
+            Ok(LoweredShape::Custom(shape)) => shape,
             _ => panic!("it is opaque"),
         }
     }

@@ -126,7 +126,7 @@ pub fn page(folder: &Path) -> std::io::Result<PathBuf> {
         },
         results: cases,
         matrix: Vec::new(),
-        left_out: Vec::new(),
+        skipped: Vec::new(),
     };
     let extras = Extras {
         diagrams: vec![diagram()],

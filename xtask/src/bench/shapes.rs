@@ -18,7 +18,7 @@ use whitstone::core::{
 };
 use whitstone::image::atomic;
 use whitstone::{Exit, Failure};
-use whitstone_oracle::agreement::{Agreement, Errors, MOST_ULPS, Subject};
+use whitstone_oracle::agreement::{Agreement, Errors, MAX_ULPS, Subject};
 use whitstone_oracle::cases::{CASES, Case};
 use whitstone_testkit::{Aim, Random};
 
@@ -28,9 +28,9 @@ const BEGIN: &str = "<!-- figures: written by `cargo xtask bench shapes --page` 
 const END: &str = "<!-- end of figures -->";
 
 /// Maximum ratio of a shape's time to that of the textbook form, unless there is a reason.
-const MOST_TIMES: f64 = 2.0;
+const MAX_TIMES: f64 = 2.0;
 
-/// The reasons for ratios above [`MOST_TIMES`]; the files of the shapes name the sources.
+/// The reasons for ratios above [`MAX_TIMES`]; the files of the shapes name the sources.
 const REASONS: [(&str, &str); 13] = [
     (
         "sphere",
@@ -139,7 +139,7 @@ impl Row {
 
     fn reason(&self) -> Option<&'static str> {
         let reason = REASONS.iter().find(|(shape, _)| *shape == self.shape);
-        (self.times() > MOST_TIMES).then(|| reason.map_or("no reason is known", |(_, why)| why))
+        (self.times() > MAX_TIMES).then(|| reason.map_or("no reason is known", |(_, why)| why))
     }
 
     fn json(&self) -> Value {
@@ -294,7 +294,7 @@ fn rays_of(geometry: &Geometry, bounds: &Aabb, count: usize) -> [Vec<Both>; 2] {
 /// The nearest hit, by the scalar code, without an accelerator.
 fn intersect(geometry: &Geometry, ray: &Ray) -> Option<f64> {
     match &geometry.shapes()[0] {
-        LoweredShape::Opaque(primitive) => primitive.intersect(ray, Interval::FORWARD, None).map(|hit| hit.t),
+        LoweredShape::Custom(primitive) => primitive.intersect(ray, Interval::FORWARD, None).map(|hit| hit.t),
         LoweredShape::Triangles(mesh) => {
             let sheared = ShearedRay::new(ray);
             let all = 0..mesh.triangles.len() as u32;
@@ -357,7 +357,7 @@ fn table(rows: &[Row], unmeasured: &BTreeMap<&str, &str>) -> String {
             reported.push(row.shape);
             let _ = write!(
                 text,
-                "\n- {}: more than {MOST_TIMES} times the textbook form: {reason}.",
+                "\n- {}: more than {MAX_TIMES} times the textbook form: {reason}.",
                 row.shape
             );
         }
@@ -367,7 +367,7 @@ fn table(rows: &[Row], unmeasured: &BTreeMap<&str, &str>) -> String {
     }
     let _ = write!(
         text,
-        "\n\nA hit is wrong if its class is wrong, or if t is off by more than {MOST_ULPS} ulp times the condition, also for every slightly displaced ray."
+        "\n\nA hit is wrong if its class is wrong, or if t is off by more than {MAX_ULPS} ulp times the condition, also for every slightly displaced ray."
     );
     text
 }

@@ -73,7 +73,7 @@ impl Cutter for Builder {
     type Part = Fragment;
 
     const STEP_COST: f64 = STEP_COST;
-    const MOST_REFERENCES: usize = 8;
+    const MAX_REFERENCES: usize = 8;
     const PARALLEL: usize = 1024;
 
     fn item(fragment: &Fragment) -> u32 {

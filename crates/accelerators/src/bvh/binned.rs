@@ -11,7 +11,7 @@ use glam::Vec4;
 use rayon::prelude::*;
 
 /// Maximum number of bins per axis.
-pub(super) const MOST_BINS: usize = 32;
+pub(super) const MAX_BINS: usize = 32;
 
 /// From this number of items, the items of a single node are processed in parallel.
 const MANY: usize = 1 << 16;
@@ -229,7 +229,7 @@ impl Bins {
             0..=4 => self.best_of::<4>(items),
             5..=8 => self.best_of::<8>(items),
             9..=16 => self.best_of::<16>(items),
-            _ => self.best_of::<MOST_BINS>(items),
+            _ => self.best_of::<MAX_BINS>(items),
         }
     }
 

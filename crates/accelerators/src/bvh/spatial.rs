@@ -7,7 +7,7 @@
 //! twice is the same hit, so results do not change.
 
 use super::MAX_DEPTH;
-use super::binned::{Binned, Bins, MOST_BINS, Sides, Split, bounds, halve, partition};
+use super::binned::{Binned, Bins, MAX_BINS, Sides, Split, bounds, halve, partition};
 use super::tree::{Binary, Tree};
 use crate::support::leaves::items::{Box4, Corners, Item};
 
@@ -30,7 +30,7 @@ const SPARE: f32 = 0.3;
 /// The build of nodes that are not cut.
 const OBJECTS: Binned = Binned {
     max_leaf: 1,
-    bins: MOST_BINS,
+    bins: MAX_BINS,
     items_a_bin: 4,
 };
 
@@ -118,7 +118,7 @@ impl Spatial<'_> {
         let n = part.items.len();
         // As in `binned`: once only the levels needed for halving remain, halve.
         let must_halve = part.depth + (usize::BITS - n.leading_zeros()) as usize >= MAX_DEPTH;
-        let bins = Bins::new(&part.centers, MOST_BINS.min(4 + n / 4));
+        let bins = Bins::new(&part.centers, MAX_BINS.min(4 + n / 4));
         let object = if must_halve { None } else { bins.best(&part.items) };
         let cost = object.map_or(f32::INFINITY, |split| split.cost);
         if !must_halve

@@ -41,7 +41,7 @@ impl Wide {
         }
         let Contents { slots, corners } = contents;
         let mut numbers = corners.into_flattened();
-        let mixed = slots.par_iter().with_min_len(PART).any(|slot| slot.is_opaque());
+        let mixed = slots.par_iter().with_min_len(PART).any(|slot| slot.is_custom());
         let most = if mixed { WIDTH - 1 } else { WIDTH };
         let mut costs = vec![[0.0; WIDTH - 1]; binary.len()];
         prepare(binary, &mut costs, most);
@@ -318,7 +318,7 @@ impl Maker<'_> {
     fn leaf(&self, first: usize, count: usize, numbers: &mut [f32]) -> Child {
         by_coordinate(numbers, count);
         let slots = &self.slots[first..][..count];
-        Child::new(if self.mixed && slots.iter().any(|slot| slot.is_opaque()) {
+        Child::new(if self.mixed && slots.iter().any(|slot| slot.is_custom()) {
             Kind::Mixed(first, count)
         } else {
             Kind::Triangles(first, count)

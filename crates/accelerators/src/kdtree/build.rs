@@ -64,7 +64,7 @@ impl Cutter for Builder {
     type Part = Item;
 
     const STEP_COST: f64 = STEP_COST;
-    const MOST_REFERENCES: usize = 4;
+    const MAX_REFERENCES: usize = 4;
     const PARALLEL: usize = 4096;
 
     fn item(item: &Item) -> u32 {

@@ -184,7 +184,7 @@ impl<'a, const COUNT: bool> Traversal<'a, COUNT> {
         for i in slots {
             let held = self.tree.leaves.slots[i];
             // Shapes may be expensive, and lie in several cells.
-            if !held.is_opaque() || mailbox.is_new(held.shape) {
+            if !held.is_custom() || mailbox.is_new(held.shape) {
                 limit = state.unsure::<ANY>(local, Child::new(Kind::Mixed(i, 1)), 0, limit)?;
             }
         }

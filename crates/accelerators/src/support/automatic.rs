@@ -18,7 +18,7 @@ pub(crate) fn choose(geometry: &Geometry, registry: &Registry) -> (String, Strin
     let cost = |element: Element| match (element, &geometry.shapes()[element.shape() as usize]) {
         (Element::Triangle { .. }, _) => TRIANGLE_COST,
         (_, LoweredShape::Instance(_)) => INSTANCE_COST,
-        (Element::Opaque { .. }, _) => 1,
+        (Element::Custom { .. }, _) => 1,
     };
     let elements = geometry.elements().take(BRUTE_FORCE_LIMIT + 1);
     let cost: usize = elements.map(cost).sum();

@@ -46,7 +46,7 @@ pub(crate) const MARGIN: f64 = 1.0 / (1u64 << 46) as f64;
 
 /// Exclusive upper bound on the number of elements: elements, references to them and nodes have
 /// 32-bit indices.
-pub(crate) const MOST_ELEMENTS: usize = 1 << 28;
+pub(crate) const MAX_ELEMENTS: usize = 1 << 28;
 
 /// Fails if a geometry does not have fewer than `most` elements.
 pub(crate) fn check_count(geometry: &Geometry, most: usize) -> Result<(), SceneError> {
@@ -422,7 +422,7 @@ impl<S: Structure> Searched<S> {
         build: impl FnOnce(&Geometry, Elements) -> S,
     ) -> Result<Self, SceneErrors> {
         let start = Instant::now();
-        check_count(&geometry, MOST_ELEMENTS)?;
+        check_count(&geometry, MAX_ELEMENTS)?;
         let mut elements = Elements::of(&geometry);
         let unbounded = std::mem::take(&mut elements.unbounded);
         let (bounded, reach, degenerate) = (elements.items.len(), elements.reach, elements.degenerate);
@@ -465,7 +465,7 @@ impl<S: Structure> Searched<S> {
         let mut open = interval;
         move |element| {
             if let Some(hit) = self.geometry.intersect(element, ray, &sheared, open, skip)
-                && best.is_none_or(|best| hit.beats(&best))
+                && best.is_none_or(|best| hit.is_nearer_than(&best))
             {
                 *best = Some(hit);
                 // Hits at the same distance still count: a lower index wins the tie.

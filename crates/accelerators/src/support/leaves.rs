@@ -119,32 +119,32 @@ pub(crate) fn by_coordinate(numbers: &mut [f32], count: usize) {
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Slot {
     pub(crate) shape: u32,
-    /// The triangle, or [`Slot::OPAQUE`].
+    /// The triangle, or [`Slot::CUSTOM`].
     pub(crate) triangle: u32,
 }
 
 impl Slot {
-    const OPAQUE: u32 = u32::MAX;
+    const CUSTOM: u32 = u32::MAX;
 
     pub(crate) fn new(element: Element) -> Self {
         match element {
             Element::Triangle { shape, triangle } => Self { shape, triangle },
-            Element::Opaque { shape } => Self {
+            Element::Custom { shape } => Self {
                 shape,
-                triangle: Self::OPAQUE,
+                triangle: Self::CUSTOM,
             },
         }
     }
 
-    pub(crate) fn is_opaque(self) -> bool {
-        self.triangle == Self::OPAQUE
+    pub(crate) fn is_custom(self) -> bool {
+        self.triangle == Self::CUSTOM
     }
 
     #[inline]
     pub(crate) fn element(self) -> Element {
         let Self { shape, triangle } = self;
-        if self.is_opaque() {
-            Element::Opaque { shape }
+        if self.is_custom() {
+            Element::Custom { shape }
         } else {
             Element::Triangle { shape, triangle }
         }

@@ -11,14 +11,14 @@ use whitstone_core::Aabb;
 const VAST: f64 = 16384.0;
 
 /// Maximum number of elements of oversized shapes, which are tested for every ray.
-const MOST: usize = 64;
+const MAX: usize = 64;
 
 /// The numbers of the oversized shapes, ascending, given the box and the number of elements of each
 /// shape. Empty boxes are ignored.
 pub(crate) fn oversized(shapes: &[(Aabb, usize)]) -> Vec<u32> {
     let size = |aabb: &Aabb| (aabb.max - aabb.min).max_element();
     let mut oversized: Vec<u32> = Vec::new();
-    let mut left = MOST;
+    let mut left = MAX;
     loop {
         let others = || {
             let all = (0..).zip(shapes);

@@ -1,6 +1,6 @@
 //! Top-down build of trees that divide space recursively by planes of any kind: `kdtree` and `bsp`.
 //!
-//! An element on both sides of a plane is referred to from both, at most `MOST_REFERENCES` times on
+//! An element on both sides of a plane is referred to from both, at most `MAX_REFERENCES` times on
 //! average. Once that budget is spent, cells are not divided further, so memory is linear in the
 //! number of elements. If costs decide, a subtree becomes one leaf again where that costs less,
 //! which is known only after it is built.
@@ -12,7 +12,7 @@ pub(crate) const MAX_DEPTH: usize = 64;
 const EMPTY_BONUS: f64 = 0.8;
 
 /// Upper bound on references; their indices must fit 28 bits.
-const MOST_IN_ALL: usize = 1 << 28;
+const MAX_IN_ALL: usize = 1 << 28;
 
 /// A kind of splitting plane.
 pub(crate) trait Cut: Copy + Send + Sync {
@@ -36,7 +36,7 @@ pub(crate) trait Cutter: Sync {
     const STEP_COST: f64;
 
     /// Maximum number of references per element, on average.
-    const MOST_REFERENCES: usize;
+    const MAX_REFERENCES: usize;
 
     /// From this number of parts, both sides are built in parallel.
     const PARALLEL: usize;
@@ -115,7 +115,7 @@ impl<C: Cut> Tree<C> {
     ) -> Self {
         let usual = 8.0 + 1.3 * (parts.len().max(1) as f64).log2();
         let levels = max_depth.map_or(usual as usize, |depth| depth as usize);
-        let spare = ((K::MOST_REFERENCES - 1) * parts.len()).min(MOST_IN_ALL.saturating_sub(parts.len()));
+        let spare = ((K::MAX_REFERENCES - 1) * parts.len()).min(MAX_IN_ALL.saturating_sub(parts.len()));
         grow(cutter, parts, cell, levels.min(MAX_DEPTH), spare)
     }
 
@@ -137,7 +137,7 @@ impl<C: Cut> Tree<C> {
 }
 
 /// Only cells of at most this many elements can become one leaf again.
-const MOST_HELD: usize = 64;
+const MAX_HELD: usize = 64;
 
 /// Builds the subtree of a cell with at most `levels` levels and `spare` additional references.
 fn grow<K: Cutter>(
@@ -167,7 +167,7 @@ fn grow<K: Cutter>(
     if more > spare {
         return leaf(&parts);
     }
-    let held = if cutter.asks_cost() && n <= MOST_HELD {
+    let held = if cutter.asks_cost() && n <= MAX_HELD {
         held(&parts)
     } else {
         Vec::new()

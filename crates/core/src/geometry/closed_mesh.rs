@@ -67,7 +67,7 @@ impl LoweredShape {
     /// mesh the error says why.
     pub fn into_solid(self) -> Result<Box<dyn Shape>, Option<NotClosed>> {
         match self {
-            Self::Opaque(primitive) if primitive.solid() => Ok(primitive),
+            Self::Custom(primitive) if primitive.is_solid() => Ok(primitive),
             Self::Triangles(mesh) => Ok(Box::new(ClosedMesh::new(mesh)?)),
             _ => Err(None),
         }
@@ -238,7 +238,7 @@ impl Shape for ClosedMesh {
         Some(self.mesh.surface_at_offset(hit, q, needs))
     }
 
-    fn solid(&self) -> bool {
+    fn is_solid(&self) -> bool {
         true
     }
 

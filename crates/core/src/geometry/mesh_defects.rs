@@ -120,7 +120,7 @@ impl Scene {
                     let group = instance.group();
                     self.find_open(group.geometry().shapes(), group.first_shape(), found);
                 }
-                LoweredShape::Opaque(_) => {}
+                LoweredShape::Custom(_) => {}
             }
         }
     }

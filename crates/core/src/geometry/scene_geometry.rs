@@ -144,7 +144,7 @@ pub enum Element {
         triangle: u32,
     },
     /// A whole shape; also an instance of a group.
-    Opaque {
+    Custom {
         /// Number of the shape.
         shape: u32,
     },
@@ -247,11 +247,11 @@ impl Geometry {
         self.shapes.iter().zip(0u32..).flat_map(|(part, shape)| {
             let count = match part {
                 LoweredShape::Triangles(mesh) => mesh.triangles.len(),
-                LoweredShape::Opaque(_) | LoweredShape::Instance(_) => 1,
+                LoweredShape::Custom(_) | LoweredShape::Instance(_) => 1,
             };
             (0..count as u32).map(move |triangle| match part {
                 LoweredShape::Triangles(_) => Element::Triangle { shape, triangle },
-                LoweredShape::Opaque(_) | LoweredShape::Instance(_) => Element::Opaque { shape },
+                LoweredShape::Custom(_) | LoweredShape::Instance(_) => Element::Custom { shape },
             })
         })
     }
@@ -262,9 +262,9 @@ impl Geometry {
             (Element::Triangle { triangle, .. }, LoweredShape::Triangles(mesh)) => {
                 Aabb::around(mesh.corners(triangle))
             }
-            (_, LoweredShape::Opaque(primitive)) => primitive.bounds(),
+            (_, LoweredShape::Custom(primitive)) => primitive.bounds(),
             (_, LoweredShape::Instance(instance)) => instance.bounds(),
-            (Element::Opaque { .. }, LoweredShape::Triangles(mesh)) => {
+            (Element::Custom { .. }, LoweredShape::Triangles(mesh)) => {
                 Aabb::around(mesh.positions.iter().copied())
             }
         }
@@ -294,9 +294,9 @@ impl Geometry {
                     prim_uv: DVec2::new(u, v),
                 }
             }
-            (_, LoweredShape::Opaque(primitive)) => primitive.intersect(ray, interval, origin_primitive)?,
+            (_, LoweredShape::Custom(primitive)) => primitive.intersect(ray, interval, origin_primitive)?,
             (_, LoweredShape::Instance(instance)) => return instance.intersect(ray, interval, skip),
-            (Element::Opaque { .. }, LoweredShape::Triangles(_)) => return None,
+            (Element::Custom { .. }, LoweredShape::Triangles(_)) => return None,
         };
         interval
             .contains(hit.t)
@@ -312,7 +312,7 @@ impl Geometry {
     ) -> SurfaceInteraction {
         match self.shapes.get(hit.shape as usize) {
             Some(LoweredShape::Triangles(mesh)) => mesh.surface(hit, needs),
-            Some(LoweredShape::Opaque(primitive)) => primitive.surface(ray, hit, needs),
+            Some(LoweredShape::Custom(primitive)) => primitive.surface(ray, hit, needs),
             // Shapes of groups are numbered after all shapes of the scene.
             Some(LoweredShape::Instance(_)) | None => self.instanced(ray, hit, needs),
         }
@@ -328,7 +328,7 @@ impl Geometry {
     ) -> Option<SurfaceInteraction> {
         match self.shapes.get(hit.shape as usize) {
             Some(LoweredShape::Triangles(mesh)) => Some(mesh.surface_at_offset(hit, q, needs)),
-            Some(LoweredShape::Opaque(primitive)) => primitive.surface_at_offset(point, hit, q, needs),
+            Some(LoweredShape::Custom(primitive)) => primitive.surface_at_offset(point, hit, q, needs),
             Some(LoweredShape::Instance(_)) | None => self
                 .instance(hit.instance)?
                 .1
@@ -351,7 +351,7 @@ impl Geometry {
                     points.set(lane, &mesh.surface(&hits.hit(lane), needs));
                 }
             }
-            Some(LoweredShape::Opaque(primitive)) => primitive.surface_stream(rays, hits, needs, points),
+            Some(LoweredShape::Custom(primitive)) => primitive.surface_stream(rays, hits, needs, points),
             Some(LoweredShape::Instance(_)) | None => {
                 for lane in 0..rays.len {
                     points.set(lane, &self.instanced(&rays.ray(lane), &hits.hit(lane), needs));
@@ -365,7 +365,7 @@ impl Element {
     /// Number of the shape that the element belongs to.
     pub fn shape(self) -> u32 {
         match self {
-            Self::Triangle { shape, .. } | Self::Opaque { shape } => shape,
+            Self::Triangle { shape, .. } | Self::Custom { shape } => shape,
         }
     }
 }

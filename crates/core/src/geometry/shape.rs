@@ -12,7 +12,7 @@ pub enum LoweredShape {
     /// Triangles in world space.
     Triangles(TriangleMesh),
     /// Any other shape, with its own intersection test.
-    Opaque(Box<dyn Shape>),
+    Custom(Box<dyn Shape>),
     /// An instance of a group of shapes.
     Instance(Box<Instance>),
 }
@@ -63,7 +63,7 @@ pub trait Shape: Send + Sync {
 
     /// Whether the shape bounds a volume, so that it may be an operand of constructive solid
     /// geometry.
-    fn solid(&self) -> bool {
+    fn is_solid(&self) -> bool {
         false
     }
 
@@ -202,7 +202,7 @@ impl PreliminaryIntersection {
 
     /// Whether this hit wins over `other`: it is nearer, or equally near with a lower id.
     #[inline]
-    pub fn beats(&self, other: &Self) -> bool {
+    pub fn is_nearer_than(&self, other: &Self) -> bool {
         self.t < other.t || (self.t == other.t && self.id() < other.id())
     }
 }

@@ -48,8 +48,8 @@ pub trait ShapeKernel: Clone + Send + Sync {
         None
     }
 
-    /// See [`Shape::solid`].
-    fn solid(&self) -> bool {
+    /// See [`Shape::is_solid`].
+    fn is_solid(&self) -> bool {
         false
     }
 
@@ -101,8 +101,8 @@ impl<P: ShapeKernel> Shape for P {
         ShapeKernel::surface_at_offset(self, point, hit, q, needs)
     }
 
-    fn solid(&self) -> bool {
-        ShapeKernel::solid(self)
+    fn is_solid(&self) -> bool {
+        ShapeKernel::is_solid(self)
     }
 
     fn spans(&self, ray: &Ray, spans: &mut Spans) {

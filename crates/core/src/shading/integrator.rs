@@ -6,7 +6,7 @@ use crate::stream::{
     groups,
 };
 use crate::{
-    Accelerator, BsdfFlags, Context, Footprint, Geometry, Interval, Light, LightFlags, LightLiSample,
+    Accelerator, BsdfFlags, Context, Footprint, Geometry, IncidentLight, Interval, Light, LightFlags,
     LightSample, Material, MediumInterface, MediumStack, MediumState, NestedDielectrics, ObjectOrder,
     PathState, PreliminaryIntersection, Ray, RayDifferential, Refused, Rgb, SelfHitFilter, ShadowMode,
     SpecularRays, SurfaceAttributes, SurfaceInteraction, View,
@@ -347,7 +347,7 @@ impl Scene {
                     }
                 }
             }
-            scratch.incoming.push(LightLiSample {
+            scratch.incoming.push(IncidentLight {
                 direction: sample.direction,
                 irradiance,
             });
@@ -482,7 +482,7 @@ pub struct Scratch {
     /// Light samples before the shadow test.
     pub samples: Vec<LightSample>,
     /// Lights that reach the point being shaded.
-    pub incoming: Vec<LightLiSample>,
+    pub incoming: Vec<IncidentLight>,
     /// Rays that are still to be traced.
     pub pending: Vec<PathState>,
     /// Rays traced so far by this thread.
@@ -557,7 +557,7 @@ impl Scratch {
             path: name,
             shape: hit.map_or(-1, |hit| i64::from(hit.shape)),
             primitive: hit.map_or(-1, |hit| i64::from(hit.primitive)),
-            copy: hit.map_or(0, |hit| hit.instance.0),
+            instance: hit.map_or(0, |hit| hit.instance.0),
             t: hit.map_or(f64::INFINITY, |hit| hit.t),
             position: point.map_or(DVec3::ZERO, |point| point.position),
             n_s: point.map_or(DVec3::ZERO, |point| point.n_s),
@@ -581,7 +581,7 @@ pub struct TreeNode {
     /// Number of the primitive in the shape; -1 if none.
     pub primitive: i64,
     /// Instance of the shape; 0 if it is not instanced.
-    pub copy: u32,
+    pub instance: u32,
     /// Distance in metres; infinite for a miss.
     pub t: f64,
     /// The point that was hit.

@@ -45,7 +45,7 @@ pub trait Material: Send + Sync {
             incoming.extend(
                 samples
                     .filter(|s| !s.irradiance.is_black())
-                    .map(|sample| LightLiSample {
+                    .map(|sample| IncidentLight {
                         direction: sample.direction,
                         irradiance: sample.irradiance,
                     }),
@@ -77,7 +77,12 @@ pub trait Material: Send + Sync {
     /// Transmittance of an undeviated shadow ray in unit direction `direction`. `point` is oriented
     /// towards the ray's origin. If `filtered`, transparent surfaces attenuate light; otherwise
     /// only cut-outs let it pass.
-    fn shadow(&self, point: &SurfaceInteraction, direction: DVec3, filtered: bool) -> Transmittance {
+    fn shadow_transmittance(
+        &self,
+        point: &SurfaceInteraction,
+        direction: DVec3,
+        filtered: bool,
+    ) -> Transmittance {
         let _ = (point, direction, filtered);
         Transmittance::OPAQUE
     }
@@ -124,12 +129,12 @@ pub struct LightSamples<'a> {
     /// Uniform radiance from all directions.
     pub ambient: Rgb,
     /// Light from the viewer's side of the geometric surface, after shadow rays.
-    pub lights: &'a [LightLiSample],
+    pub lights: &'a [IncidentLight],
 }
 
 /// Light that reaches a surface point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LightLiSample {
+pub struct IncidentLight {
     /// Unit direction from the point to the light.
     pub direction: DVec3,
     /// Irradiance in W/m² on a surface that faces the light.
@@ -151,9 +156,9 @@ impl BsdfFlags {
     pub const NULL: Self = Self(8);
     /// [`Material::emission`] can be other than black.
     pub const EMISSION: Self = Self(16);
-    /// [`Material::shadow`] can let light through, even if shadows are not filtered.
+    /// [`Material::shadow_transmittance`] can let light through, even if shadows are not filtered.
     pub const CUT_OUTS: Self = Self(32);
-    /// [`Material::shadow`] can let light through if shadows are filtered.
+    /// [`Material::shadow_transmittance`] can let light through if shadows are filtered.
     pub const TRANSPARENT_SHADOWS: Self = Self(64);
     /// The material shades with a normal other than the shape's (normal or bump map).
     pub const NORMAL_MAPPED: Self = Self(128);
@@ -360,7 +365,7 @@ pub struct SpecularRayStreams {
     pub absorption: Colors,
     /// Whether the transmitted ray continues undeviated in its current medium, instead of entering
     /// that of `absorption`. Read only for materials with the flag [`BsdfFlags::NULL`].
-    pub straight: LaneMask,
+    pub undeviated: LaneMask,
 }
 
 /// A boolean per lane.
@@ -388,12 +393,12 @@ impl SpecularRayStreams {
             SpecularRayKind::Reflection => &mut self.reflection,
             SpecularRayKind::Transmission { absorption } => {
                 self.absorption.set(lane, absorption);
-                self.straight.0[lane] = false;
+                self.undeviated.0[lane] = false;
                 &mut self.transmission
             }
             SpecularRayKind::Null => {
                 self.absorption.set(lane, Rgb::BLACK);
-                self.straight.0[lane] = true;
+                self.undeviated.0[lane] = true;
                 &mut self.transmission
             }
         };

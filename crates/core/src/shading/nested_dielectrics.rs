@@ -99,10 +99,10 @@ pub struct MediumInterface {
 
 impl NestedDielectrics {
     /// Maximum number of bodies in a scene.
-    pub const MOST: usize = 64;
+    pub const MAX: usize = 64;
 
     /// Collects the bodies from the materials of all shapes; `None` if no material has a priority.
-    /// Bodies beyond [`Self::MOST`] are dropped: the pipeline rejects such scenes.
+    /// Bodies beyond [`Self::MAX`] are dropped: the pipeline rejects such scenes.
     pub fn of(materials: &[Arc<dyn Material>]) -> Option<Self> {
         let all = materials.iter().enumerate();
         let mut bodies: Vec<_> = all
@@ -111,7 +111,7 @@ impl NestedDielectrics {
         if bodies.is_empty() {
             return None;
         }
-        bodies.truncate(Self::MOST);
+        bodies.truncate(Self::MAX);
         // Stable: bodies with equal priorities keep their scene order.
         bodies.sort_by_key(|(_, body)| Reverse(body.priority()));
         let mut bits = vec![0; materials.len()];

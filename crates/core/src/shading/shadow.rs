@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 const CUT: f64 = 0.002;
 
 /// A shadow ray that crosses this many surfaces counts as blocked.
-const MOST_CROSSINGS: usize = 1000;
+const MAX_CROSSINGS: usize = 1000;
 
 /// Treatment of surfaces between a surface point and a light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
@@ -95,7 +95,7 @@ impl Scene {
         let mut medium = if filtered { absorption } else { Rgb::BLACK };
         let (mut ray, mut free, mut skip) = (ray, free, skip);
         let mut left = Rgb::WHITE;
-        for _ in 0..MOST_CROSSINGS {
+        for _ in 0..MAX_CROSSINGS {
             counters.shadow += 1;
             let Some(hit) = self.accelerator.intersect(&ray, Interval::up_to(free), skip) else {
                 return left * medium.transmittance(free.max(0.0));
@@ -112,7 +112,7 @@ impl Scene {
                     inside = face.behind;
                     face.filter(body, &point, ray.direction)
                 }
-                _ => material.shadow(&point, ray.direction, filtered),
+                _ => material.shadow_transmittance(&point, ray.direction, filtered),
             };
             left = left * medium.transmittance(hit.t) * filter.weight;
             if left.max_component() < CUT {

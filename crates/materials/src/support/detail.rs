@@ -99,9 +99,14 @@ impl<D: Detail> Material for Detailed<D> {
         self.inner.emission(&self.at(point, view), view)
     }
 
-    fn shadow(&self, point: &SurfaceInteraction, direction: DVec3, filtered: bool) -> Transmittance {
+    fn shadow_transmittance(
+        &self,
+        point: &SurfaceInteraction,
+        direction: DVec3,
+        filtered: bool,
+    ) -> Transmittance {
         self.inner
-            .shadow(&self.at(point, -direction), direction, filtered)
+            .shadow_transmittance(&self.at(point, -direction), direction, filtered)
     }
 
     fn specular_rays(&self, point: &SurfaceInteraction, view: DVec3, out: &mut SpecularRays) {

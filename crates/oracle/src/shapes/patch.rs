@@ -21,7 +21,7 @@ const CUT: f64 = 0.4853515625;
 
 /// Number of pieces of one patch to examine before giving up. A line that passes an edge or touches
 /// the patch would need infinitely many.
-const MOST_PIECES: usize = 600;
+const MAX_PIECES: usize = 600;
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -82,7 +82,7 @@ fn meet(points: &[[f64; 3]; 16], number: u32, line: &Line) -> Decided<Vec<Root>>
     }];
     let surface = [0, 1, 2].map(|axis| Net::new(|k| points[k].0[axis].clone()));
     let mut roots = Vec::new();
-    for _ in 0..MOST_PIECES {
+    for _ in 0..MAX_PIECES {
         let Some(piece) = waiting.pop() else {
             return Ok(roots);
         };

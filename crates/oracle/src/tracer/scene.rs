@@ -11,7 +11,7 @@ use crate::root::Root;
 use crate::shapes::instance::Config as Copies;
 use crate::shapes::{self, Placed, Surface};
 use crate::vector::Line;
-use crate::{FIRST_BITS, MOST_BITS};
+use crate::{FIRST_BITS, MAX_BITS};
 use serde::Deserialize;
 use std::cmp::Ordering;
 use std::collections::BTreeSet;
@@ -84,10 +84,10 @@ pub(super) struct Hit {
 }
 
 /// Largest supported number of quads of a height field: every ray tests all of them.
-const MOST_QUADS: u64 = 1 << 16;
+const MAX_QUADS: u64 = 1 << 16;
 
 /// Largest supported number of shape instances: every ray tests all of them.
-const MOST_PARTS: usize = 4096;
+const MAX_PARTS: usize = 4096;
 
 /// The resolution of a height field.
 #[derive(Deserialize)]
@@ -101,7 +101,7 @@ fn check(shape: &ShapeTable<'_>) -> Result<(), SceneErrors> {
     let plugin = &shape.plugin;
     if plugin.name == "heightfield" {
         let Grid { columns, rows } = decode(&plugin.table)?;
-        if columns.unwrap_or(64).saturating_mul(rows.unwrap_or(64)) > MOST_QUADS {
+        if columns.unwrap_or(64).saturating_mul(rows.unwrap_or(64)) > MAX_QUADS {
             return Err(unknown_part(plugin, "a height field of this resolution"));
         }
     }
@@ -139,7 +139,7 @@ impl Scene {
         loop {
             match self.attempt(ray, from, end, bits) {
                 Ok(hit) => return Ok(hit),
-                Err(Undecided) if bits >= MOST_BITS => return Err(Unsure::Touch),
+                Err(Undecided) if bits >= MAX_BITS => return Err(Unsure::Touch),
                 Err(Undecided) => bits *= 2,
             }
         }
@@ -151,7 +151,7 @@ impl Scene {
         loop {
             match self.attempt_all(ray, from, end, bits) {
                 Ok(hits) => return Ok(hits),
-                Err(Undecided) if bits >= MOST_BITS => return Err(Unsure::Touch),
+                Err(Undecided) if bits >= MAX_BITS => return Err(Unsure::Touch),
                 Err(Undecided) => bits *= 2,
             }
         }
@@ -248,7 +248,7 @@ impl Scene {
             return Ok(order);
         }
         match one.1.t.compare(&other.1.t) {
-            Err(Undecided) if one.0 == other.0 && line.bits() >= MOST_BITS => Ok(Ordering::Equal),
+            Err(Undecided) if one.0 == other.0 && line.bits() >= MAX_BITS => Ok(Ordering::Equal),
             order => order,
         }
     }
@@ -428,7 +428,7 @@ fn place(
         }
         return Ok(());
     }
-    if parts.len() >= MOST_PARTS {
+    if parts.len() >= MAX_PARTS {
         return Err(unknown_part(&shape.plugin, "this many shapes"));
     }
     let coordinates = Coordinates::new(description, &shape.plugin)?;

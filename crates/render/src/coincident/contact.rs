@@ -45,7 +45,7 @@ pub(super) fn find(geometry: &Geometry, parts: &Parts<'_>) -> Vec<Contact> {
     for (run, plane) in coplanar(parts).into_iter().zip(0..) {
         sweep(parts, run, |a, b| {
             tried += 1;
-            if tried > MOST_PAIRS {
+            if tried > MAX_PAIRS {
                 return;
             }
             if let Some(points) = flat_overlap(&parts.all[a].surface, &parts.all[b].surface)
@@ -62,7 +62,7 @@ pub(super) fn find(geometry: &Geometry, parts: &Parts<'_>) -> Vec<Contact> {
 
 /// Maximum number of overlapping pairs of faces that are examined. Equal shapes in the same place
 /// have a pair for every two.
-const MOST_PAIRS: usize = 50_000;
+const MAX_PAIRS: usize = 50_000;
 
 fn contact(
     parts: &Parts<'_>,

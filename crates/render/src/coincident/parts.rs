@@ -5,10 +5,10 @@ use std::collections::BTreeMap;
 use whitstone_core::{Aabb, DVec3, Element, Geometry, LoweredShape, SurfacePart, Transform, TriangleMesh};
 
 /// Maximum number of parts near other shapes that are compared.
-const MOST: usize = 10_000;
+const MAX: usize = 10_000;
 
 /// Maximum number of triangles and shapes that are visited inside instances.
-const MOST_VISITED: usize = 8_000_000;
+const MAX_VISITED: usize = 8_000_000;
 
 /// Maximum distance of near boxes, relative to the largest coordinate.
 const NEAR: f64 = 64.0 * f64::EPSILON;
@@ -28,7 +28,7 @@ pub(super) struct Part<'a> {
 /// Determines whether a part belongs to a solid.
 #[derive(Clone, Copy)]
 pub(super) enum Owner<'a> {
-    Opaque { solid: bool },
+    Custom { solid: bool },
     Mesh(&'a TriangleMesh),
 }
 
@@ -45,7 +45,7 @@ impl Parts<'_> {
     pub(super) fn solid(&self, part: usize) -> bool {
         let key = |mesh: &TriangleMesh| std::ptr::from_ref(mesh) as usize;
         match self.all[part].owner {
-            Owner::Opaque { solid } => solid,
+            Owner::Custom { solid } => solid,
             Owner::Mesh(mesh) => {
                 let all = || {
                     let mut closed = BTreeMap::new();
@@ -125,7 +125,7 @@ pub(super) fn collect(geometry: &Geometry) -> Result<Parts<'_>, String> {
     let mut bodies = Vec::new();
     for (shape, number) in shapes.iter().zip(0..) {
         let mut planes = Vec::new();
-        if let LoweredShape::Opaque(primitive) = shape {
+        if let LoweredShape::Custom(primitive) = shape {
             let parts = primitive.parts();
             if parts.is_empty() {
                 continue;
@@ -135,7 +135,7 @@ pub(super) fn collect(geometry: &Geometry) -> Result<Parts<'_>, String> {
                 _ => None,
             }));
         }
-        let element = Element::Opaque { shape: number as u32 };
+        let element = Element::Custom { shape: number as u32 };
         let aabb = geometry.bounds(element);
         if !aabb.is_empty() {
             bodies.push(Body { number, aabb, planes });
@@ -145,7 +145,7 @@ pub(super) fn collect(geometry: &Geometry) -> Result<Parts<'_>, String> {
     let mut collected = Collected {
         parts: Vec::new(),
         visited: 0,
-        most: MOST,
+        most: MAX,
     };
     let mut sizes = vec![0; shapes.len()];
     let mut counted = 0;
@@ -165,12 +165,12 @@ pub(super) fn collect(geometry: &Geometry) -> Result<Parts<'_>, String> {
 }
 
 /// Maximum number of shapes whose elements are counted, because nested groups multiply them.
-const MOST_COUNTED: usize = 50_000;
+const MAX_COUNTED: usize = 50_000;
 
 /// Cost of a visited shape inside an instance, in triangles.
 const SHAPE_COST: usize = 64;
 
-/// Number of elements, including those of instances, of at most [`MOST_COUNTED`] shapes.
+/// Number of elements, including those of instances, of at most [`MAX_COUNTED`] shapes.
 fn size(shape: &LoweredShape, visited: &mut usize) -> usize {
     *visited += 1;
     match shape {
@@ -178,7 +178,7 @@ fn size(shape: &LoweredShape, visited: &mut usize) -> usize {
         LoweredShape::Instance(instance) => {
             let mut sum = 0_usize;
             for inside in instance.group().geometry().shapes() {
-                if *visited > MOST_COUNTED {
+                if *visited > MAX_COUNTED {
                     return usize::MAX;
                 }
                 sum = sum.saturating_add(size(inside, visited));
@@ -250,9 +250,9 @@ impl<'a> Collected<'a> {
             _ => 1,
         };
         self.visited += visited;
-        if self.visited > MOST_VISITED {
+        if self.visited > MAX_VISITED {
             return Err(format!(
-                "instances near other shapes contain more than {MOST_VISITED} triangles"
+                "instances near other shapes contain more than {MAX_VISITED} triangles"
             ));
         }
         match shape {
@@ -287,8 +287,8 @@ impl<'a> Collected<'a> {
                     })?;
                 }
             }
-            LoweredShape::Opaque(primitive) => {
-                let solid = primitive.solid() && primitive.bounds().is_finite();
+            LoweredShape::Custom(primitive) => {
+                let solid = primitive.is_solid() && primitive.bounds().is_finite();
                 for part in primitive.parts() {
                     let surface = match placed {
                         None => Some(part),
@@ -303,7 +303,7 @@ impl<'a> Collected<'a> {
                             shape: number,
                             surface,
                             aabb,
-                            owner: Owner::Opaque { solid },
+                            owner: Owner::Custom { solid },
                         })?;
                     }
                 }

@@ -25,10 +25,10 @@ const SHRINKS: f64 = 0.6;
 const THIN: f64 = 1e-6;
 
 /// Maximum number of pieces examined per leaf. A tangent ray needs a few hundred.
-const MOST_PIECES: u32 = 8192;
+const MAX_PIECES: u32 = 8192;
 
 /// Maximum number of Newton steps; usually four.
-const MOST_STEPS: u32 = 64;
+const MAX_STEPS: u32 = 64;
 
 /// A part of a surface near a ray, and its parameter range.
 #[derive(Clone, Copy, Debug)]
@@ -52,7 +52,7 @@ pub(super) fn roots(first: Piece, near: f64, mut found: impl FnMut(DVec2)) {
     let mut next = Some(first);
     // Allocates only if a piece is halved.
     let mut waiting: Vec<Piece> = Vec::new();
-    for _ in 0..MOST_PIECES {
+    for _ in 0..MAX_PIECES {
         let Some(piece) = next.take().or_else(|| waiting.pop()) else {
             return;
         };
@@ -200,7 +200,7 @@ impl Piece {
 /// Newton's method in the unit square; `None` if it does not come within `near` of the ray.
 fn newton(net: &Net<DVec2>, start: DVec2, near: f64) -> Option<DVec2> {
     let mut at = start;
-    for _ in 0..MOST_STEPS {
+    for _ in 0..MAX_STEPS {
         let (away, next) = step(net, at);
         if away <= near {
             return Some(at);
@@ -256,7 +256,7 @@ fn step(net: &Net<DVec2>, at: DVec2) -> (f64, DVec2) {
 pub(super) fn polished(net: &Net<DVec2>, root: DVec2, near: f64) -> Option<DVec2> {
     let (mut away, mut next) = step(net, root);
     let mut at = root;
-    for _ in 0..MOST_STEPS {
+    for _ in 0..MAX_STEPS {
         let (nearer, then) = step(net, next);
         // Without a valid step this is NaN, and not better.
         let better = nearer < away;

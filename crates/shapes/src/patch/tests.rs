@@ -53,7 +53,7 @@ fn text(points: &[DVec3; 16]) -> String {
 
 fn patch(points: &[DVec3; 16]) -> Box<dyn Shape> {
     match build::<Shapes, Patch>(&text(points), Transform::IDENTITY) {
-        Ok(LoweredShape::Opaque(patch)) => patch,
+        Ok(LoweredShape::Custom(patch)) => patch,
         Ok(_) => unreachable!("a patch is opaque"),
         Err(error) => panic!("{error}"),
     }
@@ -228,7 +228,7 @@ fn several_patches_are_numbered_and_mirrors_keep_the_outside() {
         patches = [[0,1,2,3,4,5,6,7,8,9,10,11,12,13,14,15], [0,1,2,3,0,1,2,3,16,17,18,19,16,17,18,19]]";
     for (scale, sign) in [(DVec3::ONE, 1.0), (DVec3::new(1.0, 1.0, -1.0), -1.0)] {
         let transform = Transform::new(whitstone_core::DAffine3::from_scale(scale)).unwrap();
-        let Ok(LoweredShape::Opaque(both)) = build::<Shapes, Patch>(shared, transform) else {
+        let Ok(LoweredShape::Custom(both)) = build::<Shapes, Patch>(shared, transform) else {
             panic!("patches are opaque")
         };
         let down = Ray::new(DVec3::new(1.5, 1.0, 0.5), DVec3::new(0.0, 0.0, -1.0));

@@ -11,7 +11,7 @@ use whitstone_core::{Aabb, DVec2, DVec3};
 const EVEN: f64 = 0.08;
 
 /// Maximum number of halvings of a patch.
-const MOST_HALVINGS: u32 = 8;
+const MAX_HALVINGS: u32 = 8;
 
 /// Marks the absence of a second child or of a leaf.
 const NONE: u32 = u32::MAX;
@@ -87,7 +87,7 @@ pub(super) fn parts(net: &Net<DVec3>, patch: u32) -> Vec<Leaf> {
         } else {
             (Way::V, uneven[1])
         };
-        if most <= EVEN || halvings == MOST_HALVINGS {
+        if most <= EVEN || halvings == MAX_HALVINGS {
             found.push(leaf);
             continue;
         }

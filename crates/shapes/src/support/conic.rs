@@ -356,7 +356,7 @@ impl<M: Mapping> ShapeKernel for Clipped<M> {
         Some(goes_on(there, point))
     }
 
-    fn solid(&self) -> bool {
+    fn is_solid(&self) -> bool {
         self.conic.caps
     }
 

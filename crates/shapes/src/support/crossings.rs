@@ -130,7 +130,7 @@ mod tests {
 
     /// Maximum number of ranges: after [`STEPS`], all coarse ranges in [0, 1] and the ranges that
     /// contain them.
-    const MOST_STEPS: u32 = STEPS + (1 << 15) + DEPTH as u32 + 1;
+    const MAX_STEPS: u32 = STEPS + (1 << 15) + DEPTH as u32 + 1;
 
     /// The product of (s - root) over all roots.
     struct Polynomial(Vec<f64>);
@@ -218,7 +218,7 @@ mod tests {
     fn roots_that_only_touch_are_no_crossings_and_take_bounded_steps() {
         let (found, steps) = all(&Polynomial(vec![0.3, 0.3]));
         assert_eq!(found, []);
-        assert!(steps <= MOST_STEPS);
+        assert!(steps <= MAX_STEPS);
         // Zero everywhere.
         struct Nothing;
         impl Along for Nothing {
@@ -231,7 +231,7 @@ mod tests {
         }
         let (found, steps) = all(&Nothing);
         assert_eq!(found, []);
-        assert!(steps <= MOST_STEPS, "{steps}");
+        assert!(steps <= MAX_STEPS, "{steps}");
     }
 
     /// A gap after a range that stays unclassified however often it is halved.
@@ -253,7 +253,7 @@ mod tests {
         }
         let (found, steps) = all(&Behind);
         let places: Vec<f64> = found.iter().map(|crossing| crossing.s).collect();
-        assert!(steps > STEPS && steps <= MOST_STEPS, "{steps}");
+        assert!(steps > STEPS && steps <= MAX_STEPS, "{steps}");
         assert!(places.len() == 2, "{places:?}");
         assert!(
             (places[0] - 0.6).abs() < 1e-12 && (places[1] - 0.601).abs() < 1e-12,

@@ -118,6 +118,6 @@ impl Revolution {
             disks.into_iter().map(around).fold(Aabb::EMPTY, Aabb::union)
         };
         let clipped = Clipped::new(transform, conic, mapping, bounds)?;
-        Ok(LoweredShape::Opaque(Box::new(clipped)))
+        Ok(LoweredShape::Custom(Box::new(clipped)))
     }
 }

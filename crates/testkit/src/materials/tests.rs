@@ -36,7 +36,7 @@ impl Material for Made {
 
 fn lambert(point: &SurfaceInteraction, view: DVec3, light: &LightSamples<'_>) -> f64 {
     let n = point.n_towards(view);
-    let term = |light: &LightLiSample| light.irradiance.g * n.dot(light.direction).max(0.0);
+    let term = |light: &IncidentLight| light.irradiance.g * n.dot(light.direction).max(0.0);
     light.ambient.g + light.lights.iter().map(term).sum::<f64>()
 }
 

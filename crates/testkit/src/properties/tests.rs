@@ -55,7 +55,7 @@ impl Plugin<Shapes> for Wrong {
             center: place.world_from_object().translation,
             radius: 1.0,
         };
-        Ok(LoweredShape::Opaque(Box::new(WrongBall(ball, config.amount))))
+        Ok(LoweredShape::Custom(Box::new(WrongBall(ball, config.amount))))
     }
 }
 
@@ -120,7 +120,7 @@ impl Accelerator for Forgetful {
         }
         let hits = elements.into_iter();
         let hits = hits.filter_map(|element| self.0.intersect(element, ray, &sheared, interval, skip));
-        hits.reduce(|best, hit| if hit.beats(&best) { hit } else { best })
+        hits.reduce(|best, hit| if hit.is_nearer_than(&best) { hit } else { best })
     }
     fn occluded(&self, ray: &Ray, interval: Interval, skip: SelfHitFilter) -> bool {
         self.intersect(ray, interval, skip).is_some()

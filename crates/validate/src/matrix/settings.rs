@@ -15,7 +15,7 @@ const ONE_LEAF: usize = 4;
 /// Side of a tile in pixels: a smaller image is a single task.
 const TILE: u32 = 16;
 /// Number of element tests that take about ten seconds.
-const MOST_TESTS: u64 = 1 << 30;
+const MAX_TESTS: u64 = 1 << 30;
 /// No recursion; the depth that both glass and a mirror need; depths that show them in each other.
 const DEPTHS: [i64; 4] = [0, 1, 2, 4];
 /// One thread, and a number that divides no tiling evenly.
@@ -50,7 +50,7 @@ pub(super) struct Facts {
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Sweep {
     /// Skipped, with the reason.
-    LeftOut(String),
+    Skipped(String),
     /// The settings to run.
     Settings(Vec<Setting>),
 }
@@ -62,7 +62,7 @@ pub(super) struct Setting {
     /// Changes of the scene on both sides; none if the picture must not depend on the setting.
     pub(super) overrides: Vec<String>,
     /// Why it is skipped, if so.
-    pub(super) left_out: Option<String>,
+    pub(super) skipped: Option<String>,
 }
 
 impl Setting {
@@ -100,7 +100,7 @@ impl Facts {
         let count = self.elements;
         if count <= ONE_LEAF {
             let elements = crate::counted(count, "element");
-            return Sweep::LeftOut(format!(
+            return Sweep::Skipped(format!(
                 "{elements} fit into one leaf: there is nothing to subdivide"
             ));
         }
@@ -110,7 +110,7 @@ impl Facts {
         let others = entries.filter(|entry| entry.name != self.accelerator);
         let setting = |name: &str| {
             let tests = self.rays.saturating_mul(count as u64);
-            let expensive = name == "brute_force" && tests > MOST_TESTS;
+            let expensive = name == "brute_force" && tests > MAX_TESTS;
             let why = || {
                 format!(
                     "testing {count} elements for each of {} rays takes too long",
@@ -118,7 +118,7 @@ impl Facts {
                 )
             };
             Setting {
-                left_out: expensive.then(why),
+                skipped: expensive.then(why),
                 ..Setting::named(name)
             }
         };
@@ -128,7 +128,7 @@ impl Facts {
     fn counts(&self) -> Sweep {
         let [width, height] = self.pixels;
         if width <= TILE && height <= TILE {
-            return Sweep::LeftOut("the image is one tile, so one thread renders it".to_owned());
+            return Sweep::Skipped("the image is one tile, so one thread renders it".to_owned());
         }
         let others = COUNTS.into_iter().filter(|count| *count != self.threads);
         Sweep::Settings(others.map(Setting::named).collect())
@@ -136,21 +136,21 @@ impl Facts {
 
     fn depths(&self, document: &Table, registry: &Registry) -> Sweep {
         if !self.follows_branches {
-            return Sweep::LeftOut(format!(
+            return Sweep::Skipped(format!(
                 "{} does not follow reflections or refractions",
                 self.integrator
             ));
         }
         if !self.branches {
-            return Sweep::LeftOut("no material in use reflects or refracts".to_owned());
+            return Sweep::Skipped("no material in use reflects or refracts".to_owned());
         }
         let Ok(entry) = registry.get(FamilyName::Integrator, self.integrator) else {
-            return Sweep::LeftOut("the integrator is not registered".to_owned());
+            return Sweep::Skipped("the integrator is not registered".to_owned());
         };
         let schema = entry.schema().to_value();
         let property = &schema["properties"][DEPTH];
         if property.is_null() {
-            return Sweep::LeftOut(format!("{} has no {DEPTH}", self.integrator));
+            return Sweep::Skipped(format!("{} has no {DEPTH}", self.integrator));
         }
         let table = document.get("integrator");
         let written = table.and_then(|table| table.get(DEPTH)?.as_integer());
@@ -173,14 +173,14 @@ impl Facts {
 
     fn filters(&self, document: &Table, registry: &Registry) -> Sweep {
         if self.textures.is_empty() {
-            return Sweep::LeftOut("no texture in use".to_owned());
+            return Sweep::Skipped("no texture in use".to_owned());
         }
         let mut found = Vec::new();
         for (key, value) in document {
             self.find(key.clone(), value, registry, &mut found);
         }
         if found.is_empty() {
-            return Sweep::LeftOut("no texture in use has a filter".to_owned());
+            return Sweep::Skipped("no texture in use has a filter".to_owned());
         }
         let values: BTreeSet<&String> = found.iter().flat_map(|texture| &texture.values).collect();
         let settings = values.into_iter().map(|value| {
@@ -264,7 +264,7 @@ mod tests {
                     .into_iter()
                     .flat_map(|setting| setting.overrides)
                     .collect(),
-                Sweep::LeftOut(why) => vec![why],
+                Sweep::Skipped(why) => vec![why],
             }
         };
         let all = |form: &dyn Fn(i64) -> String| DEPTHS.map(form).to_vec();

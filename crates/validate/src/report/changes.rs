@@ -185,7 +185,7 @@ fn changes(old: &CaseResult, new: &CaseResult) -> Vec<Change> {
         ("reference", version(old), version(new)),
         ("twin", old.twin.clone(), new.twin.clone()),
         ("size", size(old), size(new)),
-        ("skipped work", old.left_out.join("; "), new.left_out.join("; ")),
+        ("skipped work", old.omitted.join("; "), new.omitted.join("; ")),
         ("plugins", old.plugins.join(", "), new.plugins.join(", ")),
     ];
     for (what, before, after) in others.into_iter().filter(|(_, before, after)| before != after) {
@@ -254,7 +254,7 @@ mod tests {
                 "pixels unexplained",
                 Kind::Better,
             ),
-            (|cases| cases[1].left_out.clear(), "skipped work", Kind::Other),
+            (|cases| cases[1].omitted.clear(), "skipped work", Kind::Other),
             (|cases| cases[1].twin = "hosted".to_owned(), "twin", Kind::Other),
         ];
         for (alter, what, kind) in alter {

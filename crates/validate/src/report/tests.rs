@@ -112,7 +112,7 @@ fn case(scene: &str, twin: &str) -> CaseResult {
             work: "9216 camera rays, 1 per pixel".to_owned(),
         }],
         plugins: vec!["material/matte".to_owned(), "shape/sphere".to_owned()],
-        left_out: vec!["texture coordinates: no texture reads them".to_owned()],
+        omitted: vec!["texture coordinates: no texture reads them".to_owned()],
         command: format!("whitstone validate scenes/{scene}.toml"),
         pictures: pictures(96, 0.6, 1e-7),
         ..CaseResult::default()
@@ -230,7 +230,7 @@ fn hostile() -> CaseResult {
         limit_reason: Some(text.clone()),
         problems: vec![text.clone()],
         inexact: vec![text.clone()],
-        left_out: vec![text.clone()],
+        omitted: vec![text.clone()],
         plugins: vec![text.clone()],
         command: text.clone(),
         layers: vec![LayerResult {
@@ -267,7 +267,7 @@ pub(super) fn results(cases: Vec<CaseResult>, references: &str) -> Results {
             }),
         },
         results: cases,
-        left_out: Vec::new(),
+        skipped: Vec::new(),
         matrix: Vec::new(),
     }
 }

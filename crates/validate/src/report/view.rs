@@ -7,7 +7,7 @@ use super::number::{Number, short};
 use super::script::{drawing, plugins};
 use crate::matrix::{Row, Tally, rows};
 use crate::pixels::ERROR_VIEW;
-use crate::{CaseResult, LeftOut, Provenance, Results, Status, counted};
+use crate::{CaseResult, Provenance, Results, SkippedScene, Status, counted};
 use askama::Template;
 use std::collections::{BTreeMap, BTreeSet};
 use whitstone_metrics::Tolerance;
@@ -32,7 +32,7 @@ pub(super) struct Page<'a> {
     plugins: BTreeMap<&'a str, BTreeSet<&'a str>>,
     columns: &'static [Column],
     cases: Vec<CaseView<'a>>,
-    left_out: &'a [LeftOut],
+    skipped: &'a [SkippedScene],
     matrix: Vec<Row<'a>>,
     sections: Vec<Section<'a>>,
     changes: Option<&'a Changes>,
@@ -193,7 +193,7 @@ impl<'a> Page<'a> {
             plugins: plugins(&results.results),
             columns: &COLUMNS,
             cases,
-            left_out: &results.left_out,
+            skipped: &results.skipped,
             matrix: rows(&results.matrix),
             sections: sections(extras),
             changes: extras.changes.as_ref(),
@@ -309,7 +309,7 @@ fn tiles(results: &Results) -> Vec<Tile> {
         count("pixels explained", summary.explained, false),
         count("pixels unexplained", summary.unexplained, summary.unexplained > 0),
         count("values not finite", summary.nonfinite, summary.nonfinite > 0),
-        count("scenes skipped", summary.left_out, false),
+        count("scenes skipped", summary.skipped, false),
         Tile {
             label: "median interior error",
             value: Number::error(summary.median_rel_rmse_interior).or("no case has one"),

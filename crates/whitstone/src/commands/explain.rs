@@ -132,7 +132,7 @@ fn needs(pipeline: &Pipeline) -> Vec<&'static str> {
 }
 
 /// Maximum number of pairs of coincident surfaces that are printed.
-const MOST_COINCIDENT: usize = 20;
+const MAX_COINCIDENT: usize = 20;
 
 fn print_pipeline(pipeline: &Pipeline, names: &Names) {
     let row = |name: &str, text: &str| println!("{name:<14} {text}");
@@ -219,10 +219,10 @@ fn print_pipeline(pipeline: &Pipeline, names: &Names) {
     row("bytes", &format!("{} in total (reported items)", bytes(&costs)));
     row("built in", &format!("{:.6} s", pipeline.build_seconds));
     row("scene hash", &pipeline.scene_hash);
-    for pair in pipeline.coincident.iter().take(MOST_COINCIDENT) {
+    for pair in pipeline.coincident.iter().take(MAX_COINCIDENT) {
         row("coincident", &pair.to_string());
     }
-    let more = pipeline.coincident.len().saturating_sub(MOST_COINCIDENT);
+    let more = pipeline.coincident.len().saturating_sub(MAX_COINCIDENT);
     if more > 0 {
         row("coincident", &format!("{more} more pairs; --json lists all"));
     }
@@ -230,15 +230,15 @@ fn print_pipeline(pipeline: &Pipeline, names: &Names) {
         row("coincident", &format!("not examined: {why}"));
     }
     println!("omitted, because the scene does not need it");
-    for part in &pipeline.left_out {
+    for part in &pipeline.omitted {
         println!("  {}: {}", part.what, part.why);
     }
 }
 
 fn report(pipeline: &Pipeline, names: &Names, tree: Option<&PixelTree>, counted: Option<Counters>) -> Value {
     let size = pipeline.film.size;
-    let left_out = pipeline
-        .left_out
+    let omitted = pipeline
+        .omitted
         .iter()
         .map(|part| json!({ "what": part.what, "why": part.why }));
     let used = pipeline
@@ -283,7 +283,7 @@ fn report(pipeline: &Pipeline, names: &Names, tree: Option<&PixelTree>, counted:
             "reason": built.accelerator.1,
             "statistics": built.group.accelerator().statistics(),
         })).collect::<Vec<_>>(),
-        "copies": pipeline.scene.geometry.paths() - 1,
+        "instances": pipeline.scene.geometry.paths() - 1,
         "lights": names.lights,
         "materials": materials(pipeline),
         "reflections": reflections(pipeline),
@@ -291,7 +291,7 @@ fn report(pipeline: &Pipeline, names: &Names, tree: Option<&PixelTree>, counted:
         "bytes": { "meshes": bytes_of(&costs, "meshes"), "film": bytes_of(&costs, "film") },
         "build_s": pipeline.build_seconds,
         "scene_hash": pipeline.scene_hash,
-        "left_out": left_out.collect::<Vec<_>>(),
+        "omitted": omitted.collect::<Vec<_>>(),
         "coincident": pipeline.coincident.iter().map(|pair| json!({
             "shapes": pair.shapes,
             "form": pair.form,

@@ -221,7 +221,7 @@ impl PixelTree {
                 "path": node.path,
                 "shape": node.shape,
                 "primitive": node.primitive,
-                "copy": node.copy,
+                "instance": node.instance,
                 // Null for a miss: JSON has no infinity.
                 "t": node.t,
                 "position": node.position.to_array(),
@@ -337,7 +337,7 @@ fn print_node(pipeline: &Pipeline, node: &TreeNode, names: &Names) {
         );
         return;
     }
-    let instances = placed_by(pipeline, node.copy).into_iter().map(|place| {
+    let instances = placed_by(pipeline, node.instance).into_iter().map(|place| {
         let place = i64::from(place);
         format!(" in shape {place} ({})", names.shape(place))
     });

@@ -10,8 +10,8 @@ use whitstone_core::Registry;
 use whitstone_validate::driver::Versions;
 use whitstone_validate::matrix::{self, Row, Tally};
 use whitstone_validate::{
-    Ask, CaseResult, LeftOut, Mode, Options, OraclePolicy, Provenance, Renderer, Results, Status, Summary,
-    Validator, counted, find_scenes, quoted,
+    Ask, CaseResult, Mode, Options, OraclePolicy, Provenance, Renderer, Results, SkippedScene, Status,
+    Summary, Validator, counted, find_scenes, quoted,
 };
 
 const SCENES: &str = "scenes";
@@ -240,7 +240,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     // The clock also runs while the driver is busy.
     bar.enable_steady_tick(Duration::from_millis(200));
     let mut cases = Vec::new();
-    let mut left_out = Vec::new();
+    let mut skipped = Vec::new();
     let mut matrix = Vec::new();
     print_header();
     for path in &scenes {
@@ -248,13 +248,13 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         validator.on_stage(move |stage| stage_bar.set_message(format!("{name}: {stage}")));
         let mut case = validator.validate(path);
         if let Some(other_reference) = case.other_reference.take() {
-            let left = LeftOut {
+            let left = SkippedScene {
                 reason: case.problems.join("\n"),
                 scene: case.scene,
                 other_reference,
             };
-            bar.suspend(|| print_left_out(&left));
-            left_out.push(left);
+            bar.suspend(|| print_skipped(&left));
+            skipped.push(left);
         } else {
             bar.suspend(|| print_case(&case));
             let sweeps = arguments.matrix && !case.scene_error;
@@ -286,7 +286,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     };
     let results = Results {
         summary: Summary {
-            left_out: left_out.len(),
+            skipped: skipped.len(),
             matrix: Tally::of(&matrix),
             ..Summary::of(&cases, references, start.elapsed().as_secs_f64())
         },
@@ -300,7 +300,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
             povray,
         },
         results: cases,
-        left_out,
+        skipped,
         matrix,
     };
     let folder = arguments.scenes.target.join("validate");
@@ -375,7 +375,7 @@ fn junit_cases(results: &Results) -> Vec<Case> {
             (_, false) => Outcome::Error(format!("{}\n{}", case.verdict, case.problems.join("\n"))),
         },
     });
-    let left_out = results.left_out.iter().map(|left| Case {
+    let skipped = results.skipped.iter().map(|left| Case {
         name: left.scene.clone(),
         seconds: 0.0,
         outcome: Outcome::Skipped(left.reason.clone()),
@@ -391,7 +391,7 @@ fn junit_cases(results: &Results) -> Vec<Case> {
             matrix::Outcome::Skipped => Outcome::Skipped(cell.detail.clone()),
         },
     });
-    compared.chain(left_out).chain(own).collect()
+    compared.chain(skipped).chain(own).collect()
 }
 
 /// Prints the column headers of [`print_case`].
@@ -523,7 +523,7 @@ fn print_row(row: &Row<'_>) {
     }
 }
 
-fn print_left_out(left: &LeftOut) {
+fn print_skipped(left: &SkippedScene) {
     println!(
         "skipped   {:<30} {} has a stored reference of this scene; {}",
         left.scene,
@@ -540,7 +540,7 @@ fn print_summary(summary: &Summary, folder: &Path) {
         summary.confirmed,
         summary.failed,
         summary.undecided,
-        counted(summary.left_out, "scene"),
+        counted(summary.skipped, "scene"),
         counted(summary.explained, "pixel"),
         summary.unexplained,
         counted(summary.nonfinite, "value"),

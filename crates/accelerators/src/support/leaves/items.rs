@@ -158,7 +158,7 @@ impl<'a> Items<'a> {
             let (count, part) = match part {
                 LoweredShape::Triangles(mesh) => (mesh.triangles.len() as u32, Extent::of_mesh(mesh)),
                 _ => {
-                    let aabb = geometry.bounds(Element::Opaque { shape });
+                    let aabb = geometry.bounds(Element::Custom { shape });
                     (1, Extent::default().including(&aabb))
                 }
             };
@@ -225,7 +225,7 @@ impl<'a> Items<'a> {
                 shape: shape as u32,
                 triangle: number - self.starts[shape],
             },
-            _ => Element::Opaque { shape: shape as u32 },
+            _ => Element::Custom { shape: shape as u32 },
         }
     }
 

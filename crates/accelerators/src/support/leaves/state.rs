@@ -190,7 +190,7 @@ impl<'a, Q: Asked> State<'a, Q> {
     /// Keeps a hit if it is the nearest so far.
     #[inline(always)]
     fn offer(&mut self, hit: &PreliminaryIntersection) {
-        if self.best.is_none_or(|best| hit.beats(&best)) {
+        if self.best.is_none_or(|best| hit.is_nearer_than(&best)) {
             self.best = Some(*hit);
         }
     }

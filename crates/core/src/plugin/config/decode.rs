@@ -8,9 +8,9 @@ use std::borrow::Cow;
 use toml::de::{DeTable, DeValue};
 
 /// Maximum number of errors reported per table. Finding each one costs a copy of the table.
-const MOST_ERRORS: usize = 32;
+const MAX_ERRORS: usize = 32;
 
-/// Decodes a plugin's table into its `Config` and reports *all* its errors, up to `MOST_ERRORS`.
+/// Decodes a plugin's table into its `Config` and reports *all* its errors, up to `MAX_ERRORS`.
 ///
 /// Serde stops at the first error. To find the others, the faulty entry is removed and the rest is
 /// decoded again; that a removed key is then missing is not reported. A type that requires one of
@@ -37,7 +37,7 @@ pub fn decode<C: DeserializeOwned>(table: &Table<'_>) -> Result<C, SceneErrors> 
         }
         // An error of the table as a whole, such as a missing key, cannot be removed, so decoding
         // stops.
-        if path.is_empty() || errors.0.len() >= MOST_ERRORS {
+        if path.is_empty() || errors.0.len() >= MAX_ERRORS {
             return Err(errors);
         }
         // A nested table that lacks a removed key is removed as a whole.

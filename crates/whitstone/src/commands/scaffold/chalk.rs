@@ -88,7 +88,7 @@ impl Material for Chalk {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::LightLiSample;
+    use whitstone_core::IncidentLight;
     use whitstone_testkit::build;
 
     whitstone_testkit::material_laws!(
@@ -104,7 +104,7 @@ mod tests {
         let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
         let light = LightSamples {
             ambient: Rgb::BLACK,
-            lights: &[LightLiSample {
+            lights: &[IncidentLight {
                 direction: DVec3::new(0.6, 0.0, 0.8),
                 irradiance: Rgb::WHITE,
             }],
