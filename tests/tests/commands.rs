@@ -468,6 +468,27 @@ fn an_exposure_is_a_number() {
 }
 
 #[test]
+fn an_option_without_effect_is_an_error() {
+    let classic = "scenes/showcase/classic.toml";
+    for (arguments, named) in [
+        (vec!["render", classic, "--exposure", "1"], "--png"),
+        (vec!["explain", classic, "--max-rays", "3"], "--pixel"),
+        (
+            vec!["validate", classic, "--reference", "stored", "--fresh"],
+            "--fresh",
+        ),
+        (
+            vec!["validate", classic, "--no-oracle", "--oracle-time", "3"],
+            "--no-oracle",
+        ),
+    ] {
+        let output = run(&arguments);
+        assert_eq!(code(&output), Some(2), "{arguments:?}: {}", stderr(&output));
+        assert!(stderr(&output).contains(named), "{}", stderr(&output));
+    }
+}
+
+#[test]
 fn completions_and_help_for_every_command() {
     // In a debug build this also runs all checks that clap has for a command line.
     for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {

@@ -30,7 +30,7 @@ pub(super) struct PixelArguments {
     #[arg(long, value_name = "N", default_value_t = 0, requires = "pixel")]
     sample: u32,
     /// Maximum number of rays of the tree to print
-    #[arg(long, value_name = "N", default_value_t = 200)]
+    #[arg(long, value_name = "N", default_value_t = 200, requires = "pixel")]
     max_rays: usize,
     /// Whether to trace the pixel with Mitsuba too
     #[arg(long, value_enum, default_value_t = LiveReference::Auto, requires = "pixel")]

@@ -31,7 +31,7 @@ pub struct Arguments {
     png: bool,
     /// Exposure of the PNG preview, in stops; the scaled values are clamped to 1 and encoded as
     /// sRGB
-    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true, value_parser = super::finite)]
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true, requires = "png", value_parser = super::finite)]
     exposure: f64,
     /// Number of threads; 0 means one per core. The image does not depend on it
     #[arg(long, value_name = "COUNT", default_value_t = 0, value_parser = super::threads)]

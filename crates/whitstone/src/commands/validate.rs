@@ -58,7 +58,12 @@ pub struct Arguments {
     #[arg(long, conflicts_with = "oracle")]
     no_oracle: bool,
     /// Time limit of the oracle for one scene, in seconds
-    #[arg(long, default_value_t = 60, value_name = "SECONDS")]
+    #[arg(
+        long,
+        default_value_t = 60,
+        value_name = "SECONDS",
+        conflicts_with = "no_oracle"
+    )]
     oracle_time: u64,
     /// Treat confirmed as a failure: the reference itself must agree
     #[arg(long)]
@@ -190,6 +195,12 @@ impl Scenes {
 
     /// All scenes that the paths name.
     pub fn find(&self) -> Result<Vec<PathBuf>, Failure> {
+        if self.fresh && self.reference.parts().1 == Mode::Stored {
+            return Err(Failure::usage(format!(
+                "--fresh renders references again, but --reference {} renders none; leave one of them out",
+                self.reference.name()
+            )));
+        }
         let scenes = find_scenes(&self.paths).map_err(|error| {
             let hint = if self.paths == [PathBuf::from(SCENES)] {
                 "; name scene files, or run the command in the root of a Whitstone checkout"
