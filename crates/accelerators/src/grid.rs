@@ -18,8 +18,8 @@
 //!   such jump in scale (18,000 tests a ray become 46). Memory: `density` cells per element, and at
 //!   most 16 references per element on average; the cells are enlarged otherwise. Build: O(n), the
 //!   fastest of all.
-//! - If the origin is so far away that the widened ray is half a cell wide (10^11 cells), the ray
-//!   visits every cell.
+//! - If the origin is so far away that the widened ray is half a cell wide (10^11 cell widths), the
+//!   ray visits every cell.
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/grid.toml`.

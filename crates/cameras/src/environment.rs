@@ -4,7 +4,7 @@
 //! *Texture and reflection in computer generated images*, 1976). Near the poles, a pixel covers a
 //! smaller solid angle.
 //!
-//! - Twin: Mitsuba a formula of the Mitsuba driver of the model.
+//! - Twin: a formula of the Mitsuba driver.
 //! - Example: `scenes/cameras/environment.toml`.
 
 use crate::support::view::{self, Frame, LookAt};

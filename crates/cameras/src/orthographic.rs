@@ -3,7 +3,7 @@
 //! The window (l, r, b, t) and the near limit are those of the lecture notes; the window has no
 //! distance.
 //!
-//! - Twin: Mitsuba `orthographic` (native).
+//! - Twin: Mitsuba `orthographic` (native); a formula for near limits.
 //! - Example: `scenes/cameras/orthographic.toml`.
 
 use crate::support::view::{self, Frame, LookAt};
@@ -105,8 +105,8 @@ impl Camera for Orthographic {
             up,
             backwards,
         } = self.frame;
-        let corner = origin + a * right + c * up;
-        Ray::new(corner - self.near * backwards, -backwards)
+        let on_plane = origin + a * right + c * up;
+        Ray::new(on_plane - self.near * backwards, -backwards)
     }
 
     fn near(&self, _: DVec2) -> f64 {

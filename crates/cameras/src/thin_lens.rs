@@ -60,9 +60,9 @@ pub struct ThinLens {
     pinhole: Pinhole,
     /// Vectors from the lens centre to its points, in metres.
     lens: Vec<DVec3>,
-    /// Window distance divided by focus distance: the factor that projects a lens offset onto the
-    /// window, seen from the plane of focus.
-    shrink: f64,
+    /// Window distance divided by focus distance: it scales the lens offset and the point in focus
+    /// to the window.
+    window_per_focus: f64,
 }
 
 impl Plugin<Cameras> for ThinLens {
@@ -86,8 +86,9 @@ impl Plugin<Cameras> for ThinLens {
         let lens: Vec<DVec3> = (0..n * n)
             .map(|index| on_lens(concentric(cell(index % n, n), cell(index / n, n))))
             .collect();
-        let shrink = pinhole.distance / config.focus_distance.get_ref().get();
-        let finite = |point: &DVec3| (frame.origin + *point).is_finite() && (shrink * *point).is_finite();
+        let window_per_focus = pinhole.distance / config.focus_distance.get_ref().get();
+        let finite =
+            |point: &DVec3| (frame.origin + *point).is_finite() && (window_per_focus * *point).is_finite();
         if !lens.iter().all(finite) {
             let message = "the lens is too large for double precision at this distance";
             errors
@@ -98,7 +99,7 @@ impl Plugin<Cameras> for ThinLens {
             frame,
             pinhole,
             lens,
-            shrink,
+            window_per_focus,
         }))
     }
 }
@@ -140,7 +141,7 @@ impl Camera for ThinLens {
         let through = self.pinhole.through(&self.frame, raster);
         Ray::new(
             self.frame.origin + point,
-            normalize(through - self.shrink * point),
+            normalize(through - self.window_per_focus * point),
         )
     }
 

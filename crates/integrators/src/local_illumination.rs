@@ -18,9 +18,9 @@ pub(crate) fn local_illumination(
     medium: MediumState,
     scratch: &mut Scratch,
 ) -> Rgb {
-    let (material, lobes) = (&scene.materials[shape as usize], scene.flags_of(shape));
+    let (material, flags) = (&scene.materials[shape as usize], scene.flags_of(shape));
     let mut sum = Rgb::BLACK;
-    if lobes.contains(BsdfFlags::LOCAL) {
+    if flags.contains(BsdfFlags::LOCAL) {
         scene.gather_lights(point, view, skip, shadows, medium, scratch);
         let light = LightSamples {
             ambient: scene.ambient,
@@ -28,7 +28,7 @@ pub(crate) fn local_illumination(
         };
         sum = material.local_illumination(point, view, &light);
     }
-    if lobes.contains(BsdfFlags::EMISSION) {
+    if flags.contains(BsdfFlags::EMISSION) {
         sum += material.emission(point, view);
     }
     sum

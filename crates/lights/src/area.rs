@@ -36,7 +36,7 @@ const MESH_SAMPLES: u32 = 1;
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Shape of the light, in the size of the shape of that type: "rectangle" and "disk" emit along
+    /// Shape of the light, of the size that a shape of that type has by default: "rectangle" and "disk" emit along
     /// +z, "sphere" emits outwards; "mesh" is the triangles of `file`, which emit along the normals
     /// given by their winding.
     #[serde(default = "rectangle")]
@@ -90,7 +90,7 @@ enum Surface {
 const OFF_SURFACE: f64 = 32.0 * f64::EPSILON;
 
 /// A point of the surface, offset by [`OFF_SURFACE`].
-struct Spot {
+struct LightPoint {
     position: DVec3,
     /// Unit normal.
     normal: DVec3,
@@ -98,7 +98,7 @@ struct Spot {
     area: f64,
 }
 
-impl Spot {
+impl LightPoint {
     /// The same point, moved by `by` metres along the normal.
     fn moved(self, by: f64) -> Self {
         Self {
@@ -110,7 +110,7 @@ impl Spot {
 
 /// The `area` light; see the module documentation.
 pub struct Area {
-    spots: Vec<Spot>,
+    points: Vec<LightPoint>,
     /// For each point, the intensity along its normal: radiance times its share of the area.
     intensities: Vec<Rgb>,
 }
@@ -122,7 +122,7 @@ impl Plugin<Lights> for Area {
     fn build(config: Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Light>, SceneErrors> {
         let transform = config.transform.get_ref().get();
         let is_mesh = *config.shape.get_ref() == Surface::Mesh;
-        let (spots, place) = match (is_mesh, &config.file) {
+        let (points, place) = match (is_mesh, &config.file) {
             (true, Some(file)) => (mesh(&config, file, &transform, context)?, file.span.clone()),
             (false, None) => (grid(&config, &transform)?, config.transform.span()),
             (true, None) => {
@@ -135,19 +135,19 @@ impl Plugin<Lights> for Area {
             }
         };
         let radiance = config.radiance.get();
-        let intensities: Vec<Rgb> = spots.iter().map(|spot| radiance * spot.area).collect();
+        let intensities: Vec<Rgb> = points.iter().map(|point| radiance * point.area).collect();
         if !intensities
             .iter()
             .all(|intensity| intensity.max_component().is_finite())
         {
             return Err(SceneError::at(place, "the surface is too large for double precision").into());
         }
-        Ok(Arc::new(Self { spots, intensities }))
+        Ok(Arc::new(Self { points, intensities }))
     }
 }
 
 /// The points of a rectangle, a disk or a sphere.
-fn grid(config: &Config, transform: &Transform) -> Result<Vec<Spot>, SceneErrors> {
+fn grid(config: &Config, transform: &Transform) -> Result<Vec<LightPoint>, SceneErrors> {
     let surface = *config.shape.get_ref();
     let n = config
         .samples
@@ -162,7 +162,7 @@ fn grid(config: &Config, transform: &Transform) -> Result<Vec<Spot>, SceneErrors
     let share = area / f64::from(n * n);
     let off = OFF_SURFACE * size(transform);
     Ok(cells
-        .map(|(u, v)| spot(surface, transform, u, v, share).moved(off))
+        .map(|(u, v)| light_point(surface, transform, u, v, share).moved(off))
         .collect())
 }
 
@@ -179,7 +179,7 @@ fn mesh(
     file: &FilePath,
     transform: &Transform,
     context: &mut dyn Context,
-) -> Result<Vec<Spot>, SceneErrors> {
+) -> Result<Vec<LightPoint>, SceneErrors> {
     let mesh = context.triangles(file, transform)?;
     let n = config
         .samples
@@ -201,21 +201,21 @@ fn mesh(
         .iter()
         .map(|p| p.abs().max_element())
         .fold(0.0, f64::max);
-    let spots: Vec<Spot> = (0..mesh.triangles.len() as u32)
+    let points: Vec<LightPoint> = (0..mesh.triangles.len() as u32)
         .filter_map(|triangle| centroids(&mesh, triangle, n))
         .flatten()
-        .map(|spot| spot.moved(OFF_SURFACE * size))
+        .map(|point| point.moved(OFF_SURFACE * size))
         .collect();
-    if spots.is_empty() {
+    if points.is_empty() {
         let message = format!("{}: all triangles have zero area", file.path);
         return Err(SceneError::at(file.span.clone(), message).into());
     }
-    Ok(spots)
+    Ok(points)
 }
 
 /// The centroids of the n² equal parts of a triangle, upright parts first; `None` if it has no
 /// area.
-fn centroids(mesh: &TriangleMesh, triangle: u32, n: u32) -> Option<impl Iterator<Item = Spot>> {
+fn centroids(mesh: &TriangleMesh, triangle: u32, n: u32) -> Option<impl Iterator<Item = LightPoint>> {
     let [a, b, c] = mesh.corners(triangle);
     let (b, c) = (b - a, c - a);
     let across = b.cross(c);
@@ -226,7 +226,7 @@ fn centroids(mesh: &TriangleMesh, triangle: u32, n: u32) -> Option<impl Iterator
         let row = move |j: u32| (0..rows - j).map(move |i| (3 * i + third, 3 * j + third));
         (0..rows).flat_map(row)
     });
-    Some(parts.map(move |(i, j)| Spot {
+    Some(parts.map(move |(i, j)| LightPoint {
         position: a + b * (f64::from(i) / f64::from(3 * n)) + c * (f64::from(j) / f64::from(3 * n)),
         normal,
         area,
@@ -250,7 +250,7 @@ fn area(surface: Surface, transform: &Transform) -> Option<f64> {
 }
 
 /// Maps (u, v) of the unit square to a point on the surface; the mapping preserves relative areas.
-fn spot(surface: Surface, transform: &Transform, u: f64, v: f64, area: f64) -> Spot {
+fn light_point(surface: Surface, transform: &Transform, u: f64, v: f64, area: f64) -> LightPoint {
     let (sin, cos) = (TAU * u).sin_cos();
     let (point, normal) = match surface {
         Surface::Rectangle | Surface::Mesh => (DVec3::new(2.0 * u - 1.0, 2.0 * v - 1.0, 0.0), DVec3::Z),
@@ -265,7 +265,7 @@ fn spot(surface: Surface, transform: &Transform, u: f64, v: f64, area: f64) -> S
             (point, point)
         }
     };
-    Spot {
+    LightPoint {
         position: transform.point_to_world(point),
         normal: transform.normal_to_world(normal),
         area,
@@ -285,7 +285,7 @@ impl Light for Area {
     }
 
     fn samples(&self, point: DVec3, out: &mut Vec<LightSample>) {
-        for (Spot { position, normal, .. }, intensity) in self.spots.iter().zip(&self.intensities) {
+        for (LightPoint { position, normal, .. }, intensity) in self.points.iter().zip(&self.intensities) {
             let sample = emission::sample(*position, point, *intensity, Falloff::InverseSquare);
             out.extend(sample.map(|sample| LightSample {
                 irradiance: sample.irradiance * facing(*normal, sample.direction),
@@ -295,7 +295,7 @@ impl Light for Area {
     }
 
     fn samples_stream(&self, len: usize, points: &Vectors, out: &mut SampleStreams) {
-        for (Spot { position, normal, .. }, intensity) in self.spots.iter().zip(&self.intensities) {
+        for (LightPoint { position, normal, .. }, intensity) in self.points.iter().zip(&self.intensities) {
             let place = out.len();
             emission::sample_stream(*position, len, points, *intensity, Falloff::InverseSquare, out);
             let stream = out.stream(place);
@@ -313,14 +313,14 @@ impl Light for Area {
     /// Whether any point emits towards the bounding sphere of the box.
     fn affects_bounds(&self, bounds: &Aabb) -> bool {
         let (center, radius) = emission::ball_around(bounds);
-        let before = |spot: &Spot| {
-            let out = center - spot.position;
+        let faces_bounds = |point: &LightPoint| {
+            let out = center - point.position;
             // True also if a distance is NaN.
-            let behind = spot.normal.dot(out) + radius < -1e-9 * (out.length() + radius);
+            let behind = point.normal.dot(out) + radius < -1e-9 * (out.length() + radius);
             !behind
         };
         let shines = self.intensities.iter().any(|intensity| !intensity.is_black());
-        shines && self.spots.iter().any(before)
+        shines && self.points.iter().any(faces_bounds)
     }
 }
 
@@ -454,7 +454,7 @@ mod tests {
             .unwrap();
         let places: Vec<[f64; 2]> = centroids(&one, 0, 3)
             .unwrap()
-            .map(|spot| [9.0 * spot.position.x, 9.0 * spot.position.y].map(f64::round))
+            .map(|point| [9.0 * point.position.x, 9.0 * point.position.y].map(f64::round))
             .collect();
         let (upright, turned) = (
             [[1, 1], [4, 1], [7, 1], [1, 4], [4, 4], [1, 7]],

@@ -1,6 +1,6 @@
 //! A point light that emits equally in all directions.
 //!
-//! - Twin: Mitsuba `point` (native); a formula for `falloff = "none"`.
+//! - Twin: Mitsuba `point` (native); hosted for `falloff = "none"`.
 //! - Example: `scenes/lights/point.toml`.
 
 use crate::support::emission::{self, Falloff};

@@ -3,7 +3,7 @@
 //! Blinn 1977, *Models of light reflection for computer synthesized pictures*, as in the lecture
 //! notes: no 1/pi, and the highlight is not multiplied by n·l.
 //!
-//! - Twin: a formula of the Mitsuba driver; POV-Ray `specular` (native).
+//! - Twin: hosted by the Mitsuba driver as a Python BSDF; POV-Ray `specular` (native).
 //! - Example: `scenes/materials/blinn_phong.toml`.
 
 use crate::support::gloss::{Gloss, Highlight};

@@ -10,8 +10,7 @@
 //! points for which we do shading calculations". With `vector_map`, these vectors are the colours
 //! of an image, a voxel grid or any other texture.
 //!
-//! - Twin: a formula of the Mitsuba driver, which rotates the shading frame that Mitsuba's
-//!   materials see.
+//! - Twin: hosted by the Mitsuba driver, which rotates the shading frame that Mitsuba's BSDFs see.
 //! - Example: `scenes/materials/bump.toml`.
 
 use crate::support::detail::{Detail, Detailed, Frame, coded};
@@ -32,8 +31,8 @@ const DEFAULT_STEP: f64 = 1e-3;
 ///
 /// Only the shading changes: silhouettes and shadows are those of the smooth surface. The showcase
 /// scenes `bump_sphere` and `displacement` have the same relief, as bumps and as triangles. Their
-/// shading differs by 11% of the mean in the middle of the ball, and by 29% without bumps; 156
-/// pixels at the silhouette and 77 in the shadow are wrong.
+/// shading differs by 11% of the mean in the middle of the ball; a smooth ball differs from the
+/// displaced one by 29%. With bumps, 156 pixels at the silhouette and 77 in the shadow are wrong.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {

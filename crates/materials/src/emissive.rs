@@ -4,7 +4,7 @@
 //! visible to the camera and in reflections and refractions, but illuminates no other surface. Use
 //! a light for that.
 //!
-//! - Twin: a formula of the Mitsuba driver, from the texture.
+//! - Twin: hosted by the Mitsuba driver, which adds the texture's value.
 //! - Example: `scenes/materials/emissive.toml`.
 
 use schemars::JsonSchema;

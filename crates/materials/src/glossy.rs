@@ -4,12 +4,12 @@
 //! section 4.1, "Gloss". The lobe is Phong's `cos^exponent` around the mirror direction. It is
 //! divided into parts of equal weight (Lafortune and Willems, *Using the modified Phong reflectance
 //! model for physically based rendering*, 1994, for the weight inside a cone; Shirley and Chiu, *A
-//! low discrepancy map between disk and square*, 1997, for the square). One ray is traced through
+//! low distortion map between disk and square*, 1997, for the square). One ray is traced through
 //! the middle of each part, with the same pattern everywhere. With few samples this shows several
 //! weaker mirror images instead of noise.
 //!
-//! - Twin: a formula of the Mitsuba driver, which samples the lobe around the direction of
-//!   Mitsuba's mirror.
+//! - Twin: hosted by the Mitsuba driver, which samples the lobe around the direction of Mitsuba's
+//!   mirror.
 //! - Example: `scenes/materials/glossy.toml`.
 
 use crate::support::optics::reflect;

@@ -4,7 +4,7 @@
 //! ray tree. An opacity threshold would be cheaper, but would depend on the rounding of the
 //! texture. The model has no random choice.
 //!
-//! - Twin: a formula of the Mitsuba driver, which weights the result of Mitsuba for the material.
+//! - Twin: hosted by the Mitsuba driver, which weights the result of Mitsuba for the material.
 //! - Example: `scenes/materials/mask.toml`.
 
 use crate::support::reflectance::share;

@@ -1,10 +1,11 @@
 //! A linear blend of two materials.
 //!
-//! All their terms are blended: local illumination, branches and shadow transmittance. Branches of
-//! the same kind are merged, and combinations that would need two directions are rejected, so that
-//! the ray tree has at most two branches at each surface, as in Whitted 1980.
+//! All their terms are blended: emission, local illumination, specular rays and shadow
+//! transmittance. Specular rays of the same kind are merged, and combinations that would need two
+//! directions are rejected, so that the ray tree has at most two branches at each surface, as in
+//! Whitted 1980.
 //!
-//! - Twin: a formula of the Mitsuba driver, which weights the results of Mitsuba for both.
+//! - Twin: hosted by the Mitsuba driver, which weights the results of Mitsuba for both.
 //! - Example: `scenes/materials/mix.toml`.
 
 use crate::support::reflectance::share;
@@ -75,7 +76,9 @@ fn one_direction(a: &dyn Material, b: &dyn Material) -> Result<(), &'static str>
     }
     let reflect = a.intersects(BsdfFlags::REFLECTION) && b.intersects(BsdfFlags::REFLECTION);
     if reflect && either.contains(BsdfFlags::NORMAL_MAPPED) {
-        return Err("both materials reflect, by different normals: a ray would continue in two directions");
+        return Err(
+            "both materials reflect, and one of them has a normal map or bumps: a ray would continue in two directions",
+        );
     }
     if reflect && spread {
         return Err(

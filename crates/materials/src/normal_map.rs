@@ -4,8 +4,7 @@
 //! encoded as colours). The scene defines the tangent frame by a world-space direction or by an
 //! axis of rotation, so that it is exact for every shape.
 //!
-//! - Twin: a formula of the Mitsuba driver, which rotates the shading frame that Mitsuba's
-//!   materials see.
+//! - Twin: hosted by the Mitsuba driver, which rotates the shading frame that Mitsuba's BSDFs see.
 //! - Example: `scenes/materials/normal_map.toml`.
 
 use crate::support::detail::{Detail, Detailed, Frame};

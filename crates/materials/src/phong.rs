@@ -3,8 +3,8 @@
 //! Phong 1975, *Illumination for computer generated pictures*, as in the lecture notes: no 1/pi,
 //! and the highlight is not multiplied by n·l.
 //!
-//! - Twin: a formula of the Mitsuba driver (Mitsuba's own `phong` is normalised); POV-Ray
-//!   `phong` (native).
+//! - Twin: hosted by the Mitsuba driver as a Python BSDF (Mitsuba's own `phong` is normalised);
+//!   POV-Ray `phong` (native).
 //! - Example: `scenes/materials/phong.toml`.
 
 use crate::support::gloss::{Gloss, Highlight};

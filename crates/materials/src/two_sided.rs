@@ -2,7 +2,7 @@
 //!
 //! The geometric normal determines the visible side, as for the media of transparent bodies.
 //!
-//! - Twin: a formula of the Mitsuba driver, which evaluates both in Mitsuba.
+//! - Twin: hosted by the Mitsuba driver, which evaluates both in Mitsuba.
 //! - Example: `scenes/materials/two_sided.toml`.
 
 use schemars::JsonSchema;

@@ -5,7 +5,8 @@
 //! depend on the angle, except that total internal reflection moves `k_refr` to the reflected ray.
 //! Transmitted radiance is not scaled by the squared relative index.
 //!
-//! - Twin: a formula of the Mitsuba driver; POV-Ray `phong`, `reflection` and a filter (native).
+//! - Twin: hosted by the Mitsuba driver as a Python BSDF; POV-Ray `phong`, `reflection` and a
+//!   filter (native).
 //! - Example: `scenes/materials/whitted.toml`.
 
 use crate::support::body::Body;

@@ -15,7 +15,7 @@ use whitstone_scene::{Checked, Description, FilmTable, Omitted, Plan, Sources};
 
 /// A scene that is built and ready to render.
 pub struct Pipeline {
-    /// Image and layers.
+    /// The size of the image, and its AOVs.
     pub film: FilmTable,
     /// The camera.
     pub camera: Box<dyn Camera>,
@@ -42,7 +42,7 @@ pub struct Pipeline {
     pub omitted: Vec<Omitted>,
     /// The pairs of shapes with coincident surfaces, by their numbers in the scene.
     pub coincident: Vec<Coincidence>,
-    /// Why coincident surfaces were not searched, in the scene or in a group, if so.
+    /// Reasons why the search for coincident surfaces was skipped, one for the scene or each group.
     pub coincident_unknown: Vec<String>,
     /// Warnings.
     pub warnings: Vec<SceneError>,

@@ -8,7 +8,7 @@ use whitstone_core::SceneErrors;
 /// them.
 #[derive(Debug)]
 pub struct Checked<T> {
-    /// The result; `None` if a required part is missing, which `errors` then report.
+    /// The result; `None` if the errors leave none.
     pub value: Option<T>,
     /// The errors of this step.
     pub errors: SceneErrors,

@@ -214,7 +214,7 @@ mod tests {
     fn cube() -> Box<dyn Shape> {
         match build::<Shapes, Cuboid>("", Transform::IDENTITY).unwrap() {
             LoweredShape::Custom(cube) => cube,
-            _ => unreachable!("a box is opaque"),
+            _ => unreachable!("a box is a custom shape"),
         }
     }
 

@@ -105,7 +105,7 @@ mod tests {
     fn cone(text: &str) -> Box<dyn Shape> {
         match build::<Shapes, Cone>(text, Transform::IDENTITY).unwrap() {
             LoweredShape::Custom(primitive) => primitive,
-            _ => unreachable!("a cone is opaque"),
+            _ => unreachable!("a cone is a custom shape"),
         }
     }
 

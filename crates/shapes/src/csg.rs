@@ -418,7 +418,7 @@ mod tests {
     fn solid_of(operation: &str, names: &[&str]) -> Box<dyn Shape> {
         match build(operation, names, Transform::IDENTITY, &mut operands()) {
             LoweredShape::Custom(primitive) => primitive,
-            _ => unreachable!("csg is opaque"),
+            _ => unreachable!("csg is a custom shape"),
         }
     }
 
@@ -483,7 +483,7 @@ mod tests {
             let LoweredShape::Custom(whole) =
                 build(operation, &names, Transform::IDENTITY, &mut context.clone())
             else {
-                unreachable!("csg is opaque")
+                unreachable!("csg is a custom shape")
             };
             for _ in 0..5_000 {
                 let ray = Ray::new(2.0 * random.cube(), random.direction());
@@ -559,7 +559,7 @@ mod tests {
             Transform::IDENTITY,
             &mut context,
         ) else {
-            unreachable!("csg is opaque")
+            unreachable!("csg is a custom shape")
         };
         let seen = (0..2_000).filter(|_| {
             let target = random.cube();
@@ -582,7 +582,7 @@ mod tests {
                     Transform::IDENTITY,
                     &mut context,
                 ) else {
-                    unreachable!("csg is opaque")
+                    unreachable!("csg is a custom shape")
                 };
                 for _ in 0..500 {
                     let target = 0.9 * random.direction();
@@ -611,7 +611,7 @@ mod tests {
             Transform::IDENTITY,
             &mut context,
         ) else {
-            unreachable!("csg is opaque")
+            unreachable!("csg is a custom shape")
         };
         assert_eq!(context.warnings.len(), 1);
         assert!(nothing.bounds().is_finite() && !nothing.bounds().is_empty());

@@ -76,7 +76,7 @@ mod tests {
     fn cylinder(text: &str) -> Box<dyn Shape> {
         match build::<Shapes, Cylinder>(text, Transform::IDENTITY).unwrap() {
             LoweredShape::Custom(primitive) => primitive,
-            _ => unreachable!("a cylinder is opaque"),
+            _ => unreachable!("a cylinder is a custom shape"),
         }
     }
 

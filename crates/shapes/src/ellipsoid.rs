@@ -109,7 +109,7 @@ mod tests {
     fn ellipsoid(text: &str) -> Box<dyn Shape> {
         match build::<Shapes, Ellipsoid>(text, Transform::IDENTITY).unwrap() {
             LoweredShape::Custom(primitive) => primitive,
-            _ => unreachable!("an ellipsoid is opaque"),
+            _ => unreachable!("an ellipsoid is a custom shape"),
         }
     }
 

@@ -11,7 +11,7 @@
 //! - Twin: POV-Ray `isosurface` with the iterates as nested functions.
 //! - Example: `scenes/shapes/fractal.toml`.
 
-use crate::support::crossings::{Along, Known, crossings};
+use crate::support::crossings::{Along, RootCount, crossings};
 use crate::support::level::{Level, ROOM, Sample, Segment};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -358,13 +358,13 @@ impl Along for Line<'_> {
         (value, slope)
     }
 
-    fn over(&self, lo: f64, hi: f64) -> Known {
+    fn over(&self, lo: f64, hi: f64) -> RootCount {
         let p = self.segment.at(0.5 * (lo + hi));
         let radius = 0.5 * (hi - lo) * self.length + f64::EPSILON * ESCAPE;
         match self.shape.fate(p, radius, self.segment.direction) {
-            Fate::Escapes | Fate::Stays => Known::Apart,
-            Fate::Open(true) => Known::OnceAtMost,
-            Fate::Open(false) => Known::Nothing,
+            Fate::Escapes | Fate::Stays => RootCount::Zero,
+            Fate::Open(true) => RootCount::AtMostOne,
+            Fate::Open(false) => RootCount::Unknown,
         }
     }
 }

@@ -89,7 +89,7 @@ mod tests {
     fn a_line_beside_the_waist_is_inside_twice() {
         let LoweredShape::Custom(shape) = build::<Shapes, Hyperboloid>("", Transform::IDENTITY).unwrap()
         else {
-            unreachable!("a hyperboloid is opaque")
+            unreachable!("a hyperboloid is a custom shape")
         };
         let ray = Ray::new(DVec3::new(0.8, 0.0, 3.0), DVec3::NEG_Z);
         let mut spans = Spans::new();

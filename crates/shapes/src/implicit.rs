@@ -1,7 +1,7 @@
 //! An implicit surface: the zero level set of a function that is negative inside.
 //!
-//! A tree of operations builds the function from distance functions and metaballs. Distances and
-//! the smooth union: Hart, *Sphere tracing: a geometric method for the antialiased ray tracing of
+//! A tree of operations builds the function from distance functions and metaballs. Distances:
+//! Hart, *Sphere tracing: a geometric method for the antialiased ray tracing of
 //! implicit surfaces*, The Visual Computer 12(10), 1996. Interval bounds of values and slopes
 //! isolate the roots (Mitchell 1990, see `support/crossings.rs`). A Lipschitz bound on the function
 //! is derived from the tree or asserted by the scene. With it, one evaluation skips a range far
@@ -12,9 +12,9 @@
 
 mod tree;
 
-use crate::support::crossings::{Along, Known, crossings};
+use crate::support::crossings::{Along, RootCount, crossings};
 use crate::support::enclosure::{Dual, Enclosure};
-use crate::support::level::{Level, ROOM, Sample, Segment};
+use crate::support::level::{BOX_MARGIN, Level, Sample, Segment};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::ops::ControlFlow;
@@ -104,10 +104,12 @@ impl Plugin<Shapes> for Implicit {
             transform,
             config.lipschitz.as_ref().map(|l| l.get_ref().get()),
         );
-        if let Some(promised) = &config.lipschitz {
-            shape.try_promise(promised.get_ref().get()).map_err(|message| {
-                SceneError::at(promised.span(), message).with_help("remove it: a bound is then derived")
-            })?;
+        if let Some(asserted) = &config.lipschitz {
+            shape
+                .check_lipschitz(asserted.get_ref().get())
+                .map_err(|message| {
+                    SceneError::at(asserted.span(), message).with_help("remove it: a bound is then derived")
+                })?;
         }
         Ok(LoweredShape::Custom(Box::new(shape)))
     }
@@ -130,14 +132,14 @@ fn derived_bounds(field: &Field) -> Result<(DVec3, DVec3), SceneError> {
                 .with_help("limit the region: bounds = { min = [..], max = [..] }"),
         );
     }
-    let room = ROOM * (max - min).max_element();
-    Ok((min - room, max + room))
+    let margin = BOX_MARGIN * (max - min).max_element();
+    Ok((min - margin, max + margin))
 }
 
 impl Implicit {
-    fn new(field: Field, min: DVec3, max: DVec3, transform: Transform, promised: Option<f64>) -> Self {
+    fn new(field: Field, min: DVec3, max: DVec3, transform: Transform, asserted: Option<f64>) -> Self {
         let region = [0, 1, 2].map(|k| Enclosure::new(min[k], max[k]));
-        let steepest = promised.unwrap_or_else(|| field.steepest(region));
+        let steepest = asserted.unwrap_or_else(|| field.steepest(region));
         let size = (max - min).length() + min.abs().max(max.abs()).max_element();
         Self {
             level: Level::new(transform, min, max),
@@ -148,7 +150,7 @@ impl Implicit {
     }
 
     /// Rejects an asserted Lipschitz bound if the gradient exceeds it at a sample point.
-    fn try_promise(&self, promised: f64) -> Result<(), String> {
+    fn check_lipschitz(&self, asserted: f64) -> Result<(), String> {
         // Steps of the additive recurrence R3 (Roberts, 2018), a low-discrepancy sequence.
         const STEP: [f64; 3] = [
             0.819_172_513_396_164_5,
@@ -160,13 +162,13 @@ impl Implicit {
             let unit = DVec3::from_array(STEP).map(|step| (0.5 + step * f64::from(i)).fract());
             let p = min + unit * (max - min);
             let found = self.sample(p).gradient.length();
-            if found > promised * (1.0 + 1e-9) {
+            if found > asserted * (1.0 + 1e-9) {
                 return Err(format!(
-                    "the field changes by {found:.6} per metre at [{:.6}, {:.6}, {:.6}], {:.4} times as fast as promised",
+                    "the field changes by {found:.6} per metre at [{:.6}, {:.6}, {:.6}], {:.4} times as fast as `lipschitz` states",
                     p.x,
                     p.y,
                     p.z,
-                    found / promised
+                    found / asserted
                 ));
             }
         }
@@ -248,7 +250,7 @@ impl Along for Line<'_> {
         (found.value, found.slopes[0])
     }
 
-    fn over(&self, lo: f64, hi: f64) -> Known {
+    fn over(&self, lo: f64, hi: f64) -> RootCount {
         let Implicit {
             field,
             steepest,
@@ -258,7 +260,7 @@ impl Along for Line<'_> {
         // By the Lipschitz bound, the field cannot reach 0 in this range.
         let value = field.eval(self.segment.at(0.5 * (lo + hi)).to_array());
         if value.abs() > 0.5 * (hi - lo) * self.length * steepest + small {
-            return Known::Apart;
+            return RootCount::Zero;
         }
         let axis = |k: usize| {
             // The ends are rounded as in `Segment::at`. Rounding is monotonic, so every point of
@@ -274,11 +276,11 @@ impl Along for Line<'_> {
         };
         let found = field.eval([axis(0), axis(1), axis(2)]);
         if !found.value.has_zero() {
-            Known::Apart
+            RootCount::Zero
         } else if !found.slopes[0].has_zero() || found.value.reach() < *small {
-            Known::OnceAtMost
+            RootCount::AtMostOne
         } else {
-            Known::Nothing
+            RootCount::Unknown
         }
     }
 }
@@ -291,10 +293,10 @@ impl Shape for Implicit {
     fn intersect(&self, ray: &Ray, interval: Interval, origin_primitive: Option<u32>) -> Option<ShapeHit> {
         let ray = self.level.ray(ray);
         let segment = self.level.clip(&ray)?;
-        let origin_primitive = origin_primitive.map(|_| self.sample(ray.origin).gradient.dot(ray.direction));
+        let slope_at_origin = origin_primitive.map(|_| self.sample(ray.origin).gradient.dot(ray.direction));
         let line = self.along(&segment);
         self.level
-            .intersect(&ray, &segment, &line, origin_primitive, interval)
+            .intersect(&ray, &segment, &line, slope_at_origin, interval)
     }
 
     fn surface(&self, ray: &Ray, hit: &PreliminaryIntersection, _: SurfaceAttributes) -> SurfaceInteraction {
@@ -456,16 +458,16 @@ mod tests {
             fn at(&self, s: f64) -> (f64, f64) {
                 self.0.at(s)
             }
-            fn over(&self, lo: f64, hi: f64) -> Known {
+            fn over(&self, lo: f64, hi: f64) -> RootCount {
                 let Line { shape, segment, .. } = &self.0;
                 let (a, b) = (segment.at(lo), segment.at(hi));
                 let found = shape
                     .field
                     .eval([0, 1, 2].map(|k| Enclosure::new(a[k].min(b[k]), a[k].max(b[k]))));
                 if found.has_zero() {
-                    Known::Nothing
+                    RootCount::Unknown
                 } else {
-                    Known::Apart
+                    RootCount::Zero
                 }
             }
         }

@@ -455,7 +455,7 @@ mod tests {
     fn iso(text: &str) -> Box<dyn Shape> {
         match build::<Shapes, Isosurface>(text, Transform::IDENTITY).unwrap() {
             LoweredShape::Custom(shape) => shape,
-            _ => unreachable!("an isosurface is opaque"),
+            _ => unreachable!("an isosurface is a custom shape"),
         }
     }
 

@@ -103,7 +103,7 @@ mod tests {
     fn a_ray_along_the_axis_meets_it_once() {
         let LoweredShape::Custom(shape) = build::<Shapes, Paraboloid>("", Transform::IDENTITY).unwrap()
         else {
-            unreachable!("a paraboloid is opaque")
+            unreachable!("a paraboloid is a custom shape")
         };
         for x in [0.0, 0.5, -0.5] {
             let up = Ray::new(DVec3::new(x, 0.0, -3.0), DVec3::Z);

@@ -34,7 +34,7 @@ pub struct Config {
 /// Maximum number of vertices.
 const MAX_VERTICES: usize = 4096;
 /// Limit on the distance of a vertex from the plane, relative to the diagonal of the bounding box,
-/// and lower limit on the area, relative to the diagonal squared.
+/// and lower limit on twice the area, relative to the diagonal squared.
 const FLATNESS: f64 = 1e-9;
 
 /// The polygon in world space.
@@ -132,11 +132,11 @@ impl Plane {
         }
         let first = vertices[0];
         let center = first + vertices.iter().map(|p| *p - first).sum::<DVec3>() / vertices.len() as f64;
-        let area: DVec3 = edges(vertices).map(|(a, b)| (a - center).cross(b - center)).sum();
-        if area.length() <= FLATNESS * size * size {
+        let twice_area: DVec3 = edges(vertices).map(|(a, b)| (a - center).cross(b - center)).sum();
+        if twice_area.length() <= FLATNESS * size * size {
             return Err((None, "the vertices of this polygon enclose no area".to_owned()));
         }
-        let normal = area.normalize();
+        let normal = twice_area.normalize();
         let distance = |p: DVec3| (p - center).dot(normal).abs();
         let (farthest, off) = vertices
             .iter()
@@ -356,8 +356,8 @@ impl Shape for Polygon {
             .zip(self.vertices.iter().cycle().skip(2))
             .map(|((a, b), c)| (*b - *a).cross(*c - *b).dot(self.normal));
         // A simple polygon that always turns the same way is convex.
-        let mut turns = turns.take(self.vertices.len());
-        let filled = turns.all(|turn| turn >= 0.0) || turns.all(|turn| turn <= 0.0);
+        let turns: Vec<f64> = turns.take(self.vertices.len()).collect();
+        let filled = turns.iter().all(|turn| *turn >= 0.0) || turns.iter().all(|turn| *turn <= 0.0);
         let corners = if filled {
             self.vertices.clone()
         } else {
@@ -398,8 +398,31 @@ mod tests {
         }
         match build::<Shapes, Polygon>(&(text + "]"), Transform::IDENTITY) {
             Ok(LoweredShape::Custom(polygon)) => polygon,
-            Ok(_) => unreachable!("a polygon is opaque"),
+            Ok(_) => unreachable!("a polygon is a custom shape"),
             Err(error) => panic!("{error}"),
+        }
+    }
+
+    #[test]
+    fn a_polygon_is_convex_wherever_its_vertices_begin() {
+        let arrow = [(0.0, 0.0), (1.0, -1.0), (0.0, 2.0), (-1.0, -1.0)];
+        let square = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
+        for (outline, convex) in [(arrow, false), (square, true)] {
+            for first in 0..outline.len() {
+                for reversed in [false, true] {
+                    let mut vertices: Vec<DVec3> =
+                        outline.iter().map(|(x, y)| DVec3::new(*x, *y, 0.5)).collect();
+                    vertices.rotate_left(first);
+                    if reversed {
+                        vertices.reverse();
+                    }
+                    let parts = polygon(&vertices).parts();
+                    assert!(
+                        matches!(parts[..], [SurfacePart::Polygon { filled, .. }] if filled == convex),
+                        "{vertices:?}"
+                    );
+                }
+            }
         }
     }
 

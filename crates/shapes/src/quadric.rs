@@ -371,7 +371,7 @@ mod tests {
     fn quadric(text: &str) -> Result<Box<dyn Shape>, SceneErrors> {
         match build::<Shapes, Quadric>(text, Transform::IDENTITY)? {
             LoweredShape::Custom(primitive) => Ok(primitive),
-            _ => unreachable!("a quadric is opaque"),
+            _ => unreachable!("a quadric is a custom shape"),
         }
     }
 

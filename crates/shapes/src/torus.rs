@@ -515,7 +515,7 @@ mod tests {
     fn ring(text: &str) -> Box<dyn Shape> {
         match build::<Shapes, Torus>(text, Transform::IDENTITY) {
             Ok(LoweredShape::Custom(ring)) => ring,
-            _ => panic!("a torus is opaque"),
+            _ => panic!("a torus is a custom shape"),
         }
     }
 

@@ -223,7 +223,7 @@ fn roots_are_right_to_a_millionth_of_the_tube() {
         for distance in [0.3, 3.0, 1e3, 1e6] {
             let text = format!("minor_radius = {minor}");
             let Ok(LoweredShape::Custom(torus)) = build::<Shapes, Torus>(&text, Transform::IDENTITY) else {
-                panic!("a torus is opaque")
+                panic!("a torus is a custom shape")
             };
             let mut random = Random::new(26);
             let (mut wrong, mut naive_wrong, mut largest, mut hits, mut told) = (0, 0, 0f64, 0, 0);

@@ -9,7 +9,9 @@
 //! - Example: `scenes/textures/image.toml`.
 
 use crate::support::mapping::{Mapping, Projection};
-use crate::support::raster::{ColorSpace, Filter, Lookup, MaxAnisotropy, Raster, Store, USUAL_ANISOTROPY};
+use crate::support::raster::{
+    ColorSpace, DEFAULT_MAX_ANISOTROPY, Filter, Lookup, MaxAnisotropy, Raster, Store,
+};
 use crate::support::wrap::Wraps;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -35,7 +37,7 @@ pub struct Config {
     /// For "ewa": maximum ratio of the axes of a sample's ellipse. Longer ellipses are widened,
     /// which bounds the number of texels read.
     #[serde(default)]
-    #[schemars(extend("default" = USUAL_ANISOTROPY), with = "IntegerIn<1, 64>")]
+    #[schemars(extend("default" = DEFAULT_MAX_ANISOTROPY), with = "IntegerIn<1, 64>")]
     max_anisotropy: MaxAnisotropy,
     /// Continuation outside of the image: "repeat", "clamp" to its border, or "mirror". Two words
     /// give the horizontal and the vertical rule; a latitude-longitude sky needs ["repeat",

@@ -15,7 +15,7 @@ use whitstone_core::{Context, DVec3, Plugin, Rgb, SceneErrors, Texture, Textures
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Colour of the stripe with x in [0, 1) (without an offset).
+    /// Colour of the stripe that begins at the origin, and of every second one (without an offset).
     #[serde(default = "light")]
     a: Color,
     /// Colour of the adjacent stripes.

@@ -335,7 +335,7 @@ mod tests {
     fn shape(text: &str) -> Box<dyn Shape> {
         match build::<Shapes, Superquadric>(text, Transform::IDENTITY) {
             Ok(LoweredShape::Custom(shape)) => shape,
-            _ => panic!("it is opaque"),
+            _ => panic!("it is a custom shape"),
         }
     }
 

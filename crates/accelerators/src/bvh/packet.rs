@@ -9,7 +9,7 @@
 
 use super::Bvh;
 use super::node::Node;
-use super::search::{One, Stack};
+use super::search::{SingleRay, Stack};
 use crate::support::leaves::child::{Child, Kind, WIDTH};
 use crate::support::leaves::filter::{Beam, NUMBERS, filter};
 use crate::support::leaves::frame::{Alone, LocalLane, LocalRays};
@@ -85,7 +85,7 @@ impl Packet<'_, '_> {
                     #[inline(always)]
                     |packet, lane| {
                         let (state, local) = (&mut packet.states[lane], packet.alone.get(packet.rays, lane));
-                        let one = One::<ANY> {
+                        let one = SingleRay::<ANY> {
                             bvh: packet.bvh,
                             state,
                             local,
@@ -93,7 +93,7 @@ impl Packet<'_, '_> {
                             stack,
                             limit: packet.limits[lane],
                         };
-                        let limit = one.go();
+                        let limit = one.traverse();
                         packet.limits[lane] = if ANY && state.best.is_some() {
                             f32::NEG_INFINITY
                         } else {

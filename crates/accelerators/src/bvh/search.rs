@@ -4,26 +4,26 @@ use super::Bvh;
 use crate::support::leaves::Leaves;
 use crate::support::leaves::child::{Child, Kind, WIDTH};
 use crate::support::leaves::frame::LocalRay;
-use crate::support::leaves::state::{Asked, State, Streamed, Walk};
+use crate::support::leaves::state::{RayQuery, State, Streamed, Walk};
 use whitstone_simd::{Kernel, Lanes, Level, Machine, with_lanes};
 
 /// Traversal stack. Zero-initialising the worst-case depth costs about a tenth of a ray's time, and
 /// most rays need a few entries, so 32 live inline and the rest spill to the heap.
 pub(super) struct Stack {
-    top: [Later; Self::ROOM],
-    below: Vec<Later>,
+    top: [StackEntry; Self::INLINE_CAPACITY],
+    below: Vec<StackEntry>,
 }
 
 /// Entry distance of a box, and its contents.
-type Later = (f32, Child);
+type StackEntry = (f32, Child);
 
 impl Stack {
-    const ROOM: usize = 32;
+    const INLINE_CAPACITY: usize = 32;
 
     #[inline(always)]
     pub(super) fn new() -> Self {
         Self {
-            top: [(0.0, Child::default()); Self::ROOM],
+            top: [(0.0, Child::default()); Self::INLINE_CAPACITY],
             below: Vec::new(),
         }
     }
@@ -31,8 +31,8 @@ impl Stack {
     /// Makes room for the children of a node, by spilling if necessary; returns the new height.
     #[inline(always)]
     fn make_room(&mut self, height: usize) -> usize {
-        if height + WIDTH > Self::ROOM {
-            self.put_away(height)
+        if height + WIDTH > Self::INLINE_CAPACITY {
+            self.spill(height)
         } else {
             height
         }
@@ -40,14 +40,14 @@ impl Stack {
 
     #[cold]
     #[inline(never)]
-    fn put_away(&mut self, height: usize) -> usize {
+    fn spill(&mut self, height: usize) -> usize {
         self.below.extend_from_slice(&self.top[..height]);
         0
     }
 
     /// Takes back the entries that were spilled last; returns the new height, 0 if there are none.
     #[inline(always)]
-    fn take_back(&mut self) -> usize {
+    fn unspill(&mut self) -> usize {
         if self.below.is_empty() { 0 } else { self.refill() }
     }
 
@@ -56,13 +56,13 @@ impl Stack {
     fn pop(&mut self, height: &mut usize, limit: f32) -> Option<Child> {
         loop {
             if *height == 0 {
-                *height = self.take_back();
+                *height = self.unspill();
                 if *height == 0 {
                     return None;
                 }
             }
             *height -= 1;
-            let (near, child) = self.top[*height % Self::ROOM];
+            let (near, child) = self.top[*height % Self::INLINE_CAPACITY];
             // `<=`: at equal distance an element of lower index may follow, which wins the tie.
             if near <= limit {
                 return Some(child);
@@ -73,7 +73,7 @@ impl Stack {
     #[cold]
     #[inline(never)]
     fn refill(&mut self) -> usize {
-        let rest = self.below.len().saturating_sub(Self::ROOM / 2);
+        let rest = self.below.len().saturating_sub(Self::INLINE_CAPACITY / 2);
         let height = self.below.len() - rest;
         self.top[..height].copy_from_slice(&self.below[rest..]);
         self.below.truncate(rest);
@@ -90,7 +90,7 @@ impl Walk for Bvh {
     fn walk<const ANY: bool, L: Lanes<WIDTH>>(
         &self,
         l: L,
-        state: &mut State<'_, impl Asked>,
+        state: &mut State<'_, impl RayQuery>,
         local: &LocalRay,
         limit: f32,
     ) -> f32 {
@@ -102,13 +102,13 @@ impl Walk for Bvh {
 }
 
 impl Bvh {
-    /// Traverses the subtree of `child`. Returns the limit up to which pending hits may still be
-    /// nearest.
+    /// Traverses the subtree of `child`. Returns the limit up to which pending hits (found in
+    /// single precision, not yet computed in double) may still be nearest.
     #[inline(always)]
     fn traverse<const ANY: bool, L: Lanes<WIDTH>>(
         &self,
         l: L,
-        state: &mut State<'_, impl Asked>,
+        state: &mut State<'_, impl RayQuery>,
         local: &LocalRay,
         mut child: Child,
         stack: &mut Stack,
@@ -153,26 +153,26 @@ impl Bvh {
                     // fetch the node that it predicts to be nearer before the distances are known.
                     if second.0 < first.0 {
                         std::hint::black_box(());
-                        stack[height % Stack::ROOM] = first;
+                        stack[height % Stack::INLINE_CAPACITY] = first;
                         height += 1;
                         child = second.1;
                     } else {
                         std::hint::black_box(());
-                        stack[height % Stack::ROOM] = second;
+                        stack[height % Stack::INLINE_CAPACITY] = second;
                         height += 1;
                         child = first.1;
                     }
                     continue;
                 }
-                // Three or more: sorted on the stack, the nearest on top.
+                // Three or more: sorted on the stack, the nearest on top, unless any hit will do.
                 let bottom = height;
                 let mut insert = |entry: (f32, Child)| {
                     let mut place = height;
-                    while !ANY && place > bottom && stack[(place - 1) % Stack::ROOM].0 < entry.0 {
-                        stack[place % Stack::ROOM] = stack[(place - 1) % Stack::ROOM];
+                    while !ANY && place > bottom && stack[(place - 1) % Stack::INLINE_CAPACITY].0 < entry.0 {
+                        stack[place % Stack::INLINE_CAPACITY] = stack[(place - 1) % Stack::INLINE_CAPACITY];
                         place -= 1;
                     }
-                    stack[place % Stack::ROOM] = entry;
+                    stack[place % Stack::INLINE_CAPACITY] = entry;
                     height += 1;
                 };
                 insert(first);
@@ -185,7 +185,7 @@ impl Bvh {
                     }
                 }
                 height -= 1;
-                child = stack[height % Stack::ROOM].1;
+                child = stack[height % Stack::INLINE_CAPACITY].1;
             }
             match state.leaf::<ANY, L>(l, local, child, limit) {
                 Some(nearer) => limit = nearer,
@@ -201,7 +201,7 @@ impl Bvh {
 
 /// Single-ray traversal used by the stream and packet code below a given child. Kept as a separate
 /// kernel so that its state stays in registers.
-pub(super) struct One<'a, 's, const ANY: bool> {
+pub(super) struct SingleRay<'a, 's, const ANY: bool> {
     pub(super) bvh: &'a Bvh,
     pub(super) state: &'s mut State<'a, Streamed<'a>>,
     pub(super) local: &'s LocalRay,
@@ -210,15 +210,15 @@ pub(super) struct One<'a, 's, const ANY: bool> {
     pub(super) limit: f32,
 }
 
-impl<const ANY: bool> One<'_, '_, ANY> {
+impl<const ANY: bool> SingleRay<'_, '_, ANY> {
     /// Traverses; returns the limit up to which pending hits may still be nearest.
     #[inline(always)]
-    pub(super) fn go(self) -> f32 {
+    pub(super) fn traverse(self) -> f32 {
         with_lanes(Level::Avx2, self)
     }
 }
 
-impl<const ANY: bool> Kernel for One<'_, '_, ANY> {
+impl<const ANY: bool> Kernel for SingleRay<'_, '_, ANY> {
     type Output = f32;
 
     #[inline(always)]
@@ -244,7 +244,7 @@ mod tests {
         let mut stack = Stack::new();
         let mut height = 0;
         let mut expected = Vec::new();
-        let mut put_away = 0;
+        let mut spill = 0;
         for round in 0..400 {
             // At first more entries go in than come out, later fewer.
             let [more, fewer] = if round < 200 { [WIDTH, 3] } else { [1, 6] };
@@ -255,10 +255,10 @@ mod tests {
                 stack.top[height] = later;
                 height += 1;
             }
-            put_away = put_away.max(stack.below.len());
+            spill = spill.max(stack.below.len());
             for _ in 0..fewer {
                 if height == 0 {
-                    height = stack.take_back();
+                    height = stack.unspill();
                 }
                 let top = (height > 0).then(|| {
                     height -= 1;
@@ -267,10 +267,6 @@ mod tests {
                 assert_eq!(top, expected.pop());
             }
         }
-        assert!(
-            put_away > 500 && expected.is_empty(),
-            "{put_away}, {}",
-            expected.len()
-        );
+        assert!(spill > 500 && expected.is_empty(), "{spill}, {}", expected.len());
     }
 }

@@ -3,7 +3,7 @@
 
 use super::Bvh;
 use super::packet::{Packet, Wanted, WantedStack};
-use super::search::{One, Stack};
+use super::search::{SingleRay, Stack};
 use crate::support::leaves::Slot;
 use crate::support::leaves::child::Child;
 use crate::support::leaves::frame::{Alone, LocalLane, LocalRays};
@@ -133,7 +133,7 @@ impl<const ANY: bool, A: Answers> Kernel for Stream<'_, ANY, A> {
             } else {
                 for k in 0..len {
                     if limits[k] > f32::NEG_INFINITY {
-                        let one = One::<ANY> {
+                        let one = SingleRay::<ANY> {
                             bvh,
                             state: &mut states[k],
                             local: alone.get(&local, k),
@@ -141,7 +141,7 @@ impl<const ANY: bool, A: Answers> Kernel for Stream<'_, ANY, A> {
                             stack: &mut stack,
                             limit: limits[k],
                         };
-                        limits[k] = one.go();
+                        limits[k] = one.traverse();
                     }
                 }
             }

@@ -11,7 +11,7 @@ use crate::support::elements::Mailbox;
 use crate::support::leaves::Leaves;
 use crate::support::leaves::child::{Child, Kind, WIDTH};
 use crate::support::leaves::frame::LocalRay;
-use crate::support::leaves::state::{Asked, State, Walk};
+use crate::support::leaves::state::{RayQuery, State, Walk};
 use crate::support::partition::MAX_DEPTH;
 use std::cell::Cell;
 use std::ops::Range;
@@ -157,7 +157,7 @@ impl<'a, const COUNT: bool> Traversal<'a, COUNT> {
     fn triangles<const ANY: bool, L: Lanes<WIDTH>>(
         &self,
         l: L,
-        state: &mut State<'_, impl Asked>,
+        state: &mut State<'_, impl RayQuery>,
         local: &LocalRay,
         slots: Range<usize>,
         mut limit: f32,
@@ -175,7 +175,7 @@ impl<'a, const COUNT: bool> Traversal<'a, COUNT> {
     #[inline(never)]
     fn anything<const ANY: bool>(
         &self,
-        state: &mut State<'_, impl Asked>,
+        state: &mut State<'_, impl RayQuery>,
         local: &LocalRay,
         slots: Range<usize>,
         mailbox: &mut Mailbox,
@@ -201,7 +201,7 @@ impl<const COUNT: bool> Walk for Traversal<'_, COUNT> {
     fn walk<const ANY: bool, L: Lanes<WIDTH>>(
         &self,
         l: L,
-        state: &mut State<'_, impl Asked>,
+        state: &mut State<'_, impl RayQuery>,
         local: &LocalRay,
         mut limit: f32,
     ) -> f32 {

@@ -24,8 +24,8 @@ pub trait Resources {
     /// The path of a file that a parameter names. The file exists and is a regular file.
     fn file(&self, file: &FilePath) -> Result<PathBuf, SceneError>;
 
-    /// The image in a file, with a border, as the registry's default texture reads it. Errors are
-    /// reported at the file.
+    /// The image in a file, as the registry's default texture type reads it with `wrap = "clamp"`.
+    /// Errors are reported at the file.
     fn image(&mut self, file: &FilePath) -> Result<Arc<dyn Texture>, SceneErrors> {
         Err(SceneError::at(file.span.clone(), "images are not available here").into())
     }
@@ -52,7 +52,7 @@ pub trait Resources {
 
 /// Memory limits, and results that are kept between runs.
 pub trait Storage {
-    /// Announces an allocation of `bytes` bytes; fails if it exceeds the scene's memory limit. Call
+    /// Announces an allocation of `bytes` bytes; fails if it exceeds the memory limit. Call
     /// it for sizes that depend on a number in the scene or on a file; small allocations need no
     /// call.
     fn reserve(&mut self, bytes: u64) -> Result<(), SceneErrors> {
@@ -60,17 +60,17 @@ pub trait Storage {
         Ok(())
     }
 
-    /// Looks up a cached result of `length` bytes; `None` if there is none. `parts` is the cache
-    /// key: all the input of the result, and a name with a version.
-    fn cached(&self, parts: &[&[u8]], length: usize) -> Option<Vec<u8>> {
-        let _ = (parts, length);
+    /// Looks up a cached result of `length` bytes; `None` if there is none. The parts of the key are
+    /// all the input of the result, and a name with a version.
+    fn cached(&self, key: &[&[u8]], length: usize) -> Option<Vec<u8>> {
+        let _ = (key, length);
         None
     }
 
-    /// Caches a result under `parts` for later runs, if caching is enabled. For results that take
+    /// Caches a result under a key for later runs, if caching is enabled. For results that take
     /// longer to compute than to read.
-    fn cache(&mut self, parts: &[&[u8]], made: &[u8]) {
-        let _ = (parts, made);
+    fn cache(&mut self, key: &[&[u8]], result: &[u8]) {
+        let _ = (key, result);
     }
 }
 

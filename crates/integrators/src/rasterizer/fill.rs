@@ -2,8 +2,8 @@
 //!
 //! A vertex is (x w, y w, depth, w) and appears at (x, y) in the image, in pixels. Three such rows,
 //! without the depth, span a triangle as a cone from the camera. A pixel is inside where (x, y, 1)
-//! is on the inner side of the three planes that bound the cone. This needs no division and no
-//! vertices created by clipping. Triangles that share an edge share its plane up to the sign, and
+//! is on the inner side of the three planes that bound the cone. This test needs no division and no
+//! vertices created by clipping; only the bounds of a triangle need both. Triangles that share an edge share its plane up to the sign, and
 //! the fill rule assigns pixels exactly on it to one of them.
 
 use whitstone_core::simd::{self, select};
@@ -101,7 +101,7 @@ fn within(low: DVec2, high: DVec2, film: DVec2) -> Option<[DVec2; 2]> {
 }
 
 /// A triangle that is ready to be filled.
-struct Filled {
+struct TriangleSetup {
     /// The planes opposite to its corners, positive inside.
     planes: [DVec3; 3],
     /// Whether pixels exactly on a plane belong to the triangle: those on left edges and on
@@ -111,7 +111,7 @@ struct Filled {
     depths: DVec3,
 }
 
-impl Filled {
+impl TriangleSetup {
     /// `None` if the triangle is edge-on or not finite.
     #[inline(always)]
     fn new([a, b, c]: [DVec4; 3]) -> Option<Self> {
@@ -198,17 +198,17 @@ impl Depths {
         shapes: &[LoweredShape],
         projected: &Projected,
         film: DVec2,
-        names: &[(u32, u32)],
+        triangles: &[(u32, u32)],
     ) {
         simd::dispatch(
             #[inline(always)]
             || {
-                for &(shape, triangle) in names {
+                for &(shape, triangle) in triangles {
                     let LoweredShape::Triangles(mesh) = &shapes[shape as usize] else {
                         continue;
                     };
                     let corners = projected.corners(mesh, shape, triangle);
-                    let Some(filled) = Filled::new(corners) else {
+                    let Some(filled) = TriangleSetup::new(corners) else {
                         continue;
                     };
                     let Some([low, high]) = outline(corners, film) else {
@@ -227,7 +227,7 @@ impl Depths {
 
     /// Fills the pixels of a group of lanes.
     #[inline(always)]
-    fn fill(&mut self, first: usize, filled: &Filled, shape: u32, triangle: u32) {
+    fn fill(&mut self, first: usize, filled: &TriangleSetup, shape: u32, triangle: u32) {
         for lane in first..first + GROUP {
             let found = filled.at(self.x[lane], self.y[lane]);
             let nearer = (found.x > self.start[lane]) & (found.x < self.nearest[lane]);
@@ -372,8 +372,8 @@ mod tests {
             let LoweredShape::Triangles(mesh) = &geometry.shapes()[0] else {
                 unreachable!()
             };
-            let names: Vec<(u32, u32)> = (0..mesh.triangles.len() as u32).map(|k| (0, k)).collect();
-            depths.draw(geometry.shapes(), &projected, FILM, &names);
+            let triangles: Vec<(u32, u32)> = (0..mesh.triangles.len() as u32).map(|k| (0, k)).collect();
+            depths.draw(geometry.shapes(), &projected, FILM, &triangles);
             depths.hits(geometry, &self.rays)
         }
 
@@ -472,7 +472,7 @@ mod tests {
                 let LoweredShape::Triangles(mesh) = &geometry.shapes()[0] else {
                     unreachable!()
                 };
-                let filled = Filled::new(projected.corners(mesh, 0, 0)).unwrap();
+                let filled = TriangleSetup::new(projected.corners(mesh, 0, 0)).unwrap();
                 for (lane, owners) in owners.iter_mut().enumerate() {
                     let found = filled.at((lane % 16) as f64 + 0.5, (lane / 16) as f64 + 0.5);
                     *owners += u32::from(!found.x.is_nan());

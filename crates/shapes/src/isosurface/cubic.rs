@@ -1,6 +1,6 @@
 //! The density along a ray in one cell, a cubic.
 
-use crate::support::crossings::{Along, Known, refine};
+use crate::support::crossings::{Along, RootCount, refine};
 use std::ops::ControlFlow;
 use whitstone_core::DVec3;
 
@@ -77,7 +77,7 @@ impl Along for Cubic {
         (lerp(h, i, s), 3.0 * (i - h))
     }
 
-    fn over(&self, _: f64, _: f64) -> Known {
-        Known::OnceAtMost
+    fn over(&self, _: f64, _: f64) -> RootCount {
+        RootCount::AtMostOne
     }
 }

@@ -54,7 +54,7 @@ fn text(points: &[DVec3; 16]) -> String {
 fn patch(points: &[DVec3; 16]) -> Box<dyn Shape> {
     match build::<Shapes, Patch>(&text(points), Transform::IDENTITY) {
         Ok(LoweredShape::Custom(patch)) => patch,
-        Ok(_) => unreachable!("a patch is opaque"),
+        Ok(_) => unreachable!("a patch is a custom shape"),
         Err(error) => panic!("{error}"),
     }
 }

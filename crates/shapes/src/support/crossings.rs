@@ -12,17 +12,18 @@ pub(crate) trait Along {
     fn at(&self, s: f64) -> (f64, f64);
 
     /// Classifies the function on the range from `lo` to `hi`.
-    fn over(&self, lo: f64, hi: f64) -> Known;
+    fn over(&self, lo: f64, hi: f64) -> RootCount;
 }
 
 /// Classification of a function on a range.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Known {
+pub(crate) enum RootCount {
     /// The function keeps its sign.
-    Apart,
+    Zero,
     /// Its sign changes at most once, or further changes do not matter.
-    OnceAtMost,
-    Nothing,
+    AtMostOne,
+    /// Nothing is known about its roots.
+    Unknown,
 }
 
 /// A change of sign.
@@ -65,18 +66,18 @@ pub(crate) fn crossings(f: &impl Along, mut visit: impl FnMut(Crossing) -> Contr
         steps += 1;
         let narrowest = if steps > STEPS { COARSE } else { NARROWEST };
         let known = if hi - lo <= narrowest {
-            Known::OnceAtMost
+            RootCount::AtMostOne
         } else {
             f.over(lo, hi)
         };
         match known {
-            Known::Apart => {}
-            Known::Nothing => {
+            RootCount::Zero => {}
+            RootCount::Unknown => {
                 last += 1;
                 ends[last] = 0.5 * (lo + hi);
                 continue;
             }
-            Known::OnceAtMost => {
+            RootCount::AtMostOne => {
                 let then = f.at(hi).0 < 0.0;
                 if then != inside {
                     inside = then;
@@ -151,18 +152,18 @@ mod tests {
             (found.value, found.slopes[0])
         }
 
-        fn over(&self, lo: f64, hi: f64) -> Known {
+        fn over(&self, lo: f64, hi: f64) -> RootCount {
             let slopes = [Enclosure::constant(1.0)];
             let found = self.eval(Dual {
                 value: Enclosure::new(lo, hi),
                 slopes,
             });
             if !found.value.has_zero() {
-                Known::Apart
+                RootCount::Zero
             } else if !found.slopes[0].has_zero() {
-                Known::OnceAtMost
+                RootCount::AtMostOne
             } else {
-                Known::Nothing
+                RootCount::Unknown
             }
         }
     }
@@ -225,8 +226,8 @@ mod tests {
             fn at(&self, _: f64) -> (f64, f64) {
                 (0.0, f64::NAN)
             }
-            fn over(&self, _: f64, _: f64) -> Known {
-                Known::Nothing
+            fn over(&self, _: f64, _: f64) -> RootCount {
+                RootCount::Unknown
             }
         }
         let (found, steps) = all(&Nothing);
@@ -242,12 +243,12 @@ mod tests {
             fn at(&self, s: f64) -> (f64, f64) {
                 (if (0.6..0.601).contains(&s) { 1.0 } else { -1.0 }, f64::NAN)
             }
-            fn over(&self, lo: f64, hi: f64) -> Known {
+            fn over(&self, lo: f64, hi: f64) -> RootCount {
                 let gap = lo <= 0.601 && hi >= 0.6;
                 if lo < 0.3 && hi > 0.2 || gap {
-                    Known::Nothing
+                    RootCount::Unknown
                 } else {
-                    Known::Apart
+                    RootCount::Zero
                 }
             }
         }
@@ -268,8 +269,8 @@ mod tests {
             fn at(&self, s: f64) -> (f64, f64) {
                 (if s < 0.123 { 1.0 } else { -1.0 }, self.0)
             }
-            fn over(&self, _: f64, _: f64) -> Known {
-                Known::OnceAtMost
+            fn over(&self, _: f64, _: f64) -> RootCount {
+                RootCount::AtMostOne
             }
         }
         for slope in [0.0, f64::NAN, f64::INFINITY, -1e-300, 3.0, -3.0] {

@@ -14,7 +14,7 @@ const UNIT: f64 = 0.5 * f64::EPSILON;
 ///
 /// A ray that enters the box one rounding late must still be outside the set. For a ray from a
 /// billion sizes away (towards an instance as thin as that), one rounding is 1e-7 of the size.
-pub(crate) const ROOM: f64 = 1.0 / (1u64 << 7) as f64;
+pub(crate) const BOX_MARGIN: f64 = 1.0 / (1u64 << 7) as f64;
 /// Maximum distance of a spawn point from the surface, relative to the size of the box.
 const START: f64 = 1.0 / (1u64 << 20) as f64;
 /// Maximum distance of a hit from the surface, relative to the size of the box, however distant the

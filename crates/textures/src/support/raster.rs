@@ -33,7 +33,7 @@ pub(crate) enum Filter {
 /// Maximum ratio of the axes of a sample's ellipse.
 pub(crate) type MaxAnisotropy = Option<Spanned<IntegerIn<1, 64>>>;
 
-pub(crate) const USUAL_ANISOTROPY: u32 = 16;
+pub(crate) const DEFAULT_MAX_ANISOTROPY: u32 = 16;
 
 /// Encoding of the values in a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
@@ -184,7 +184,9 @@ impl Raster {
             Filter::Trilinear => Coarse::Trilinear(pyramid()?),
             Filter::Ewa => Coarse::Ewa(Ewa {
                 pyramid: pyramid()?,
-                max_anisotropy: f64::from(max_anisotropy.map_or(USUAL_ANISOTROPY, |n| n.get_ref().get())),
+                max_anisotropy: f64::from(
+                    max_anisotropy.map_or(DEFAULT_MAX_ANISOTROPY, |n| n.get_ref().get()),
+                ),
                 linear: match &store {
                     Store::Eight(_, linear) => {
                         Some(Box::new(std::array::from_fn(|code| single(linear[code]))))

@@ -20,7 +20,7 @@ pub(crate) trait Walk {
     fn walk<const ANY: bool, L: Lanes<WIDTH>>(
         &self,
         l: L,
-        state: &mut State<'_, impl Asked>,
+        state: &mut State<'_, impl RayQuery>,
         local: &LocalRay,
         limit: f32,
     ) -> f32;
@@ -67,13 +67,13 @@ pub(crate) struct Streamed<'a> {
 }
 
 /// Access to the query of a search.
-pub(crate) trait Asked {
+pub(crate) trait RayQuery {
     fn ray(&self) -> Ray;
     fn interval(&self) -> Interval;
     fn skip(&self) -> SelfHitFilter;
 }
 
-impl Asked for &Query<'_> {
+impl RayQuery for &Query<'_> {
     #[inline(always)]
     fn ray(&self) -> Ray {
         *self.ray
@@ -88,7 +88,7 @@ impl Asked for &Query<'_> {
     }
 }
 
-impl Asked for Streamed<'_> {
+impl RayQuery for Streamed<'_> {
     #[inline(always)]
     fn ray(&self) -> Ray {
         self.rays.ray(self.lane)
@@ -127,7 +127,7 @@ pub(crate) struct State<'a, Q> {
     lowest: f32,
 }
 
-impl<'a, Q: Asked> State<'a, Q> {
+impl<'a, Q: RayQuery> State<'a, Q> {
     #[inline(always)]
     pub(crate) fn new(leaves: &'a Leaves, query: Q) -> Self {
         Self {
@@ -266,7 +266,7 @@ impl State<'_, Streamed<'_>> {
     }
 }
 
-impl<Q: Asked> State<'_, Q> {
+impl<Q: RayQuery> State<'_, Q> {
     /// Tests some elements.
     #[cold]
     pub(crate) fn resolve_all(&mut self, elements: impl Iterator<Item = Element>) {
