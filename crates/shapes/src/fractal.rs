@@ -12,7 +12,7 @@
 //! - Example: `scenes/shapes/fractal.toml`.
 
 use crate::support::crossings::{Along, RootCount, crossings};
-use crate::support::level::{Level, ROOM, Sample, Segment};
+use crate::support::level::{BOX_MARGIN, Level, Sample, Segment};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
@@ -257,7 +257,7 @@ impl Fractal {
                 (ESCAPE + reach).powf(1.0 / f64::from(power))
             }),
         };
-        let corner = DVec3::splat(reach * (1.0 + ROOM));
+        let corner = DVec3::splat(reach * (1.0 + BOX_MARGIN));
         Self {
             level: Level::new(transform, -corner, corner),
             map,
