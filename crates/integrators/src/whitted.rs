@@ -4,9 +4,9 @@
 //! Whitted 1980, *An improved illumination model for shaded display*. The ray tree is traversed
 //! depth first, reflection before transmission. The stack is explicit, because recursion over a
 //! hundred thousand bounces would exhaust the thread's stack. Of the two branches of a hit, one is
-//! traced next and the other is pushed. Without glossy surfaces the stack therefore never holds more
-//! than `max_depth + 1` rays; a hit on a glossy surface with n² reflection rays can push n². `rules`
-//! traces single rays, `wave` traces streams.
+//! traced next and the other is pushed. Without glossy surfaces the stack therefore never holds
+//! more than `max_depth + 1` rays; a hit on a glossy surface with n² reflection rays can push n².
+//! `rules` traces single rays, `wave` traces streams.
 //!
 //! - Twin: the Mitsuba driver, which traverses the same tree level by level.
 //! - Example: `scenes/integrators/whitted.toml`.

@@ -36,9 +36,9 @@ const MESH_SAMPLES: u32 = 1;
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Shape of the light, of the size that a shape of that type has by default: "rectangle" and "disk" emit along
-    /// +z, "sphere" emits outwards; "mesh" is the triangles of `file`, which emit along the normals
-    /// given by their winding.
+    /// Shape of the light, of the size that a shape of that type has by default: "rectangle" and
+    /// "disk" emit along +z, "sphere" emits outwards; "mesh" is the triangles of `file`, which emit
+    /// along the normals given by their winding.
     #[serde(default = "rectangle")]
     #[schemars(with = "Surface")]
     shape: Spanned<Surface>,

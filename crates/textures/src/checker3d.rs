@@ -15,8 +15,8 @@ use whitstone_core::{Context, DVec3, Plugin, Rgb, SceneErrors, Texture, Textures
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Colour of the cube with its lower corner at the origin (without an offset), and of those that
-    /// touch it only along edges.
+    /// Colour of the cube with its lower corner at the origin (without an offset), and of those
+    /// that touch it only along edges.
     #[serde(default = "light")]
     a: Color,
     /// Colour of the adjacent cubes.

@@ -60,8 +60,8 @@ pub trait Storage {
         Ok(())
     }
 
-    /// Looks up a cached result of `length` bytes; `None` if there is none. The parts of the key are
-    /// all the input of the result, and a name with a version.
+    /// Looks up a cached result of `length` bytes; `None` if there is none. The parts of the key
+    /// are all the input of the result, and a name with a version.
     fn cached(&self, key: &[&[u8]], length: usize) -> Option<Vec<u8>> {
         let _ = (key, length);
         None

@@ -3,8 +3,9 @@
 //! A vertex is (x w, y w, depth, w) and appears at (x, y) in the image, in pixels. Three such rows,
 //! without the depth, span a triangle as a cone from the camera. A pixel is inside where (x, y, 1)
 //! is on the inner side of the three planes that bound the cone. This test needs no division and no
-//! vertices created by clipping; only the bounds of a triangle need both. Triangles that share an edge share its plane up to the sign, and
-//! the fill rule assigns pixels exactly on it to one of them.
+//! vertices created by clipping; only the bounds of a triangle need both. Triangles that share an
+//! edge share its plane up to the sign, and the fill rule assigns pixels exactly on it to one of
+//! them.
 
 use whitstone_core::simd::{self, select};
 use whitstone_core::stream::{GROUP, HitStream, LANES, Lanes, NO_SHAPE, RayStream};
