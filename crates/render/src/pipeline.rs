@@ -103,8 +103,10 @@ impl Pipeline {
         let size = description.film.size;
         errors.take(builder.memory.take_film(&description.film));
         let camera = errors.take(builder.one::<Cameras>(&description.camera, size));
-        let sampler = errors.take(builder.one::<Samplers>(&plan.sampler, ()));
-        let integrator = errors.take(builder.one::<Integrators>(&plan.integrator, ()));
+        let sampler =
+            (plan.sampler.as_ref()).and_then(|table| errors.take(builder.one::<Samplers>(table, ())));
+        let integrator =
+            (plan.integrator.as_ref()).and_then(|table| errors.take(builder.one::<Integrators>(table, ())));
 
         let mut lights = Vec::new();
         for light in &description.lights {
@@ -152,14 +154,14 @@ impl Pipeline {
                 integrator.as_ref(),
             ));
         }
-        let object_order = match (&camera, &integrator, &built) {
-            (Some(camera), Some(integrator), Some(built)) => {
+        let object_order = match (&camera, &integrator, &plan.integrator, &built) {
+            (Some(camera), Some(integrator), Some(table), Some(built)) => {
                 let view = View {
                     geometry: &built.geometry,
                     camera: &**camera,
                     film: size,
                 };
-                let built = builder.object_order(&**integrator, &plan.integrator, &view);
+                let built = builder.object_order(&**integrator, table, &view);
                 errors.take(built).flatten()
             }
             _ => None,

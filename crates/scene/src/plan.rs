@@ -7,10 +7,11 @@ use whitstone_core::{FamilyName, Registry, SceneErrors};
 pub struct Plan<'d, 's> {
     /// The scene.
     pub description: &'d Description<'s>,
-    /// The sampler, also if the scene has no table for it.
-    pub sampler: PluginTable<'s>,
-    /// The integrator, also if the scene has no table for it.
-    pub integrator: PluginTable<'s>,
+    /// The sampler, also if the scene has no table for it; `None` if the registry has no default
+    /// either.
+    pub sampler: Option<PluginTable<'s>>,
+    /// The integrator, likewise.
+    pub integrator: Option<PluginTable<'s>>,
     /// The instantiated groups, each after the groups that it instantiates itself.
     pub groups: Vec<PlannedGroup<'d>>,
     /// The parts that are not built, loaded or run.
@@ -36,18 +37,19 @@ impl<'d, 's> Plan<'d, 's> {
         use FamilyName::{Accelerator, Camera, Integrator, Light, Material, Sampler, Shape, Texture};
         let mut errors = SceneErrors::default();
         let mut or_default = |table: &Option<PluginTable<'s>>, family| match table {
-            Some(table) => table.clone(),
-            None => PluginTable::named(errors.take(registry.default_type(family)).unwrap_or_default()),
+            Some(table) => Some(table.clone()),
+            None => errors.take(registry.default_type(family)).map(PluginTable::named),
         };
         let sampler = or_default(&description.sampler, Sampler);
         let integrator = or_default(&description.integrator, Integrator);
         let mut named = BTreeSet::new();
         let plugins = [
-            (Camera, &description.camera),
-            (Sampler, &sampler),
-            (Integrator, &integrator),
+            (Camera, Some(&description.camera)),
+            (Sampler, sampler.as_ref()),
+            (Integrator, integrator.as_ref()),
         ]
         .into_iter()
+        .filter_map(|(family, table)| Some((family, table?)))
         .chain((description.accelerator.name != AUTO).then_some((Accelerator, &description.accelerator)))
         .chain(description.lights.iter().map(|plugin| (Light, plugin)))
         .chain(description.shapes.iter().map(|shape| (Shape, &shape.plugin)))
@@ -60,8 +62,7 @@ impl<'d, 's> Plan<'d, 's> {
         .chain(description.materials.values().map(|plugin| (Material, plugin)))
         .chain(description.textures.values().map(|plugin| (Texture, plugin)));
         for (family, plugin) in plugins {
-            // An empty type stands for a table that could not be read.
-            if description.faulty.tables.contains(family.singular()) || plugin.name.is_empty() {
+            if description.faulty.tables.contains(family.singular()) {
                 continue;
             }
             match registry.get(family, &plugin.name) {

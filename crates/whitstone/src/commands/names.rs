@@ -1,6 +1,6 @@
 //! The names of plugins and shapes that `explain` prints.
 
-use whitstone_scene::Plan;
+use whitstone_scene::{Plan, PluginTable};
 
 /// Names from the scene description, which the pipeline does not keep.
 pub(super) struct Names {
@@ -15,6 +15,11 @@ pub(super) struct Names {
 impl Names {
     pub(super) fn of(plan: &Plan<'_, '_>) -> Self {
         let description = plan.description;
+        let name = |table: &Option<PluginTable<'_>>| {
+            table
+                .as_ref()
+                .map_or_else(String::new, |table| table.name.clone())
+        };
         let shapes = plan.shapes().into_iter().map(|shape| {
             let kind = &shape.plugin.name;
             shape
@@ -24,8 +29,8 @@ impl Names {
         });
         Self {
             camera: description.camera.name.clone(),
-            sampler: plan.sampler.name.clone(),
-            integrator: plan.integrator.name.clone(),
+            sampler: name(&plan.sampler),
+            integrator: name(&plan.integrator),
             lights: description
                 .lights
                 .iter()
