@@ -1,11 +1,12 @@
 //! An implicit surface: the zero level set of a function that is negative inside.
 //!
-//! A tree of operations builds the function from distance functions and metaballs. Distances:
-//! Hart, *Sphere tracing: a geometric method for the antialiased ray tracing of
-//! implicit surfaces*, The Visual Computer 12(10), 1996. Interval bounds of values and slopes
-//! isolate the roots (Mitchell 1990, see `support/crossings.rs`). A Lipschitz bound on the function
-//! is derived from the tree or asserted by the scene. With it, one evaluation skips a range far
-//! from the surface, as in sphere tracing.
+//! A tree of operations builds the function from distance functions and metaballs. Distances: Hart,
+//! *Sphere tracing: a geometric method for the antialiased ray tracing of implicit surfaces*, The
+//! Visual Computer 12(10), 1996. The smooth union is the quadratic polynomial of Quilez, *Smooth
+//! minimum*, <https://iquilezles.org/articles/smin/>. Interval bounds of values and slopes isolate
+//! the roots (Mitchell 1990, see `support/crossings.rs`). A Lipschitz bound on the function is
+//! derived from the tree or asserted by the scene. With it, one evaluation skips a range far from
+//! the surface, as in sphere tracing.
 //!
 //! - Twin: POV-Ray `isosurface` with the same formulas, `blob` for a field that is one `metaballs`.
 //! - Example: `scenes/shapes/implicit.toml`.
