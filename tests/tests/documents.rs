@@ -1,8 +1,9 @@
-//! Runs every command of docs/tutorial.md, in order, in one folder.
+//! Runs every command of docs/tutorial.md and every `whitstone` command of README.md, in order, in
+//! one folder for each page.
 //!
-//! Scenes are the `toml` blocks, named by the sentence before them; commands are the `sh` blocks. A
-//! block marked `sh fails` must end with exit code 1. Commands that need a live Mitsuba run where
-//! its environment exists.
+//! Scenes of the tutorial are its `toml` blocks, named by the sentence before them; commands are
+//! the `sh` blocks. A block marked `sh fails` must end with exit code 1. Commands that need a live
+//! Mitsuba run where its environment exists.
 
 #![cfg(unix)]
 
@@ -47,10 +48,7 @@ fn every_command_of_the_tutorial_works() {
             "toml" => fs::write(folder.path().join(file_name(&before)), text).unwrap(),
             "sh" | "sh fails" => {
                 for line in text.lines() {
-                    let needs_mitsuba = ["validate", "sensitivity"]
-                        .iter()
-                        .any(|verb| line.starts_with(&format!("whitstone {verb}")));
-                    if needs_mitsuba && !live {
+                    if needs_mitsuba(line) && !live {
                         skipped.push(line.to_owned());
                         continue;
                     }
@@ -69,6 +67,66 @@ fn every_command_of_the_tutorial_works() {
     if !skipped.is_empty() {
         println!("skipped without Mitsuba's environment: {skipped:?}");
     }
+}
+
+/// The commands of README.md that run the program, without their comments. CI runs its other
+/// commands itself.
+fn of_readme(page: &str) -> Vec<String> {
+    let shells = blocks(page).into_iter().filter(|(mark, ..)| mark == "sh");
+    let lines = shells.flat_map(|(_, text, _)| text.lines().map(str::to_owned).collect::<Vec<_>>());
+    lines
+        .filter_map(|line| {
+            let command = line.strip_prefix("cargo run --release -p ")?;
+            let (command, _) = command.split_once(" # ").unwrap_or((command, ""));
+            Some(command.replacen(" --", "", 1).trim().to_owned())
+        })
+        .collect()
+}
+
+#[test]
+fn every_command_of_the_readme_works() {
+    let page = fs::read_to_string(root().join("README.md")).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let live = Environment::existing(&root().join("target/whitstone"), &root().join("references")).is_some();
+    if live {
+        link_environment(folder.path()).unwrap();
+    }
+    for name in ["scenes", "studies"] {
+        std::os::unix::fs::symlink(root().join(name), folder.path().join(name)).unwrap();
+    }
+    let scene = blocks(&page)
+        .into_iter()
+        .find(|(mark, ..)| mark == "toml")
+        .unwrap();
+    fs::write(folder.path().join("scene.toml"), scene.1).unwrap();
+    let (mut run, mut skipped) = (0, Vec::new());
+    for line in of_readme(&page) {
+        if needs_mitsuba(&line) && !live {
+            skipped.push(line);
+            continue;
+        }
+        // The page stands for any two images of the same size.
+        for name in ["ours.exr", "theirs.exr"] {
+            if line.contains(name) {
+                fs::copy(folder.path().join("scene.exr"), folder.path().join(name)).unwrap();
+            }
+        }
+        // The one validation with an injected fault shows a failing report.
+        let fails = line.starts_with("whitstone validate") && line.contains("--ours");
+        assert_eq!(execute(&line, folder.path()), i32::from(fails), "{line}");
+        run += 1;
+    }
+    assert!(run >= 4, "the page has fewer commands than expected: {run}");
+    if !skipped.is_empty() {
+        println!("skipped without Mitsuba's environment: {skipped:?}");
+    }
+}
+
+/// Whether a command starts Mitsuba, or would install it.
+fn needs_mitsuba(line: &str) -> bool {
+    ["validate", "sensitivity", "reduce", "converge", "explain"]
+        .iter()
+        .any(|verb| line.starts_with(&format!("whitstone {verb}")))
 }
 
 /// Lets the program find the repository's drivers and Mitsuba's environment below the folder, as in
@@ -95,6 +153,10 @@ fn execute(line: &str, folder: &Path) -> i32 {
     if line.starts_with("whitstone new-plugin") {
         // The folder is outside of the clone.
         command.arg("--whitstone").arg(root());
+    }
+    if line.starts_with("whitstone converge") {
+        // Each setting is timed once.
+        command.arg("--quick");
     }
     command.output().unwrap().status.code().unwrap_or(-1)
 }
