@@ -42,8 +42,8 @@ pub fn build(sources: &Sources, registry: &Registry) -> Result<Pipeline, String>
 
 /// A scene file with overrides, built.
 pub fn load(path: &Path, overrides: &[String], registry: &Registry) -> Result<Pipeline, String> {
-    let sources =
-        Sources::load(path, overrides).map_err(|error| error.sources.report(&error.errors, false))?;
+    let sources = Sources::load(path, overrides, registry)
+        .map_err(|error| error.sources.report(&error.errors, false))?;
     build(&sources, registry)
 }
 

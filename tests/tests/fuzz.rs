@@ -311,7 +311,7 @@ fn the_public_toml_files_are_answered() {
         let invalid = path
             .strip_prefix(&folder)
             .is_ok_and(|path| path.starts_with("invalid"));
-        match Sources::load(&path, &[]) {
+        match Sources::load(&path, &[], &registry) {
             Err(error) => {
                 assert!(!error.errors.0.is_empty(), "{}", path.display());
                 error.sources.report(&error.errors, false);

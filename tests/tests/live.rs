@@ -188,7 +188,10 @@ fn ray_trees_agree() -> Result<(), Failed> {
     ] {
         let path = Path::new("scenes/showcase").join(scene).with_extension("toml");
         let overrides = [format!("integrator={integrator}")];
-        let (pipeline, flattened) = (load(&path, &overrides, &registry)?, flatten(&path, &overrides)?);
+        let (pipeline, flattened) = (
+            load(&path, &overrides, &registry)?,
+            flatten(&path, &overrides, &registry)?,
+        );
         let text = SceneText {
             text: &flattened.text,
             base: &flattened.base,

@@ -181,10 +181,10 @@ fn every_scene_has_a_twin_in_povray_or_a_reason() {
     let mut driver = Driver::start(&environment, Duration::from_secs(120)).unwrap();
     let (mut twins, mut wrong) = (0, Vec::new());
     for path in scenes() {
-        let flattened = flatten(&path, &[]).unwrap();
+        let flattened = flatten(&path, &[], &registry()).unwrap();
         let changes: Vec<_> = Renderer::POVRAY.adaptations_of(&flattened.text);
         let changes: Vec<_> = changes.into_iter().map(|adaptation| adaptation.change).collect();
-        let flattened = flatten(&path, &changes).unwrap();
+        let flattened = flatten(&path, &changes, &registry()).unwrap();
         let request = json!({ "op": "write", "scene": flattened.text, "base": flattened.base });
         match driver.request(&request) {
             Ok(_) => twins += 1,

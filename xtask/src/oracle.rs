@@ -180,7 +180,7 @@ fn name(path: &Path) -> String {
 }
 
 fn query(path: &Path, arguments: &Arguments, registry: &Registry) -> Result<Row, Failure> {
-    let sources = Sources::load(path, &[])
+    let sources = Sources::load(path, &[], registry)
         .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
     let description = Description::parse(&sources).into_result();
     let description = description.map_err(|errors| Failure::usage(sources.report(&errors, false)))?;

@@ -231,7 +231,7 @@ fn summary(cases: &[CaseResult]) -> String {
 }
 
 fn build(registry: &Registry, scene: &Path, overrides: &[String]) -> Result<Pipeline, Failure> {
-    let sources = Sources::load(scene, overrides)
+    let sources = Sources::load(scene, overrides, registry)
         .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
     let report = |errors| Failure::usage(sources.report(&errors, false));
     Pipeline::load(&sources, registry, BuildOptions::default()).map_err(report)

@@ -112,7 +112,8 @@ struct Scene {
 
 fn needed(scene: &Path, registry: &Registry) -> Result<Scene, Failure> {
     let failure = |sources: &Sources, errors: &_| Failure::usage(sources.report(errors, false));
-    let sources = Sources::load(scene, &[]).map_err(|error| failure(&error.sources, &error.errors))?;
+    let sources =
+        Sources::load(scene, &[], registry).map_err(|error| failure(&error.sources, &error.errors))?;
     let (pipeline, named) = Pipeline::load_and(&sources, registry, BuildOptions::default(), |plan| {
         plan.named.clone()
     })

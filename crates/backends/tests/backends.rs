@@ -37,8 +37,8 @@ mod backends {
             .join(scene);
         let size = "film={ width = 120, height = 90, aovs = [] }".to_owned();
         let overrides = [size, format!("accelerator={accelerator}")];
-        let sources =
-            Sources::load(&path, &overrides).map_err(|error| error.sources.report(&error.errors, false))?;
+        let sources = Sources::load(&path, &overrides, &registry)
+            .map_err(|error| error.sources.report(&error.errors, false))?;
         let report = |errors| sources.report(&errors, false);
         let pipeline = Pipeline::load(&sources, &registry, BuildOptions::default()).map_err(report)?;
         let approximation_note = pipeline.scene.accelerator.approximation_note().map(str::to_owned);

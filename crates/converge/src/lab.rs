@@ -127,7 +127,7 @@ impl<'a> Lab<'a> {
 
     /// The scene with changes, flattened to one document.
     pub(crate) fn flatten(&self, study: &Study, changes: &[Change]) -> Result<Flattened, String> {
-        let sources = load(study, changes)?;
+        let sources = load(study, changes, self.registry)?;
         let description = Description::parse(&sources)
             .into_result()
             .map_err(|errors| placed(study, changes, &sources, errors))?;
@@ -136,7 +136,7 @@ impl<'a> Lab<'a> {
 
     /// Builds the scene with changes.
     pub(crate) fn build(&self, study: &Study, changes: &[Change]) -> Result<Pipeline, String> {
-        let sources = load(study, changes)?;
+        let sources = load(study, changes, self.registry)?;
         let report = |errors: SceneErrors| placed(study, changes, &sources, errors);
         Pipeline::load(&sources, self.registry, BuildOptions::default()).map_err(report)
     }
@@ -323,8 +323,8 @@ fn texts(changes: &[Change]) -> Vec<String> {
     changes.iter().map(|change| change.text.clone()).collect()
 }
 
-fn load(study: &Study, changes: &[Change]) -> Result<Sources, String> {
-    Sources::load(&study.scene_path, &texts(changes))
+fn load(study: &Study, changes: &[Change], registry: &Registry) -> Result<Sources, String> {
+    Sources::load(&study.scene_path, &texts(changes), registry)
         .map_err(|error| placed(study, changes, &error.sources, error.errors))
 }
 

@@ -33,6 +33,10 @@ pub use plugin::registry::{
     Accelerators, AutomaticAccelerator, Cameras, Entry, Family, FamilyName, Integrators, Lights, Materials,
     Plugin, Registry, Samplers, Shapes, Textures, Twin,
 };
+pub use plugin::scene_format::{
+    ExportScene, Feature, FormatError, FormatErrors, ImportOptions, Imported, Note, Notes, SceneFormat,
+    Treatment,
+};
 pub use shading::camera::{Camera, FilmSize};
 pub use shading::color::Rgb;
 pub use shading::glossy_lobe::GlossyLobe;

@@ -5,4 +5,5 @@ pub(crate) mod context;
 pub(crate) mod error;
 pub mod hash;
 pub(crate) mod registry;
+pub(crate) mod scene_format;
 pub mod transform_steps;

@@ -10,8 +10,9 @@ use whitstone_core::{SceneError, SceneErrors, SourceSpan, nearest};
 pub(crate) type Value<'s> = Spanned<DeValue<'s>>;
 
 /// All keys that the top level of a scene may have.
-pub(crate) const TOP_LEVEL: [&str; 12] = [
+pub(crate) const TOP_LEVEL: [&str; 13] = [
     "include",
+    "import",
     "film",
     "camera",
     "sampler",
@@ -62,7 +63,7 @@ pub(crate) fn includes(padded: &str) -> (Vec<(SourceSpan, String)>, SceneErrors)
     (found, errors)
 }
 
-fn parse(padded: &str) -> (DeTable<'_>, SceneErrors) {
+pub(crate) fn parse(padded: &str) -> (DeTable<'_>, SceneErrors) {
     let (table, errors) = DeTable::parse_recoverable(padded);
     let errors = errors
         .into_iter()
@@ -109,7 +110,7 @@ pub(crate) fn merge(sources: &Sources) -> Result<(DeTable<'_>, SceneErrors), Sce
         errors.0.extend(syntax.0);
         for (key, value) in table {
             match key.get_ref().as_ref() {
-                "include" => {}
+                "include" | "import" => {}
                 name if !TOP_LEVEL.contains(&name) => {
                     errors.0.push(unknown_top_level(&key));
                     meant.extend(nearest_top_level(name).map(|name| (key.span(), name, value)));
@@ -237,9 +238,9 @@ fn apply<'s>(
         ));
     }
     let (first_span, first) = keys[0].clone();
-    if first == "include" {
-        let error = SceneError::at(first_span, "`include` cannot be set by an override");
-        return Err(error);
+    if first == "include" || first == "import" {
+        let message = format!("`{first}` cannot be set by an override");
+        return Err(SceneError::at(first_span, message));
     }
     if !TOP_LEVEL.contains(&first) {
         return Err(unknown_top_level(&Spanned::new(first_span, Cow::Borrowed(first))));

@@ -7,6 +7,7 @@ mod checked;
 mod description;
 mod document;
 mod groups;
+mod import;
 mod plan;
 #[cfg(feature = "schema")]
 mod schema;

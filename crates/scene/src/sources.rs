@@ -1,10 +1,11 @@
 use crate::document;
+use crate::import;
 use annotate_snippets::{AnnotationKind, Group, Level, Origin, Renderer, Snippet};
 use std::fs;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
-use whitstone_core::{SceneError, SceneErrors, SourceSpan};
+use whitstone_core::{ImportOptions, Note, Registry, SceneError, SceneErrors, SourceSpan};
 
 /// Maximum size of a scene file in bytes. Scenes are written by hand or by small programs; data
 /// belongs into the files that they name.
@@ -28,6 +29,8 @@ pub struct Sources {
     files: Vec<Source>,
     /// Folder of the scene file; paths in the flattened document are relative to it.
     base: PathBuf,
+    /// What the importers of other formats report, by file.
+    notes: Vec<(PathBuf, Vec<Note>)>,
     end: usize,
 }
 
@@ -49,6 +52,8 @@ struct Source {
 #[derive(Debug, PartialEq, Eq)]
 enum SourceKind {
     File,
+    /// The translation of a file of another format.
+    Import,
     Override,
 }
 
@@ -74,41 +79,48 @@ pub struct Position {
 }
 
 impl Sources {
-    /// Reads a scene file and, recursively, its includes. `overrides` are `path=value`, as given to
+    /// Reads a scene file and, recursively, its includes and imports. A file whose extension
+    /// belongs to a format of the registry is imported. `overrides` are `path=value`, as given to
     /// `--set`.
-    pub fn load(path: &Path, overrides: &[String]) -> Result<Self, Box<LoadError>> {
-        let mut loader = Loader {
-            sources: Self {
-                base: path.parent().unwrap_or(Path::new("")).to_owned(),
-                ..Self::default()
-            },
-            errors: SceneErrors::default(),
-            open: Vec::new(),
-            done: Vec::new(),
-        };
-        loader.file(path.to_owned(), PathBuf::new(), path.display().to_string(), None);
+    pub fn load(path: &Path, overrides: &[String], registry: &Registry) -> Result<Self, Box<LoadError>> {
+        Self::load_with(path, overrides, registry, &ImportOptions::all())
+    }
+
+    /// [`Self::load`], with options for a file that is imported.
+    pub fn load_with(
+        path: &Path,
+        overrides: &[String],
+        registry: &Registry,
+        options: &ImportOptions,
+    ) -> Result<Self, Box<LoadError>> {
+        let base = path.parent().unwrap_or(Path::new("")).to_owned();
+        let mut loader = Loader::new(base, registry);
+        let name = path.display().to_string();
+        if registry.format_of(path).is_some() {
+            loader.import(path, options, PathBuf::new(), name, None);
+        } else {
+            loader.file(path.to_owned(), PathBuf::new(), name, None);
+        }
         loader.finish(overrides)
     }
 
     /// A scene from memory. `name` stands for the file in messages; its paths are relative to
-    /// `base`.
+    /// `base`. It can include TOML files, but not import other formats.
     pub fn from_text(
         name: &str,
         text: &str,
         base: &Path,
         overrides: &[String],
     ) -> Result<Self, Box<LoadError>> {
-        let mut loader = Loader {
-            sources: Self {
-                base: base.to_owned(),
-                ..Self::default()
-            },
-            errors: SceneErrors::default(),
-            open: Vec::new(),
-            done: Vec::new(),
-        };
-        loader.text(text, name.to_owned(), PathBuf::new());
+        let registry = Registry::default();
+        let mut loader = Loader::new(base.to_owned(), &registry);
+        loader.text(text, name.to_owned(), PathBuf::new(), SourceKind::File);
         loader.finish(overrides)
+    }
+
+    /// What the importers of other formats report, by file.
+    pub fn notes(&self) -> &[(PathBuf, Vec<Note>)] {
+        &self.notes
     }
 
     /// Folder of the scene file.
@@ -126,14 +138,14 @@ impl Sources {
         self.files
             .iter()
             .rev()
-            .find(|source| source.kind == SourceKind::File)
+            .find(|source| source.kind != SourceKind::Override)
     }
 
     /// The scene files that were read.
     pub fn scene_files(&self) -> impl Iterator<Item = &Path> {
         let files = self.files.iter();
         files
-            .filter(|source| source.kind == SourceKind::File)
+            .filter(|source| source.kind != SourceKind::Override)
             .map(|source| Path::new(&source.name))
     }
 
@@ -141,7 +153,7 @@ impl Sources {
     pub(crate) fn padded_files(&self) -> impl Iterator<Item = &str> {
         self.files
             .iter()
-            .filter(|source| source.kind == SourceKind::File)
+            .filter(|source| source.kind != SourceKind::Override)
             .map(|source| source.padded.as_str())
     }
 
@@ -175,7 +187,7 @@ impl Sources {
         let before = text.get(..span.start - source.start)?;
         let line_start = before.rfind('\n').map_or(0, |i| i + 1);
         Some(Position {
-            file: source.name.clone(),
+            file: source.shown_name(),
             line: before.matches('\n').count() + 1,
             column: before[line_start..].chars().count() + 1,
         })
@@ -218,7 +230,7 @@ impl Sources {
                     let end = (span.end - source.start).min(text.len());
                     let start = (span.start - source.start).min(end);
                     let snippet = Snippet::source(text)
-                        .path(&source.name)
+                        .path(source.shown_name())
                         .annotation(AnnotationKind::Primary.span(start..end));
                     group = group.element(snippet);
                 } else if let Some(source) = self.main() {
@@ -250,7 +262,18 @@ fn printable(text: &str) -> String {
     text.chars().map(shown).collect()
 }
 
-struct Loader {
+impl Source {
+    /// The name for messages with a line number.
+    fn shown_name(&self) -> String {
+        match self.kind {
+            SourceKind::Import => format!("{} (converted to TOML)", self.name),
+            SourceKind::File | SourceKind::Override => self.name.clone(),
+        }
+    }
+}
+
+struct Loader<'r> {
+    registry: &'r Registry,
     sources: Sources,
     errors: SceneErrors,
     /// Files that are being read. Including one of them again is a cycle.
@@ -259,7 +282,20 @@ struct Loader {
     done: Vec<PathBuf>,
 }
 
-impl Loader {
+impl<'r> Loader<'r> {
+    fn new(base: PathBuf, registry: &'r Registry) -> Self {
+        Self {
+            registry,
+            sources: Sources {
+                base,
+                ..Sources::default()
+            },
+            errors: SceneErrors::default(),
+            open: Vec::new(),
+            done: Vec::new(),
+        }
+    }
+
     fn finish(mut self, overrides: &[String]) -> Result<Sources, Box<LoadError>> {
         for text in overrides {
             let name = format!("--set {text}");
@@ -301,16 +337,63 @@ impl Loader {
             Err(problem) => self.fail(at, format!("cannot read scene \"{name}\": {problem}")),
             Ok(text) => {
                 self.open.push(identity);
-                self.text(&text, name, folder);
+                self.text(&text, name, folder, SourceKind::File);
                 self.done.extend(self.open.pop());
             }
         }
     }
 
-    fn text(&mut self, text: &str, name: String, folder: PathBuf) {
-        let index = self.push(text, name, folder.clone(), SourceKind::File);
+    /// Translates a file of another format and adds the result.
+    fn import(
+        &mut self,
+        path: &Path,
+        options: &ImportOptions,
+        folder: PathBuf,
+        name: String,
+        at: Option<&SourceSpan>,
+    ) {
+        if self.sources.files.len() >= MAX_FILES {
+            return self.fail(at, format!("too many files: expected at most {MAX_FILES}"));
+        }
+        let imported = self
+            .registry
+            .format_of(path)
+            .and_then(|format| format.import(path, options));
+        match imported {
+            None => {
+                let known = import::extensions(self.registry);
+                self.fail(
+                    at,
+                    format!("cannot import \"{name}\": expected a file that ends in {known}"),
+                );
+            }
+            Some(Err(errors)) => {
+                let errors = errors
+                    .0
+                    .into_iter()
+                    .map(|error| import::located(error, &name, at));
+                self.errors.0.extend(errors);
+            }
+            Some(Ok(imported)) => {
+                self.sources.notes.push((path.to_owned(), imported.notes));
+                self.text(&imported.text, name, folder, SourceKind::Import);
+            }
+        }
+    }
+
+    fn text(&mut self, text: &str, name: String, folder: PathBuf, kind: SourceKind) {
+        let index = self.push(text, name, folder.clone(), kind);
         let (includes, errors) = document::includes(&self.sources.files[index].padded);
         self.errors.0.extend(errors.0);
+        let (imports, errors) = import::imports(&self.sources.files[index].padded);
+        self.errors.0.extend(errors.0);
+        for found in imports {
+            let relative = folder.join(&found.file);
+            let path = self.sources.base.join(&relative);
+            let folder = relative.parent().unwrap_or(Path::new("")).to_owned();
+            let name = path.display().to_string();
+            self.import(&path, &found.options, folder, name, Some(&found.span));
+        }
         for (span, include) in includes {
             let relative = folder.join(&include);
             let path = self.sources.base.join(&relative);

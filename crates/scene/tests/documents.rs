@@ -178,7 +178,7 @@ fn includes_are_merged_first_and_their_paths_stay_right() {
     let main =
         "include = ['parts/part.toml', 'parts/part.toml']\n[camera]\ntype = 'near'\n[[shape]]\ntype='s'\n";
     fs::write(root.join("main.toml"), main).unwrap();
-    let load = || Sources::load(&root.join("main.toml"), &[]).unwrap();
+    let load = || Sources::load(&root.join("main.toml"), &[], &Registry::default()).unwrap();
     let sources = load();
     let description = Description::parse(&sources).into_result().unwrap();
     assert_eq!(description.camera.name, "near");
@@ -204,7 +204,7 @@ fn include_cycles_and_missing_files_are_errors_at_the_include() {
         "include = ['a.toml',\n  'missing.toml', 3]\n",
     )
     .unwrap();
-    let error = Sources::load(&root.join("a.toml"), &[]).unwrap_err();
+    let error = Sources::load(&root.join("a.toml"), &[], &Registry::default()).unwrap_err();
     let found = places(&error.sources, &error.errors);
     assert_eq!(found.len(), 3);
     assert!(
@@ -225,14 +225,14 @@ fn what_is_no_scene_file_is_refused() {
         ("", "not a regular file"),
         ("latin.toml", "not UTF-8 text (line 1)"),
     ] {
-        let error = Sources::load(&root.join(path), &[]).unwrap_err();
+        let error = Sources::load(&root.join(path), &[], &Registry::default()).unwrap_err();
         let report = error.sources.report(&error.errors, false);
         assert!(report.contains(expected), "{report}");
     }
     let mut with_mark = b"\xef\xbb\xbf".to_vec();
     with_mark.extend_from_slice(SCENE.as_bytes());
     fs::write(root.join("mark.toml"), with_mark).unwrap();
-    let sources = Sources::load(&root.join("mark.toml"), &[]).unwrap();
+    let sources = Sources::load(&root.join("mark.toml"), &[], &Registry::default()).unwrap();
     assert!(Description::parse(&sources).into_result().is_ok());
 }
 

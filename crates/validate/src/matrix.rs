@@ -100,7 +100,7 @@ impl Validator<'_> {
     /// The scene without changes.
     fn own(&self, path: &Path) -> Result<Own, String> {
         let overrides = self.overrides(path, &mut Vec::new())?;
-        let sources = Sources::load(path, &overrides).map_err(|error| error.to_string())?;
+        let sources = Sources::load(path, &overrides, self.registry).map_err(|error| error.to_string())?;
         let pipeline = self.build(&sources, None)?;
         let film = self.picture(&pipeline, self.options.threads);
         let world = &pipeline.scene;
@@ -117,7 +117,7 @@ impl Validator<'_> {
                 .any(|material| material.flags().intersects(BsdfFlags::SPECULAR)),
             accelerator: pipeline.accelerator.0.clone(),
             textures: used(&pipeline, FamilyName::Texture),
-            flattened: crate::flatten(path, &overrides)?.text,
+            flattened: crate::flatten(path, &overrides, self.registry)?.text,
         };
         Ok(Own {
             sources,
@@ -184,7 +184,7 @@ impl Validator<'_> {
     /// repeat the unchanged scene.
     fn is_unchanged(&self, own: &Own, path: &Path, changes: &[String]) -> bool {
         let overrides = [&own.overrides, changes].concat();
-        let picture = Sources::load(path, &overrides)
+        let picture = Sources::load(path, &overrides, self.registry)
             .map_err(|error| error.to_string())
             .and_then(|sources| self.build(&sources, None))
             .map(|pipeline| self.picture(&pipeline, self.options.threads));

@@ -96,8 +96,8 @@ fn tracer(
     use whitstone_oracle::tracer::{Care, Tracer, Value};
     use whitstone_scene::{Description, Plan, Sources};
 
-    let sources =
-        Sources::load(path, overrides).map_err(|error| error.sources.report(&error.errors, false))?;
+    let sources = Sources::load(path, overrides, validator.registry)
+        .map_err(|error| error.sources.report(&error.errors, false))?;
     let description = Description::parse(&sources)
         .into_result()
         .map_err(|errors| sources.report(&errors, false))?;

@@ -1,13 +1,13 @@
 //! Maps problems that a driver reports to their places in the scene's files.
 
 use std::path::Path;
-use whitstone_core::{SceneError, SceneErrors, SourceSpan};
+use whitstone_core::{Registry, SceneError, SceneErrors, SourceSpan};
 use whitstone_scene::{Description, Sources};
 
 /// Converts the problems that a driver reports to errors with file and line. Each line of
 /// `problems` begins with a place in the document (`shape[3].material: ...`).
-pub(crate) fn report(path: &Path, overrides: &[String], problems: &str) -> String {
-    let Ok(sources) = Sources::load(path, overrides) else {
+pub(crate) fn report(path: &Path, overrides: &[String], registry: &Registry, problems: &str) -> String {
+    let Ok(sources) = Sources::load(path, overrides, registry) else {
         return problems.to_owned();
     };
     let Ok(description) = Description::parse(&sources).into_result() else {
@@ -92,12 +92,14 @@ mod tests {
             ("shape[0]", 12),
             ("shape[0].material.reflectance", 13),
         ] {
-            let told = report(&path, &[], &format!("{place}: has no twin"));
+            let told = report(&path, &[], &Registry::default(), &format!("{place}: has no twin"));
             assert!(
                 told.contains(&format!("scene.toml:{line}:")) && told.contains("has no twin"),
                 "{place}: {told}"
             );
         }
-        assert!(report(&path, &[], "film.aovs: nothing").contains("film.aovs: nothing"));
+        assert!(
+            report(&path, &[], &Registry::default(), "film.aovs: nothing").contains("film.aovs: nothing")
+        );
     }
 }

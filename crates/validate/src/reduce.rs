@@ -28,7 +28,7 @@ pub fn reduce(
     validator.without_pictures();
     // There are thousands of candidates, and only a difference matters.
     validator.oracle.when = Ask::Never;
-    let flattened = flatten(scene, overrides)?;
+    let flattened = flatten(scene, overrides, validator.registry)?;
     let mut document: Table = toml::from_str(&flattened.text).map_err(|error| error.to_string())?;
     absolute(&mut document, &flattened.base);
     let folder = tempfile::tempdir().map_err(|error| error.to_string())?;

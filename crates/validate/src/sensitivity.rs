@@ -73,7 +73,7 @@ impl Validator<'_> {
         self.without_pictures();
         // Only the comparison itself is tested here.
         self.oracle.when = Ask::Never;
-        let text = flatten(path, &[])?.text;
+        let text = flatten(path, &[], self.registry)?.text;
         let table: Value = toml::from_str(&text).map_err(|error| error.to_string())?;
         let mut numbers = Vec::new();
         collect(&table, "", &mut numbers);

@@ -243,14 +243,14 @@ impl<'a> Validator<'a> {
 
     fn render(&self, path: &Path, case: &mut CaseResult) -> Result<Ours, String> {
         let overrides = self.overrides(path, &mut case.adapted)?;
-        let flattened = flatten(path, &overrides)?;
+        let flattened = flatten(path, &overrides, self.registry)?;
         let all_overrides = [
             &overrides[..],
             &self.options.shared_overrides,
             &self.options.ours_overrides,
         ]
         .concat();
-        let sources = Sources::load(path, &all_overrides)
+        let sources = Sources::load(path, &all_overrides, self.registry)
             .map_err(|error| error.sources.report(&error.errors, false))?;
         let report = |errors: SceneErrors| sources.report(&errors, false);
         let options = BuildOptions::default();
@@ -265,8 +265,8 @@ impl<'a> Validator<'a> {
         });
         if let Some(approximation_note) = pipeline.scene.accelerator.approximation_note() {
             let exact = [&all_overrides[..], &["accelerator={type='auto'}".to_owned()]].concat();
-            let sources =
-                Sources::load(path, &exact).map_err(|error| error.sources.report(&error.errors, false))?;
+            let sources = Sources::load(path, &exact, self.registry)
+                .map_err(|error| error.sources.report(&error.errors, false))?;
             let exact = Pipeline::load(&sources, self.registry, options).map_err(report)?;
             let exact = exact.render(RenderOptions {
                 threads: self.options.threads,
@@ -318,7 +318,7 @@ impl<'a> Validator<'a> {
     /// reference cannot render it. The latter are also appended to `changes`.
     pub(crate) fn overrides(&self, path: &Path, changes: &mut Vec<String>) -> Result<Vec<String>, String> {
         let mut overrides = self.options.overrides.clone();
-        let flattened = flatten(path, &overrides)?;
+        let flattened = flatten(path, &overrides, self.registry)?;
         for Adaptation { change, reason } in self.options.renderer.adaptations_of(&flattened.text) {
             changes.push(format!("{change}: {reason}"));
             overrides.push(change);
@@ -329,7 +329,7 @@ impl<'a> Validator<'a> {
     /// The scene as the reference receives it, and the changes that were made for it.
     pub fn adapted(&self, path: &Path) -> Result<(Flattened, Vec<String>), String> {
         let overrides = self.overrides(path, &mut Vec::new())?;
-        Ok((flatten(path, &overrides)?, overrides))
+        Ok((flatten(path, &overrides, self.registry)?, overrides))
     }
 
     /// Another renderer with a stored reference of the scene.
@@ -376,7 +376,7 @@ impl<'a> Validator<'a> {
                 }
                 // Whether the scene has a twin does not depend on the run.
                 Err(LiveError::Driver(DriverError::Unsupported(problems))) => {
-                    let report = place::report(path, &self.options.overrides, &problems);
+                    let report = place::report(path, &self.options.overrides, self.registry, &problems);
                     let report = format!("no twin in {renderer}:\n{report}");
                     let lacks = problems.lines().map(|line| place::split_place(line).1.to_owned());
                     return Err(NoReference::NoTwin(report, lacks.collect()));
@@ -416,9 +416,9 @@ impl<'a> Validator<'a> {
 }
 
 /// The flattened scene, as the reference receives it.
-pub fn flatten(path: &Path, overrides: &[String]) -> Result<Flattened, String> {
-    let sources =
-        Sources::load(path, overrides).map_err(|error| error.sources.report(&error.errors, false))?;
+pub fn flatten(path: &Path, overrides: &[String], registry: &Registry) -> Result<Flattened, String> {
+    let sources = Sources::load(path, overrides, registry)
+        .map_err(|error| error.sources.report(&error.errors, false))?;
     let description = Description::parse(&sources)
         .into_result()
         .map_err(|errors| sources.report(&errors, false))?;

@@ -209,7 +209,7 @@ pub fn build_with<T>(
     note: impl FnOnce(&Plan<'_, '_>) -> T,
 ) -> Result<(Pipeline, T), Failure> {
     let color = terminal::color();
-    let sources = Sources::load(&arguments.scene, &arguments.overrides)
+    let sources = Sources::load(&arguments.scene, &arguments.overrides, registry)
         .map_err(|error| Failure::usage(error.sources.report(&error.errors, color)))?;
     let bar = terminal::spinner("building");
     let progress = |what: &str| bar.set_message(format!("building {what}"));

@@ -42,7 +42,9 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     whitstone_textures::register(registry)?;
     whitstone_lights::register(registry)?;
     whitstone_samplers::register(registry)?;
-    whitstone_integrators::register(registry)
+    whitstone_integrators::register(registry)?;
+    whitstone_formats::register(registry);
+    Ok(())
 }
 
 #[cfg(feature = "plugins")]

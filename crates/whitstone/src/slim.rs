@@ -85,7 +85,7 @@ fn parse(words: impl Iterator<Item = OsString>) -> Result<Arguments, Failure> {
 
 fn render(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let color = terminal::color();
-    let sources = Sources::load(&arguments.scene, &arguments.overrides)
+    let sources = Sources::load(&arguments.scene, &arguments.overrides, registry)
         .map_err(|error| Failure::usage(error.sources.report(&error.errors, color)))?;
     let pipeline = Pipeline::load(&sources, registry, BuildOptions::default())
         .map_err(|errors| Failure::usage(sources.report(&errors, color)))?;

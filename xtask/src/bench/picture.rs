@@ -73,7 +73,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
 /// Builds a scene at a given size; also returns the document that the driver receives.
 fn built(path: &Path, film: &str, registry: &Registry) -> Result<(Pipeline, Flattened), Failure> {
     let overrides = [format!("film={{ {film} }}")];
-    let sources = Sources::load(path, &overrides)
+    let sources = Sources::load(path, &overrides, registry)
         .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
     let report = |errors| Failure::usage(sources.report(&errors, false));
     let document = |plan: &Plan<'_, '_>| plan.description.flattened.clone();

@@ -58,7 +58,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
 
 /// Includes shading and shadow rays, but not layers.
 fn nanoseconds_per_ray(scene: &str, registry: &Registry, budget: Duration) -> Result<f64, Failure> {
-    let sources = Sources::load(Path::new(scene), &["film.aovs=[]".to_owned()])
+    let sources = Sources::load(Path::new(scene), &["film.aovs=[]".to_owned()], registry)
         .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
     let report = |errors| Failure::usage(sources.report(&errors, false));
     let pipeline = Pipeline::load(&sources, registry, BuildOptions::default()).map_err(report)?;

@@ -49,7 +49,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
                 ),
                 format!("integrator={{ type = \"{integrator}\", shadows = \"{shadows}\" }}"),
             ];
-            let sources = Sources::load(path, &overrides)
+            let sources = Sources::load(path, &overrides, registry)
                 .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
             let report = |errors| Failure::usage(sources.report(&errors, false));
             Pipeline::load(&sources, registry, BuildOptions::default()).map_err(report)

@@ -141,7 +141,7 @@ fn build(
         progress: Some(&progress),
         ..BuildOptions::default()
     };
-    let sources = Sources::load(Path::new(SCENE), overrides)
+    let sources = Sources::load(Path::new(SCENE), overrides, registry)
         .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
     let report = |errors| Failure::usage(sources.report(&errors, false));
     Pipeline::load(&sources, registry, options).map_err(report)

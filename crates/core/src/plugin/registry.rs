@@ -1,7 +1,7 @@
 use crate::config::{self, Table};
 use crate::{
     Accelerator, Camera, Context, DuplicateType, FilmSize, Geometry, Integrator, Light, LoweredShape,
-    Material, Sampler, SceneError, SceneErrors, Texture, Transform, nearest,
+    Material, Sampler, SceneError, SceneErrors, SceneFormat, Texture, Transform, nearest,
 };
 use schemars::JsonSchema;
 #[cfg(feature = "schema")]
@@ -9,6 +9,7 @@ use schemars::{Schema, SchemaGenerator};
 use serde::de::DeserializeOwned;
 use std::any::Any;
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::sync::Arc;
 
 /// A kind of plugin: the type that it builds and the input that it receives besides its parameters.
@@ -179,6 +180,7 @@ pub struct Registry {
     twins: Vec<Twin>,
     defaults: BTreeMap<FamilyName, &'static str>,
     automatic: Option<AutomaticAccelerator>,
+    formats: Vec<Box<dyn SceneFormat>>,
 }
 
 /// Chooses the accelerator of a scene that leaves the choice: a registered type, and the reason.
@@ -272,6 +274,23 @@ impl Registry {
     /// The twins of third-party plugins for a reference.
     pub fn twins(&self, reference: &str) -> impl Iterator<Item = &Twin> {
         self.twins.iter().filter(move |twin| twin.reference == reference)
+    }
+
+    /// Adds a format of scene files.
+    pub fn add_format(&mut self, format: impl SceneFormat + 'static) {
+        self.formats.push(Box::new(format));
+    }
+
+    /// The formats of scene files other than TOML, in the order in which they were added.
+    pub fn formats(&self) -> impl Iterator<Item = &dyn SceneFormat> {
+        self.formats.iter().map(|format| &**format)
+    }
+
+    /// The format of files with the extension of this path.
+    pub fn format_of(&self, path: &Path) -> Option<&dyn SceneFormat> {
+        let extension = path.extension()?.to_str()?.to_ascii_lowercase();
+        self.formats()
+            .find(|format| format.extensions().contains(&extension.as_str()))
     }
 
     /// All plugins, sorted by family and name.

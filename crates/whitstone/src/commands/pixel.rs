@@ -135,7 +135,7 @@ impl PixelArguments {
         let cache = scene.target.join("live");
         let mut live = Live::start(Renderer::MITSUBA, environment, cache, !scene.fresh, TIME_LIMIT)
             .map_err(|error| error.to_string())?;
-        let flattened = flatten(&scene.scene, &scene.overrides)?;
+        let flattened = flatten(&scene.scene, &scene.overrides, registry)?;
         let text = SceneText {
             text: &flattened.text,
             base: &flattened.base,

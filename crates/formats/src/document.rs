@@ -1,0 +1,174 @@
+//! A scene that is written as TOML.
+
+use std::collections::{BTreeSet, HashMap};
+use std::fmt::Write;
+use toml::{Table, Value};
+use whitstone_core::DAffine3;
+
+/// The tables of a scene, in the order in which they are written.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Document {
+    /// `[film]`, `[camera]`, `[sampler]`, `[integrator]`: name and keys.
+    pub single: Vec<(&'static str, Table)>,
+    /// `[[light]]`s.
+    pub lights: Vec<Table>,
+    /// `[texture.ID]`s.
+    pub textures: Vec<(String, Table)>,
+    /// `[material.ID]`s.
+    pub materials: Vec<(String, Table)>,
+    /// `[group.ID]`s and their shapes.
+    pub groups: Vec<(String, Vec<Table>)>,
+    /// `[[shape]]`s.
+    pub shapes: Vec<Table>,
+}
+
+impl Document {
+    /// The scene as TOML: a section per table, nested tables inline.
+    pub fn to_toml(&self) -> String {
+        let mut text = String::new();
+        let mut section = |header: String, table: &Table| {
+            if !text.is_empty() {
+                text.push('\n');
+            }
+            writeln!(text, "{header}").expect("a string can be written to");
+            // The type comes first.
+            let kind = table.get_key_value("type");
+            let rest = table.iter().filter(|(key, _)| *key != "type");
+            for (key, value) in kind.into_iter().chain(rest) {
+                writeln!(text, "{} = {value}", quoted_key(key)).expect("a string can be written to");
+            }
+        };
+        for (name, table) in &self.single {
+            section(format!("[{name}]"), table);
+        }
+        for table in &self.lights {
+            section("[[light]]".to_owned(), table);
+        }
+        for (family, tables) in [("texture", &self.textures), ("material", &self.materials)] {
+            for (id, table) in tables {
+                section(format!("[{family}.{}]", quoted_key(id)), table);
+            }
+        }
+        for (id, shapes) in &self.groups {
+            for shape in shapes {
+                section(format!("[[group.{}.shape]]", quoted_key(id)), shape);
+            }
+        }
+        for table in &self.shapes {
+            section("[[shape]]".to_owned(), table);
+        }
+        text
+    }
+}
+
+/// A key as TOML, in quotes if it needs them.
+fn quoted_key(key: &str) -> String {
+    let bare = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
+    if !key.is_empty() && key.chars().all(bare) {
+        key.to_owned()
+    } else {
+        Value::String(key.to_owned()).to_string()
+    }
+}
+
+/// A table from its keys and values.
+pub fn table<const N: usize>(entries: [(&str, Value); N]) -> Table {
+    entries
+        .into_iter()
+        .map(|(key, value)| (key.to_owned(), value))
+        .collect()
+}
+
+/// Numbers as a TOML array.
+pub fn numbers(values: impl IntoIterator<Item = f64>) -> Value {
+    Value::Array(values.into_iter().map(Value::Float).collect())
+}
+
+/// A colour: one number if it is grey.
+pub fn color(values: [f64; 3]) -> Value {
+    if values.iter().all(|value| *value == values[0]) {
+        Value::Float(values[0])
+    } else {
+        numbers(values)
+    }
+}
+
+/// The value of the key `transform` for an affine map: one step with three rows.
+pub fn transform(map: &DAffine3) -> Value {
+    let [x, y, z] = [map.matrix3.row(0), map.matrix3.row(1), map.matrix3.row(2)];
+    let rows = [
+        [x.x, x.y, x.z, map.translation.x],
+        [y.x, y.y, y.z, map.translation.y],
+        [z.x, z.y, z.z, map.translation.z],
+    ];
+    let rows = rows.map(numbers).to_vec();
+    Value::Table(table([("matrix", Value::Array(rows))]))
+}
+
+/// Distinct ids from names, which may be absent or repeated.
+#[derive(Debug, Default)]
+pub struct Ids {
+    prefix: String,
+    used: BTreeSet<String>,
+    next: HashMap<String, usize>,
+}
+
+impl Ids {
+    /// Ids that begin with a prefix.
+    pub fn new(prefix: &str) -> Self {
+        Self {
+            prefix: prefix.to_owned(),
+            ..Self::default()
+        }
+    }
+
+    /// An id that no other call returns: the name if it is free, else with a number.
+    pub fn unique(&mut self, name: &str) -> String {
+        let wanted = format!("{}{name}", self.prefix);
+        if self.used.insert(wanted.clone()) {
+            return wanted;
+        }
+        let number = self.next.entry(wanted.clone()).or_insert(2);
+        loop {
+            let id = format!("{wanted}-{number}");
+            *number += 1;
+            if self.used.insert(id.clone()) {
+                return id;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_document_is_valid_toml_in_the_order_of_a_reader() {
+        let sphere = table([
+            ("radius", Value::Float(2.0)),
+            ("type", Value::String("sphere".into())),
+        ]);
+        let document = Document {
+            single: vec![("film", table([("width", Value::Integer(4))]))],
+            lights: vec![table([("type", Value::String("ambient".into()))])],
+            materials: vec![("a b\"c".into(), table([("type", Value::String("matte".into()))]))],
+            groups: vec![("g".into(), vec![sphere.clone()])],
+            shapes: vec![sphere],
+            ..Document::default()
+        };
+        let text = document.to_toml();
+        let parsed: Table = toml::from_str(&text).unwrap();
+        assert_eq!(parsed["group"]["g"]["shape"][0]["radius"].as_float(), Some(2.0));
+        assert_eq!(parsed["material"]["a b\"c"]["type"].as_str(), Some("matte"));
+        assert!(text.starts_with("[film]\nwidth = 4\n"));
+        assert!(text.ends_with("[[shape]]\ntype = \"sphere\"\nradius = 2.0\n"));
+    }
+
+    #[test]
+    fn ids_are_distinct() {
+        let mut ids = Ids::new("x/");
+        let all = ["a", "a", "a-2", "a"].map(|name| ids.unique(name));
+        assert_eq!(all, ["x/a", "x/a-2", "x/a-2-2", "x/a-3"]);
+    }
+}
