@@ -6,6 +6,7 @@ use std::path::Path;
 
 use image::codecs::jpeg::JpegDecoder;
 use image::codecs::png::PngDecoder;
+use image::codecs::webp::WebPDecoder;
 use image::{DynamicImage, ImageDecoder, ImageError};
 
 use crate::exr_io;
@@ -37,7 +38,7 @@ pub struct Texels {
     pub encoding: Encoding,
 }
 
-/// Reads a PNG, JPEG or EXR file. The first bytes determine the kind, not the name.
+/// Reads a PNG, JPEG, WebP or EXR file. The first bytes determine the kind, not the name.
 /// [`Limits::TEXTURE`] are the usual limits.
 ///
 /// - Alpha is ignored (colours are not multiplied by it, see [`read_alpha`]), grey is repeated to
@@ -102,11 +103,21 @@ pub fn decode(bytes: &[u8], limits: Limits) -> Result<Texels, ReadFault> {
     decode_from(Cursor::new(bytes), limits, Part::Color)
 }
 
+/// As [`read_alpha`], from memory.
+///
+/// # Errors
+/// As [`read_alpha`].
+pub fn decode_alpha(bytes: &[u8], limits: Limits) -> Result<Texels, ReadFault> {
+    decode_from(Cursor::new(bytes), limits, Part::Alpha)
+}
+
 fn decode_from<R: BufRead + Seek>(mut source: R, limits: Limits, part: Part) -> Result<Texels, ReadFault> {
     const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
     const JPEG: &[u8] = b"\xff\xd8\xff";
+    // The container RIFF, its length, and the name of the format.
+    const WEBP: [&[u8]; 2] = [b"RIFF", b"WEBP"];
     let mut start = Vec::new();
-    (&mut source).take(PNG.len() as u64).read_to_end(&mut start)?;
+    (&mut source).take(12).read_to_end(&mut start)?;
     source.rewind()?;
     if start.starts_with(PNG) {
         no_panic(|| {
@@ -115,6 +126,12 @@ fn decode_from<R: BufRead + Seek>(mut source: R, limits: Limits, part: Part) -> 
         })
     } else if start.starts_with(JPEG) {
         no_panic(|| decode_jpeg(source, limits, part))
+    } else if start.starts_with(WEBP[0]) && start.ends_with(WEBP[1]) {
+        no_panic(|| {
+            let mut decoder = WebPDecoder::new(source).map_err(to_fault)?;
+            decoder.set_limits(decoder_limits(limits)).map_err(to_fault)?;
+            from_integers(decoder, limits, part)
+        })
     } else if start.starts_with(&exr_io::MAGIC) {
         let (image, names) = exr_io::decode_channels(source, limits, |name| match part {
             Part::Color => RGB.contains(&name) || name == "Y",
@@ -123,7 +140,7 @@ fn decode_from<R: BufRead + Seek>(mut source: R, limits: Limits, part: Part) -> 
         from_floats(&image, names, part)
     } else {
         Err(ReadFault::UnknownFormat {
-            expected: "a PNG, JPEG or EXR file",
+            expected: "a PNG, JPEG, WebP or EXR file",
         })
     }
 }
