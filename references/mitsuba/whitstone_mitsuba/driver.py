@@ -348,6 +348,8 @@ class Tracer:
         si.wi = si.to_local(-dr.gather(mi.Vector3f, level.rays.d, lanes))
         if level.footprint is not None:
             level.footprint.put(si, lanes.numpy())
+        if self.built.vertices.any:
+            self.built.vertices.put(si, dr.gather(mi.UInt32, hits.shape, lanes), dr.gather(mi.UInt32, hits.facet, lanes))
         return si
 
     # ---- local terms

@@ -25,7 +25,7 @@ import numpy as np
 
 from whitstone_protocol.errors import Unsupported
 
-from . import patterns, shapes
+from . import compounds, patterns, shapes
 from .document import Document
 from .driver import LANES, Tracer
 from .fields import Vector
@@ -131,13 +131,13 @@ def _is_python(texture: Any) -> bool:
     """Whether the twin of a texture uses NumPy, which code that Dr.Jit records cannot."""
     if isinstance(texture, Constant):
         return False
+    if isinstance(texture, compounds.HOSTED):
+        return True
     return isinstance(texture, patterns.HOSTED) or not texture.mapping.usual() or getattr(texture, "folded", False)
 
 
 def _lies_by_uv(texture: Any) -> bool:
-    if isinstance(texture, Constant):
-        return False
-    return texture.mapping.projection == "uv"
+    return compounds.by_uv(texture)
 
 
 def _absorbs(document: Document) -> bool:
