@@ -538,6 +538,17 @@ class Images(Files):
         path, _ = self.file({"uri": "x.webp"}, {"uri": "none.png"}, {}, {"uri": "data:,text"}, {"uri": "data:;base64,iVBORw0KGgo="})
         with self.assertRaises(Unsupported):
             images.inside(path, 0, "auto", "color", Folder(self.base))
+        for name in ("h.png", "h.jpg"):
+            mi.Bitmap(self.texels[:, :, :3].copy()).write(os.path.join(self.base, name))
+            with open(os.path.join(self.base, name), "rb") as file:
+                data = file.read()
+            self.assertEqual(images._size(data), (3, 2))
+            self.assertEqual(images._size(data[:12]), (0, 0))
+        # A header that gives the largest size.
+        self.write("h.png", self.png[:16] + b"\x7f\xff\xff\xff" * 2 + self.png[24:])
+        with self.assertRaises(Unsupported):
+            images.inside(self.file({"uri": "h.png"})[0], 0, "auto", "color", Folder(self.base))
+        path, _ = self.file({"uri": "x.webp"}, {"uri": "none.png"}, {}, {"uri": "data:,text"}, {"uri": "data:;base64,iVBORw0KGgo="})
         for index, word in ((1, "/images/1/uri"), (2, "/images/2"), (3, "/images/3"), (4, "/images/4"), (6, "/images")):
             with self.subTest(index), self.assertRaises(SceneError) as caught:
                 images.inside(path, index, "auto", "color", Folder(self.base))

@@ -1,5 +1,5 @@
-"""Vertex colours, second texture coordinates, mesh tangents, and textures made of others (model §8 to
-§10), in rendered images.
+"""Vertex colours, second texture coordinates, mesh tangents, and textures made of others (model §8
+to §10), in rendered images.
 """
 
 import json
@@ -11,7 +11,7 @@ import numpy as np
 
 from support import Case, film, write_exr
 from test_gltf import SQUARE, Builder
-from whitstone_mitsuba import compounds, textures
+from whitstone_mitsuba import compounds, operations, textures
 from whitstone_mitsuba.runtime import mi
 
 LOOK = '[camera]\ntype = "orthographic"\nlook_at = { origin = [0, 0, 5], target = [0, 0, 0] }\n'
@@ -175,6 +175,16 @@ class Attributes(Rendered):
         lamp = '[[light]]\ntype = "directional"\ndirection = [0, 0, -1]\nirradiance = 1\n'
         found = self.seen(shape + floor, lamp)[:, :, 0]
         self.near(found, np.where(alpha >= 0.4, 2, 1 / np.pi))
+
+    def test_mitsuba_cannot_call_them(self):
+        lamp = '[[light]]\ntype = "directional"\ndirection = [0, 0, -1]\nirradiance = 3\n'
+        second = '{ type = "checker", mapping = { uv_set = 1 } }'
+        for texture in (VERTEX, second, '{ type = "product", factors = [0.5] }'):
+            scene = film(4, 8) + LOOK + WINDOW + lamp + mesh(texture, kind="matte", key="reflectance")
+            answer = self.ask("check", scene, self.base)
+            self.assertIn("Python", answer["why"]["direct"])
+            refused = operations.answer({"op": "stock", "scene": scene, "base": self.base, "out": "none.exr"})
+            self.assertEqual(refused["kind"], "unsupported")
 
     def test_refused(self):
         head = film() + LOOK
@@ -384,7 +394,8 @@ class Compounds(Rendered):
         self.refuse(film() + LOOK + mesh('{ type = "product", factors = [-1, 1] }', kind="matte", key="reflectance"), "scene", ">= 0", base=self.base)
 
     def test_bumps(self):
-        """The slope of a product with a constant is that of the other factor, times the constant."""
+        """The slope of a product with a constant is that of the other factor, times the constant.
+        """
         head = '[integrator]\ntype = "whitted"\nmax_depth = 1\n[[light]]\ntype = "background"\nradiance = 1\n'
         block = '{ type = "gradient", a = 0, b = 1, wrap = "clamp", scale = 0.1 }'
         text = '[[shape]]\ntype = "plane"\nmaterial = {{ type = "bump", height = {}, {} material = {{ type = "mirror" }} }}\n'

@@ -517,8 +517,8 @@ class TooMany(Exception):
 
 
 def directions(values: np.ndarray, linear: np.ndarray, normal: bool) -> np.ndarray:
-    """(n, 3) directions transformed by (n, 3, 3) matrices, normals by their inverse transposes; zero
-    where a matrix is singular.
+    """(n, 3) directions transformed by (n, 3, 3) matrices, normals by their inverse transposes;
+    zero where a matrix is singular.
     """
     columns = np.moveaxis(linear, 2, 0)
     # The columns of the transposed inverse, times the determinant.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from typing import Tuple
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from .files import Folder
 from .runtime import mi
 
 EXTENSIONS = (".png", ".jpg", ".jpeg", ".exr")
+# Upper bound on the size of an image inside a glTF file.
+MAX_TEXELS = 2**27
 CHANNELS = ("color", "alpha", "red", "green", "blue")
 
 
@@ -88,6 +91,9 @@ def inside(path: str, index: int, color_space: str, channel: str, base: Folder) 
         kind = mi.Bitmap.FileFormat.JPEG
     else:
         raise SceneError(f"{where}: is neither PNG nor JPEG nor WebP")
+    width, height = _size(data)
+    if width * height > MAX_TEXELS:
+        raise Unsupported(f"{where}: no twin for more than {MAX_TEXELS} texels, found {width} x {height}")
     stream = mi.MemoryStream(len(data))
     stream.write(data)
     stream.seek(0)
@@ -96,6 +102,20 @@ def inside(path: str, index: int, color_space: str, channel: str, base: Folder) 
     except Exception as error:  # as above
         raise SceneError(f"{where}: cannot be read as an image: {error}") from error
     return _decoded(bitmap, where, color_space, channel, True, True)
+
+
+def _size(data: bytes) -> Tuple[int, int]:
+    """The size in the header of a PNG or JPEG; (0, 0) if there is none."""
+    if data[:1] == b"\x89":
+        return int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
+    at = 2
+    while at + 9 <= len(data) and data[at] == 0xFF:
+        kind = data[at + 1]
+        if 0xC0 <= kind <= 0xCF and kind not in (0xC4, 0xC8, 0xCC):
+            return int.from_bytes(data[at + 7 : at + 9], "big"), int.from_bytes(data[at + 5 : at + 7], "big")
+        # Fill bytes and markers without data have no length.
+        at += 1 if kind == 0xFF else 2 if kind == 0x01 or 0xD0 <= kind <= 0xD8 else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+    return 0, 0
 
 
 def _decoded(bitmap: "mi.Bitmap", path: str, color_space: str, channel: str, by_default: bool, opaque: bool = False) -> np.ndarray:

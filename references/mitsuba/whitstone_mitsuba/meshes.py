@@ -20,8 +20,8 @@ from whitstone_protocol.errors import SceneError, Unsupported
 from . import gltf
 from .files import Folder
 
-# Upper bound on the triangles of a mesh.
-MAX_TRIANGLES = 2**24
+# Upper bound on the triangles of a mesh of glTF, whose accessors need no data.
+MAX_TRIANGLES = 2**23
 
 
 @dataclass

@@ -106,7 +106,7 @@ def why_not(document: Document) -> List[str]:
     if any(lamp.slide is not None for lamp in document.lights.lamps):
         reasons.append("light: the slide of a projector is looked up in Python, which Mitsuba's integrators cannot call")
     looks = [texture for material in materials for texture in material.textures.values()]
-    if any(_is_python(texture) for texture in looks):
+    if any(is_python(texture) for texture in looks):
         reasons.append("texture: it is computed in Python, which Mitsuba's integrators cannot call")
     for shape in document.shapes:
         textures = document.materials[shape.material].textures.values()
@@ -127,7 +127,7 @@ def check(document: Document) -> None:
         raise Unsupported("\n".join(reasons))
 
 
-def _is_python(texture: Any) -> bool:
+def is_python(texture: Any) -> bool:
     """Whether the twin of a texture uses NumPy, which code that Dr.Jit records cannot."""
     if isinstance(texture, Constant):
         return False

@@ -1,5 +1,5 @@
-"""Vertex attributes of meshes (model §8 to §10): colours, the second set of texture coordinates, and
-mesh tangents.
+"""Vertex attributes of meshes (model §8 to §10): colours, the second set of texture coordinates,
+and mesh tangents.
 
 The driver interpolates them itself, at the points of hits. Textures find them in fields of
 Mitsuba's surface interaction that none of the BSDFs in use reads: `dn_dv` is the colour, `dn_du`
