@@ -30,7 +30,7 @@ fn half() -> NonNegative {
 /// The `threshold` texture; see the module documentation.
 pub struct Threshold {
     input: [ColorSource; 1],
-    at: f64,
+    at: f32,
 }
 
 impl Plugin<Textures> for Threshold {
@@ -41,14 +41,15 @@ impl Plugin<Textures> for Threshold {
         let input = context.texture(&config.input)?;
         Ok(Arc::new(Self {
             input: [input],
-            at: config.at.get(),
+            at: config.at.get() as f32,
         }))
     }
 }
 
 impl Threshold {
     fn cut(&self, value: Rgb) -> Rgb {
-        value.map(|part| if part >= self.at { 1.0 } else { 0.0 })
+        // In single precision, so that a number that was written with few digits equals itself.
+        value.map(|part| if part as f32 >= self.at { 1.0 } else { 0.0 })
     }
 }
 

@@ -81,7 +81,7 @@ impl File<'_> {
                 if self.request.colors {
                     let words: Vec<f64> = words.map_while(|word| word.parse().ok()).collect();
                     self.colors.push(match words[..] {
-                        [r, g, b] if [r, g, b].iter().all(|part| part.is_finite() && *part >= 0.0) => {
+                        [r, g, b, ..] if [r, g, b].iter().all(|part| part.is_finite() && *part >= 0.0) => {
                             [r, g, b]
                         }
                         _ => [1.0; 3],
