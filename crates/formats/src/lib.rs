@@ -5,6 +5,7 @@
 //! conversions keep, approximate and drop.
 
 pub mod document;
+pub mod fit;
 
 use whitstone_core::Registry;
 
