@@ -8,6 +8,7 @@ pub mod document;
 mod files;
 pub mod fit;
 mod mesh_file;
+mod mitsuba;
 mod obj;
 mod part;
 
