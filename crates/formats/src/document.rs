@@ -79,6 +79,13 @@ pub fn table<const N: usize>(entries: [(&str, Value); N]) -> Table {
         .collect()
 }
 
+/// A plugin's table from its type, keys and values.
+pub fn typed<const N: usize>(kind: &str, entries: [(&str, Value); N]) -> Table {
+    let mut all = table(entries);
+    all.insert("type".to_owned(), Value::String(kind.to_owned()));
+    all
+}
+
 /// Numbers as a TOML array.
 pub fn numbers(values: impl IntoIterator<Item = f64>) -> Value {
     Value::Array(values.into_iter().map(Value::Float).collect())

@@ -5,10 +5,21 @@
 //! conversions keep, approximate and drop.
 
 pub mod document;
+mod files;
+pub mod fit;
+mod mesh_file;
+mod mitsuba;
+mod obj;
+mod part;
 
 use whitstone_core::Registry;
 
+pub use mesh_file::{Ply, Stl};
+pub use obj::Obj;
+
 /// Adds all formats.
 pub fn register(registry: &mut Registry) {
-    let _ = registry;
+    registry.add_format(Obj);
+    registry.add_format(Ply);
+    registry.add_format(Stl);
 }

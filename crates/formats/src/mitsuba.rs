@@ -1,0 +1,3 @@
+//! Mitsuba 3's XML.
+
+mod xml;

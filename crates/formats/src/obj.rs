@@ -1,0 +1,628 @@
+//! Wavefront OBJ with MTL materials, as a scene.
+//!
+//! The faces of each material become one shape `mesh`. MTL gives light intensities without units:
+//! `Kd I` is a radiance. Here, a light with the irradiance `E` has the intensity `I = E/pi`, so that
+//! `Kd` is the albedo.
+//!
+//! Source: the appendix of the Wavefront Advanced Visualizer manual (MTL 3.0, 1995).
+
+mod mtl;
+mod scan;
+
+use crate::document::{Document, Ids, color, numbers, typed};
+use crate::files::{self, Folder, folder_of, shorten};
+use crate::part::{self, Part};
+use mtl::{Map, Mtl};
+use std::collections::HashMap;
+use std::f64::consts::PI;
+use std::path::Path;
+use toml::{Table, Value};
+use whitstone_core::{
+    Feature, FormatError, FormatErrors, ImportOptions, Imported, Notes, SceneFormat, Treatment,
+};
+
+/// Largest OBJ file in bytes.
+const MAX_BYTES: u64 = 4 << 30;
+/// Largest MTL file in bytes.
+const MAX_MTL_BYTES: u64 = 64 << 20;
+
+/// Wavefront OBJ.
+pub struct Obj;
+
+use Treatment::{Approximated, Dropped, Kept};
+
+/// What happens to the statements of OBJ and MTL.
+const FEATURES: &[Feature] = &[
+    feature(
+        "v, vt, vn, f",
+        Kept,
+        "The shape mesh reads them from the file itself.",
+    ),
+    feature("v with a colour", Kept, "The colours of vertices multiply Kd."),
+    feature("usemtl", Kept, "The faces of each material are one shape."),
+    feature(
+        "g, o",
+        Kept,
+        "Names of groups and objects have no effect on the image.",
+    ),
+    feature("mtllib", Kept, "Its materials are translated."),
+    feature(
+        "mtllib without a file",
+        Approximated,
+        "Materials that are not found are matte, with reflectance 0.5.",
+    ),
+    feature(
+        "usemtl without a material",
+        Approximated,
+        "A name that no MTL file defines is matte, with reflectance 0.5.",
+    ),
+    feature(
+        "Kd",
+        Kept,
+        "The albedo: a radiance of Kd E/pi for the irradiance E.",
+    ),
+    feature(
+        "Kd above 1",
+        Approximated,
+        "It is limited to 1 where there is no highlight.",
+    ),
+    feature(
+        "Ka",
+        Approximated,
+        "Surfaces reflect ambient light by Kd: many programs write a Ka without meaning.",
+    ),
+    feature(
+        "Ks, Ns",
+        Kept,
+        "The highlight of a blinn_phong with k_s = Ks/pi and the exponent Ns.",
+    ),
+    feature("Ns below 1", Approximated, "The exponent is at least 1."),
+    feature(
+        "Ke",
+        Approximated,
+        "The surface is seen with this radiance, but lights no other surface.",
+    ),
+    feature("Ni", Kept, "The index of refraction of a glass."),
+    feature("Tf", Approximated, "A glass is clear."),
+    feature("d, Tr", Kept, "A mask with this opacity; a glass ignores them."),
+    feature(
+        "d -halo",
+        Approximated,
+        "The opacity is the same from all directions.",
+    ),
+    feature("illum 0", Approximated, "A constant colour is matte instead."),
+    feature("illum 1, 2", Kept, "matte or blinn_phong."),
+    feature(
+        "illum 3, 8",
+        Approximated,
+        "whitted with k_refl = Ks; its highlight has Phong's form, with the exponent Ns/4.",
+    ),
+    feature(
+        "illum 4, 6, 7, 9",
+        Approximated,
+        "A dielectric with the index Ni, without Kd, Ks and Tf.",
+    ),
+    feature(
+        "illum 5",
+        Approximated,
+        "As illum 3: the reflection does not follow Fresnel's formula.",
+    ),
+    feature(
+        "illum 10",
+        Approximated,
+        "As illum 2: an invisible surface that catches shadows is visible.",
+    ),
+    feature("illum with another number", Approximated, "As illum 2."),
+    feature(
+        "map_Kd, map_Ks, map_Ke, map_d",
+        Kept,
+        "Images that multiply the value of the statement.",
+    ),
+    feature(
+        "norm",
+        Kept,
+        "normal_map with the tangents of the mesh; -bm is its strength.",
+    ),
+    feature(
+        "norm without texture coordinates",
+        Dropped,
+        "There are no tangents without them.",
+    ),
+    feature(
+        "-s, -o, -clamp, -imfchan",
+        Kept,
+        "scale, offset, wrap and channel of the image.",
+    ),
+    feature("-bm of a colour", Dropped, "Only a normal map has a strength."),
+    feature(
+        "bump",
+        Dropped,
+        "A height map by texture coordinates has no counterpart.",
+    ),
+    feature("map_Ka", Dropped, "Surfaces reflect ambient light by Kd."),
+    feature("map_Ns", Dropped, "An exponent is a number."),
+    feature(
+        "map_Tr",
+        Dropped,
+        "Programs disagree on its meaning; map_d is kept.",
+    ),
+    feature(
+        "disp",
+        Dropped,
+        "A displacement by texture coordinates is not translated.",
+    ),
+    feature("decal", Dropped, "There is no counterpart."),
+    feature("refl", Dropped, "Reflections are traced."),
+    feature("sharpness", Dropped, "It belongs to refl."),
+    feature("map_aat", Dropped, "The sampler of the scene smooths edges."),
+    feature("spectral, xyz", Dropped, "Only colours in RGB are read."),
+    feature(
+        "Pr, Pm, Ps, Pc, Pcr, aniso, anisor",
+        Dropped,
+        "The extension for physically based materials has no counterpart.",
+    ),
+    feature("-t", Dropped, "Turbulence of a texture has no counterpart."),
+    feature("-mm", Dropped, "Base and gain of a texture are not translated."),
+    feature("-boost", Dropped, "Images are not sharpened."),
+    feature("-texres", Dropped, "Images have the resolution of their file."),
+    feature(
+        "-blendu, -blendv",
+        Dropped,
+        "Images are filtered in both directions.",
+    ),
+    feature("-cc", Dropped, "Colours are not corrected."),
+    feature(
+        "s",
+        Dropped,
+        "Without vn the surface is flat: smoothing groups give no normals.",
+    ),
+    feature("p, l", Dropped, "Points and lines have no area."),
+    feature(
+        "curv, surf",
+        Dropped,
+        "Free-form curves and surfaces are not read.",
+    ),
+    feature("other statements", Dropped, "They are not known."),
+];
+
+const fn feature(name: &'static str, treatment: Treatment, how: &'static str) -> Feature {
+    Feature { name, treatment, how }
+}
+
+impl SceneFormat for Obj {
+    fn name(&self) -> &'static str {
+        "obj"
+    }
+
+    fn extensions(&self) -> &'static [&'static str] {
+        &["obj"]
+    }
+
+    fn features(&self) -> &'static [Feature] {
+        FEATURES
+    }
+
+    fn import(&self, path: &Path, options: &ImportOptions) -> Option<Result<Imported, FormatErrors>> {
+        Some(import(path, options))
+    }
+}
+
+fn import(path: &Path, options: &ImportOptions) -> Result<Imported, FormatErrors> {
+    part::no_selection(options, "an OBJ file")?;
+    let bytes = files::read_main(path, MAX_BYTES)?;
+    let scan = scan::scan(&bytes);
+    drop(bytes);
+    let folder = Folder::of(path, options);
+    let mut import = Import {
+        notes: Notes::default(),
+        errors: Vec::new(),
+        folder,
+        uvs: scan.uvs,
+        colors: scan.colors,
+        document: Document::default(),
+        texture_ids: Ids::new(&options.prefix),
+        textures: HashMap::new(),
+    };
+    let materials = import.libraries(&scan.libraries);
+    let mut ids = Ids::new(&options.prefix);
+    for (name, line) in &scan.noted {
+        import.notes.add(FEATURES, name, format!("line {line}"));
+    }
+    let file = path
+        .file_name()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned();
+    // One material, or none, means all faces.
+    let several = scan.parts.len() > 1;
+    let parts = if scan.parts.is_empty() {
+        vec![String::new()]
+    } else {
+        scan.parts.clone()
+    };
+    for name in &parts {
+        let mut shape = typed("mesh", [("file", Value::String(file.clone()))]);
+        let mut set = |key: &str, value: Value| shape.insert(key.to_owned(), value);
+        if several {
+            set("part", Value::String(name.clone()));
+        }
+        if scan.colors {
+            set("vertex_colors", Value::Boolean(true));
+        }
+        let material = materials.get(name);
+        if let Some(id) = options.materials.get(name) {
+            set("material", Value::String(id.clone()));
+        } else if let Some(material) = material {
+            let translated = import.material(material);
+            if translated.tangents {
+                set("tangents", Value::Boolean(true));
+            }
+            let id = ids.unique(if name.is_empty() { "material" } else { name });
+            set("material", Value::String(id.clone()));
+            import.document.materials.push((id, translated.table));
+        } else {
+            if !name.is_empty() {
+                import
+                    .notes
+                    .add(FEATURES, "usemtl without a material", name.clone());
+            }
+            if scan.colors {
+                let matte = typed("matte", [("reflectance", Value::Table(vertex_color()))]);
+                set("material", Value::Table(matte));
+            }
+        }
+        part::place(&mut shape, options);
+        import.document.shapes.push(shape);
+    }
+    for name in options.materials.keys().filter(|name| !parts.contains(name)) {
+        import.errors.push(part::unknown_material(name, &parts));
+    }
+    if scan.colors {
+        import.notes.add(FEATURES, "v with a colour", file);
+    }
+    if !import.errors.is_empty() {
+        return Err(FormatErrors(import.errors));
+    }
+    let part = Part {
+        low: scan.low,
+        high: scan.high,
+    };
+    part.fit(&mut import.document, options);
+    Ok(Imported {
+        text: import.document.to_toml(),
+        notes: import.notes.into_sorted(),
+    })
+}
+
+/// The state of an import.
+struct Import {
+    notes: Notes,
+    errors: Vec<FormatError>,
+    folder: Folder,
+    /// Whether the file has texture coordinates.
+    uvs: bool,
+    /// Whether the file has vertex colours.
+    colors: bool,
+    document: Document,
+    texture_ids: Ids,
+    /// The ids of images that are already in the document, by their tables.
+    textures: HashMap<String, String>,
+}
+
+/// A material of an MTL file, with the folder that its images are relative to.
+struct Material {
+    mtl: Mtl,
+    library: String,
+}
+
+/// A material as a table.
+struct Translated {
+    table: Table,
+    /// Whether it needs the tangents of the mesh.
+    tangents: bool,
+}
+
+impl Import {
+    /// The materials of all libraries by their names; the first definition of a name counts.
+    fn libraries(&mut self, statements: &[(usize, String)]) -> HashMap<String, Material> {
+        let mut found = HashMap::new();
+        for (line, text) in statements {
+            let text = text.as_str();
+            // A name may contain spaces, and a statement may name several files.
+            let whole = self.folder.find("", text);
+            let names: Vec<&str> = match &whole {
+                Ok(named) if named.path.is_file() => vec![text],
+                _ => text.split_ascii_whitespace().collect(),
+            };
+            for name in names {
+                let named = match self.folder.find("", name) {
+                    Ok(named) => named,
+                    Err(message) => {
+                        self.errors.push(FormatError::at(line.to_string(), message));
+                        continue;
+                    }
+                };
+                if !named.path.exists() {
+                    self.notes.add(FEATURES, "mtllib without a file", shorten(name));
+                    continue;
+                }
+                match files::read(&named.path, MAX_MTL_BYTES) {
+                    Err(problem) => {
+                        let message = format!("cannot read \"{}\": {problem}", shorten(name));
+                        self.errors.push(FormatError::at(line.to_string(), message));
+                    }
+                    Ok(bytes) => {
+                        let (materials, errors) = mtl::parse(&bytes);
+                        let located =
+                            |(line, message)| FormatError::at(format!("{}:{line}", named.relative), message);
+                        self.errors.extend(errors.into_iter().map(located));
+                        for mtl in materials {
+                            let material = Material {
+                                library: named.relative.clone(),
+                                mtl,
+                            };
+                            found.entry(material.mtl.name.clone()).or_insert(material);
+                        }
+                    }
+                }
+            }
+        }
+        found
+    }
+
+    fn note(&mut self, feature: &str, material: &Mtl) {
+        self.notes.add(FEATURES, feature, shorten(&material.name));
+    }
+
+    fn material(&mut self, material: &Material) -> Translated {
+        let mtl = &material.mtl;
+        for feature in &mtl.noted {
+            self.note(feature, mtl);
+        }
+        let diffuse = mtl
+            .diffuse
+            .unwrap_or(if mtl.diffuse_map.is_some() || self.colors {
+                [1.0; 3]
+            } else {
+                [0.5; 3]
+            });
+        if mtl.ambient.is_some_and(|ambient| ambient != diffuse) {
+            self.note("Ka", mtl);
+        }
+        let specular = mtl.specular.unwrap_or(if mtl.specular_map.is_some() {
+            [1.0; 3]
+        } else {
+            [0.0; 3]
+        });
+        let illum = mtl.illum.unwrap_or(2);
+        match illum {
+            0 => self.note("illum 0", mtl),
+            3 | 8 => self.note("illum 3, 8", mtl),
+            4 | 6 | 7 | 9 => self.note("illum 4, 6, 7, 9", mtl),
+            5 => self.note("illum 5", mtl),
+            10 => self.note("illum 10", mtl),
+            1 | 2 => {}
+            _ => self.note("illum with another number", mtl),
+        }
+        let glass = matches!(illum, 4 | 6 | 7 | 9);
+        let shiny = !matches!(illum, 0 | 1) && specular != [0.0; 3];
+        let mut table = if glass {
+            self.glass(mtl)
+        } else if shiny {
+            self.shiny(material, diffuse, specular, matches!(illum, 3 | 5 | 8))
+        } else {
+            if diffuse.iter().any(|value| *value > 1.0) {
+                self.note("Kd above 1", mtl);
+            }
+            let reflectance = self.diffuse(material, diffuse.map(|value| value.min(1.0)));
+            typed("matte", [("reflectance", reflectance)])
+        };
+        let mut tangents = false;
+        if let Some(map) = &mtl.normal_map {
+            if self.uvs {
+                table = self.normal_map(material, map, table);
+                tangents = true;
+            } else {
+                self.note("norm without texture coordinates", mtl);
+            }
+        }
+        let emission = mtl.emission.unwrap_or(if mtl.emission_map.is_some() {
+            [1.0; 3]
+        } else {
+            [0.0; 3]
+        });
+        if emission != [0.0; 3] {
+            self.note("Ke", mtl);
+            let map = mtl.emission_map.as_ref();
+            let map = map.and_then(|map| self.image(material, map, None));
+            let radiance = product(emission, map);
+            table = typed(
+                "emissive",
+                [("radiance", radiance), ("material", Value::Table(table))],
+            );
+        }
+        if !glass && (mtl.opacity.is_some_and(|opacity| opacity < 1.0) || mtl.opacity_map.is_some()) {
+            let map = mtl.opacity_map.as_ref();
+            let map =
+                map.and_then(|map| self.image(material, map, Some(self.opacity_channel(material, map))));
+            let opacity = product([mtl.opacity.unwrap_or(1.0); 3], map);
+            table = typed("mask", [("material", Value::Table(table)), ("opacity", opacity)]);
+        }
+        Translated { table, tangents }
+    }
+
+    fn glass(&mut self, mtl: &Mtl) -> Table {
+        if mtl.filter.is_some_and(|filter| filter != [1.0; 3]) {
+            self.note("Tf", mtl);
+        }
+        // The index must be positive; programs write 0 for "none".
+        let ior = mtl.ior.filter(|ior| *ior > 0.0).unwrap_or(1.5);
+        typed("dielectric", [("interior_ior", Value::Float(ior))])
+    }
+
+    fn shiny(&mut self, material: &Material, diffuse: [f64; 3], specular: [f64; 3], reflects: bool) -> Table {
+        let mtl = &material.mtl;
+        let written = mtl.exponent.unwrap_or(32.0);
+        if written < 1.0 {
+            self.note("Ns below 1", mtl);
+        }
+        let exponent = written.max(1.0);
+        let per_steradian = |values: [f64; 3]| values.map(|value| value / PI);
+        let k_a = self.diffuse(material, diffuse);
+        let k_d = self.diffuse(material, per_steradian(diffuse));
+        let map = mtl.specular_map.as_ref();
+        let map = map.and_then(|map| self.image(material, map, None));
+        let mut table = typed(
+            "blinn_phong",
+            [
+                ("k_d", k_d),
+                ("k_s", product(per_steradian(specular), map.clone())),
+                ("k_a", k_a),
+                ("exponent", Value::Float(exponent)),
+            ],
+        );
+        if reflects {
+            table.insert("type".to_owned(), Value::String("whitted".into()));
+            table.insert("exponent".to_owned(), Value::Float(exponent / 4.0));
+            table.insert("k_refl".to_owned(), product(specular, map));
+        }
+        table
+    }
+
+    /// A multiple of the diffuse colour.
+    fn diffuse(&mut self, material: &Material, factor: [f64; 3]) -> Value {
+        let map = material.mtl.diffuse_map.as_ref();
+        let map = map.and_then(|map| self.image(material, map, None));
+        let colors = self.colors.then(|| Value::Table(vertex_color()));
+        product(factor, map.into_iter().chain(colors))
+    }
+
+    fn normal_map(&mut self, material: &Material, map: &Map, inner: Table) -> Table {
+        let strength = map.multiplier.unwrap_or(1.0);
+        let data = Map {
+            multiplier: None,
+            ..map.clone()
+        };
+        let Some(image) = self.image(material, &data, Some(Channel::Linear)) else {
+            return inner;
+        };
+        let mut table = typed(
+            "normal_map",
+            [
+                ("map", image),
+                ("tangent", Value::String("mesh".into())),
+                ("material", Value::Table(inner)),
+            ],
+        );
+        if strength != 1.0 {
+            table.insert("strength".to_owned(), Value::Float(strength));
+        }
+        table
+    }
+
+    /// How an image is read as an opacity.
+    fn opacity_channel(&self, material: &Material, map: &Map) -> Channel {
+        // Many programs name the image of the colour here and mean its alpha channel.
+        let same = material
+            .mtl
+            .diffuse_map
+            .as_ref()
+            .is_some_and(|diffuse| diffuse.file == map.file);
+        let named = self.folder.find(folder_of(&material.library), &map.file);
+        if same && map.channel.is_none() && named.is_ok_and(|named| files::is_png_with_alpha(&named.path)) {
+            Channel::Alpha
+        } else {
+            Channel::Linear
+        }
+    }
+
+    /// The id of a shared texture; none if the file is refused, which is an error. `channel`: how
+    /// data are read, none for colours.
+    fn image(&mut self, material: &Material, map: &Map, channel: Option<Channel>) -> Option<Value> {
+        let named = match self.folder.find(folder_of(&material.library), &map.file) {
+            Ok(named) => named,
+            Err(message) => {
+                let place = format!("{}:{}", material.library, map.line);
+                let error = FormatError::at(place, message);
+                if !self.errors.contains(&error) {
+                    self.errors.push(error);
+                }
+                return None;
+            }
+        };
+        if map.multiplier.is_some_and(|multiplier| multiplier != 1.0) {
+            self.note("-bm of a colour", &material.mtl);
+        }
+        let mut table = typed("image", [("file", Value::String(named.relative.clone()))]);
+        let mut set = |key: &str, value: Value| table.insert(key.to_owned(), value);
+        let written = match map.channel {
+            Some('r') => Some("red"),
+            Some('g') => Some("green"),
+            Some('b') => Some("blue"),
+            Some('m') => Some("alpha"),
+            _ => None,
+        };
+        let alpha = written == Some("alpha") || (written.is_none() && channel == Some(Channel::Alpha));
+        if alpha {
+            set("channel", Value::String("alpha".into()));
+        } else {
+            if let Some(name) = written {
+                set("channel", Value::String(name.into()));
+            }
+            if channel.is_some() {
+                set("color_space", Value::String("linear".into()));
+            }
+        }
+        if map.clamp {
+            set("wrap", Value::String("clamp".into()));
+        }
+        if let Some(scale) = map.scale {
+            set("scale", numbers(scale));
+        }
+        if let Some(offset) = map.offset {
+            set("offset", numbers(offset));
+        }
+        let key = table.to_string();
+        let id = match self.textures.get(&key) {
+            Some(id) => id.clone(),
+            None => {
+                let stem = Path::new(&named.relative).file_stem().unwrap_or_default();
+                let id = self.texture_ids.unique(&stem.to_string_lossy());
+                self.document.textures.push((id.clone(), table));
+                self.textures.insert(key, id.clone());
+                id
+            }
+        };
+        Some(Value::String(id))
+    }
+}
+
+/// How an image that is no colour is read.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Channel {
+    /// Its colour, as it is stored.
+    Linear,
+    Alpha,
+}
+
+fn vertex_color() -> Table {
+    typed("vertex_color", [])
+}
+
+/// A colour times textures.
+fn product(factor: [f64; 3], textures: impl IntoIterator<Item = Value>) -> Value {
+    let mut factors: Vec<Value> = textures.into_iter().collect();
+    if factors.is_empty() || factor == [0.0; 3] {
+        return color(factor);
+    }
+    if factor != [1.0; 3] {
+        factors.insert(0, color(factor));
+    }
+    match <[Value; 1]>::try_from(factors) {
+        Ok([single]) => single,
+        Err(factors) => Value::Table(typed("product", [("factors", Value::Array(factors))])),
+    }
+}
+
+#[cfg(test)]
+mod tests;
