@@ -7,6 +7,7 @@
 pub mod document;
 mod files;
 pub mod fit;
+mod gltf;
 mod mesh_file;
 mod mitsuba;
 mod obj;
@@ -14,11 +15,13 @@ mod part;
 
 use whitstone_core::Registry;
 
+pub use gltf::Gltf;
 pub use mesh_file::{Ply, Stl};
 pub use obj::Obj;
 
 /// Adds all formats.
 pub fn register(registry: &mut Registry) {
+    registry.add_format(Gltf);
     registry.add_format(Obj);
     registry.add_format(Ply);
     registry.add_format(Stl);

@@ -19,11 +19,15 @@ pub fn local_transform(node: &json::Node) -> DAffine3 {
     let vector = |v: [f32; 3]| DVec3::from_array(v.map(f64::from));
     let scale = vector(node.scale.unwrap_or([1.0; 3]));
     let translation = vector(node.translation.unwrap_or_default());
-    let [x, y, z, w] = node.rotation.unwrap_or_default().0.map(f64::from);
-    // Single precision does not give a unit quaternion.
+    let rotation = rotation(node.rotation.unwrap_or_default().0.map(f64::from));
+    DAffine3::from_mat3_translation(rotation * DMat3::from_diagonal(scale), translation)
+}
+
+/// The rotation of a quaternion (x, y, z, w), which need not have unit length.
+pub fn rotation([x, y, z, w]: [f64; 4]) -> DMat3 {
     let length = (x * x + y * y + z * z + w * w).sqrt();
     let [x, y, z, w] = [x, y, z, w].map(|part| part / length);
-    let rotation = DMat3::from_cols(
+    DMat3::from_cols(
         DVec3::new(
             1.0 - 2.0 * (y * y + z * z),
             2.0 * (x * y + w * z),
@@ -39,8 +43,7 @@ pub fn local_transform(node: &json::Node) -> DAffine3 {
             2.0 * (y * z - w * x),
             1.0 - 2.0 * (x * x + y * y),
         ),
-    );
-    DAffine3::from_mat3_translation(rotation * DMat3::from_diagonal(scale), translation)
+    )
 }
 
 /// The parent of each node.

@@ -31,6 +31,8 @@ pub struct Sources {
     base: PathBuf,
     /// What the importers of other formats report, by file.
     notes: Vec<(PathBuf, Vec<Note>)>,
+    /// Files that imported files refer to.
+    companions: Vec<PathBuf>,
     end: usize,
 }
 
@@ -121,6 +123,11 @@ impl Sources {
     /// What the importers of other formats report, by file.
     pub fn notes(&self) -> &[(PathBuf, Vec<Note>)] {
         &self.notes
+    }
+
+    /// Files that imported files refer to and the scene does not name.
+    pub(crate) fn companions(&self) -> &[PathBuf] {
+        &self.companions
     }
 
     /// Folder of the scene file.
@@ -376,6 +383,7 @@ impl<'r> Loader<'r> {
             }
             Some(Ok(imported)) => {
                 self.sources.notes.push((path.to_owned(), imported.notes));
+                self.sources.companions.extend(imported.files);
                 self.text(&imported.text, name, folder, SourceKind::Import);
             }
         }

@@ -6,7 +6,7 @@
 
 use glam::DAffine3;
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// A format of scene files, such as glTF.
 pub trait SceneFormat: Send + Sync {
@@ -74,6 +74,8 @@ pub struct Imported {
     pub text: String,
     /// What was approximated and dropped, and what was kept that is worth telling.
     pub notes: Vec<Note>,
+    /// Files that the imported file refers to and the scene does not name, such as buffers.
+    pub files: Vec<PathBuf>,
 }
 
 /// A scene to export.
