@@ -5,6 +5,7 @@ pub mod compare;
 pub mod completions;
 #[cfg(feature = "converge")]
 pub mod converge;
+pub mod convert;
 pub mod doctor;
 pub mod explain;
 mod junit;
@@ -59,6 +60,7 @@ pub enum Command {
     Reduce(reduce::Arguments),
     Report(report::Arguments),
     Compare(compare::Arguments),
+    Convert(convert::Arguments),
     Explain(explain::Arguments),
     #[cfg(feature = "stress")]
     Stress(stress::Arguments),
@@ -84,6 +86,7 @@ impl Command {
             Self::Reduce(arguments) => reduce::run(arguments, registry, program),
             Self::Report(arguments) => report::run(arguments, program),
             Self::Compare(arguments) => compare::run(arguments),
+            Self::Convert(arguments) => convert::run(arguments, registry),
             Self::Explain(arguments) => explain::run(arguments, registry),
             #[cfg(feature = "stress")]
             Self::Stress(arguments) => stress::run(arguments, registry),

@@ -229,7 +229,7 @@ impl Importer<'_> {
     fn node(&mut self, number: usize, world: DAffine3, depth: usize) -> Result<(), FormatError> {
         let pointer = format!("/nodes/{number}");
         if depth > MAX_NODE_DEPTH {
-            let message = format!("is nested more than {MAX_NODE_DEPTH} deep");
+            let message = format!("is in a cycle, or nested more than {MAX_NODE_DEPTH} deep");
             return Err(FormatError::at(pointer, message));
         }
         let document = self.document;
