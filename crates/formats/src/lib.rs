@@ -7,6 +7,7 @@
 pub mod document;
 mod files;
 pub mod fit;
+mod image_size;
 mod mesh_file;
 mod mitsuba;
 mod obj;
@@ -15,10 +16,12 @@ mod part;
 use whitstone_core::Registry;
 
 pub use mesh_file::{Ply, Stl};
+pub use mitsuba::Mitsuba;
 pub use obj::Obj;
 
 /// Adds all formats.
 pub fn register(registry: &mut Registry) {
+    registry.add_format(Mitsuba);
     registry.add_format(Obj);
     registry.add_format(Ply);
     registry.add_format(Stl);
