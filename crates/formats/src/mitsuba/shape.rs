@@ -231,7 +231,7 @@ impl<'a> Translator<'a> {
         // Directions of increasing u and v on each face, as Mitsuba lays them.
         let faces = [
             (DVec3::Z, DVec3::X, DVec3::NEG_Y),
-            (DVec3::Z, DVec3::X, DVec3::Y),
+            (DVec3::NEG_X, DVec3::NEG_Z, DVec3::Y),
             (DVec3::Y, DVec3::NEG_Z, DVec3::X),
             (DVec3::Y, DVec3::X, DVec3::Z),
             (DVec3::Y, DVec3::Z, DVec3::NEG_X),
