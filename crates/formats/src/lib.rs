@@ -8,6 +8,7 @@ pub mod document;
 mod files;
 pub mod fit;
 mod gltf;
+mod image_size;
 mod mesh_file;
 mod mitsuba;
 mod obj;
@@ -18,6 +19,7 @@ use whitstone_core::Registry;
 
 pub use gltf::Gltf;
 pub use mesh_file::{Ply, Stl};
+pub use mitsuba::Mitsuba;
 pub use obj::Obj;
 pub use toml_scene::Toml;
 
@@ -25,6 +27,7 @@ pub use toml_scene::Toml;
 pub fn register(registry: &mut Registry) {
     registry.add_format(Toml);
     registry.add_format(Gltf);
+    registry.add_format(Mitsuba);
     registry.add_format(Obj);
     registry.add_format(Ply);
     registry.add_format(Stl);

@@ -11,6 +11,7 @@ mod scan;
 
 use crate::document::{Document, Ids, color, numbers, typed};
 use crate::files::{self, Folder, folder_of, shorten};
+use crate::mesh_file::MeshInfo;
 use crate::part::{self, Part};
 use mtl::{Map, Mtl};
 use std::collections::HashMap;
@@ -622,6 +623,19 @@ fn product(factor: [f64; 3], textures: impl IntoIterator<Item = Value>) -> Value
     match <[Value; 1]>::try_from(factors) {
         Ok([single]) => single,
         Err(factors) => Value::Table(typed("product", [("factors", Value::Array(factors))])),
+    }
+}
+
+/// What other importers need to know of an OBJ file.
+pub(crate) fn inspect(bytes: &[u8]) -> MeshInfo {
+    let scan = scan::scan(bytes);
+    MeshInfo {
+        part: Part {
+            low: scan.low,
+            high: scan.high,
+        },
+        normals: scan.normals,
+        triangles: scan.triangles,
     }
 }
 

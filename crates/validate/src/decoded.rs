@@ -13,30 +13,45 @@ use whitstone_image::texels;
 use whitstone_scene::Flattened;
 
 /// Replaces JPEG and WebP textures of the document by PNG files in a folder, and returns the names
-/// of the replaced files. The hash of the document stays the same.
+/// of the replaced files. If any is replaced, the document has another hash.
 ///
 /// # Errors
 ///
 /// If a file cannot be written. Files that cannot be read stay, and are reported by those that use
 /// them.
 pub fn decode_textures(flattened: &mut Flattened, folder: &Path) -> Result<Vec<String>, String> {
-    let mut replaced = Vec::new();
+    let mut replaced: Vec<Replaced> = Vec::new();
     let Ok(mut table) = flattened.text.parse::<Table>() else {
-        return Ok(replaced);
+        return Ok(Vec::new());
     };
     let folder = std::path::absolute(folder).map_err(|error| error.to_string())?;
     for (_, value) in table.iter_mut() {
         visit(value, &flattened.base, &folder, &mut replaced)?;
     }
+    let mut files: Vec<String> = replaced.iter().map(|replaced| replaced.file.clone()).collect();
+    files.sort();
+    files.dedup();
     if !replaced.is_empty() {
         flattened.text = toml::to_string(&table).map_err(|error| error.to_string())?;
-        replaced.sort();
-        replaced.dedup();
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(flattened.hash.as_bytes());
+        for replaced in &replaced {
+            hasher.update(replaced.name.as_bytes());
+        }
+        flattened.hash = hasher.finalize().to_hex()[..32].to_owned();
     }
-    Ok(replaced)
+    Ok(files)
 }
 
-fn visit(value: &mut Value, base: &Path, folder: &Path, replaced: &mut Vec<String>) -> Result<(), String> {
+/// A replaced texture.
+struct Replaced {
+    /// The file in the scene, for messages.
+    file: String,
+    /// Name of the PNG file: the hash of its bytes.
+    name: String,
+}
+
+fn visit(value: &mut Value, base: &Path, folder: &Path, replaced: &mut Vec<Replaced>) -> Result<(), String> {
     match value {
         Value::Array(items) => items
             .iter_mut()
@@ -54,7 +69,7 @@ fn visit(value: &mut Value, base: &Path, folder: &Path, replaced: &mut Vec<Strin
 }
 
 /// Replaces the file of an `image` texture.
-fn image(table: &mut Table, base: &Path, folder: &Path, replaced: &mut Vec<String>) -> Result<(), String> {
+fn image(table: &mut Table, base: &Path, folder: &Path, replaced: &mut Vec<Replaced>) -> Result<(), String> {
     let Some(file) = table.get("file").and_then(Value::as_str).map(str::to_owned) else {
         return Ok(());
     };
@@ -67,15 +82,16 @@ fn image(table: &mut Table, base: &Path, folder: &Path, replaced: &mut Vec<Strin
         return Ok(());
     };
     let name = format!("{}.png", &blake3::hash(&png).to_hex()[..32]);
-    let to: PathBuf = folder.join(name);
+    let to: PathBuf = folder.join(&name);
     if !to.is_file() {
         std::fs::create_dir_all(folder).map_err(|error| error.to_string())?;
         atomic::write_bytes(&to, &png).map_err(|error| error.to_string())?;
     }
-    replaced.push(match table.remove("image") {
+    let file = match table.remove("image") {
         Some(_) => format!("{file}, image {index}"),
         None => file,
-    });
+    };
+    replaced.push(Replaced { file, name });
     let to = to.to_string_lossy().replace('\\', "/");
     table.insert("file".into(), Value::String(to));
     Ok(())
