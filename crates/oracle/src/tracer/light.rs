@@ -82,6 +82,7 @@ struct Environment {
 }
 
 #[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
 struct Faces {
     px: Face,
     nx: Face,
@@ -92,6 +93,7 @@ struct Faces {
 }
 
 #[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
 struct Face {
     file: FilePath,
 }

@@ -179,7 +179,11 @@ impl Codes {
 
 impl Picture {
     pub(super) fn new(config: &PictureConfig, base: &Path) -> Result<Self, String> {
-        let alpha = config.channel.as_deref() == Some("alpha");
+        let alpha = match config.channel.as_deref() {
+            None | Some("color") => false,
+            Some("alpha") => true,
+            Some(other) => return Err(format!("the channel \"{other}\" of images")),
+        };
         let codes = match alpha {
             true => Codes::new(texels::read_alpha(
                 base.join(Path::new(&config.file.path)),
