@@ -253,7 +253,7 @@ impl Sky {
                 uv,
                 p: d,
                 n_s: d,
-                footprint: Default::default(),
+                ..Place::default()
             }),
             Self::Cube(faces) => {
                 let m = d.abs().max_element();
@@ -445,7 +445,7 @@ impl Slide {
             uv,
             p: uv.extend(0.0),
             n_s: DVec3::Z,
-            footprint: Default::default(),
+            ..Place::default()
         };
         let factor = distance / (z * z * z);
         Some((l, distance, self.intensity * self.slide.at(&place) * factor))
