@@ -16,12 +16,13 @@ mod part;
 use whitstone_core::Registry;
 
 pub use mesh_file::{Ply, Stl};
-pub use mitsuba::Mitsuba;
+pub use mitsuba::{Mitsuba, MitsubaPython};
 pub use obj::Obj;
 
 /// Adds all formats.
 pub fn register(registry: &mut Registry) {
     registry.add_format(Mitsuba);
+    registry.add_format(MitsubaPython);
     registry.add_format(Obj);
     registry.add_format(Ply);
     registry.add_format(Stl);

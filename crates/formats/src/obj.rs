@@ -638,5 +638,28 @@ pub(crate) fn inspect(bytes: &[u8]) -> MeshInfo {
     }
 }
 
+/// An OBJ file with the faces of one material, as the key `part` selects them.
+pub(crate) fn only_part(bytes: &[u8], part: &str) -> Vec<u8> {
+    let mut kept = Vec::new();
+    let mut here = part.is_empty();
+    let mut continues = false;
+    let mut keep = true;
+    for line in bytes.split_inclusive(|byte| *byte == b'\n') {
+        let trimmed = line.trim_ascii();
+        if !continues {
+            let keyword = trimmed.split(u8::is_ascii_whitespace).next().unwrap_or_default();
+            if keyword == b"usemtl" {
+                here = String::from_utf8_lossy(&trimmed[keyword.len()..]).trim() == part;
+            }
+            keep = keyword != b"f" || here;
+        }
+        continues = trimmed.ends_with(b"\\");
+        if keep {
+            kept.extend_from_slice(line);
+        }
+    }
+    kept
+}
+
 #[cfg(test)]
 mod tests;
