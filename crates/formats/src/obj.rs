@@ -1,8 +1,8 @@
 //! Wavefront OBJ with MTL materials, as a scene.
 //!
 //! The faces of each material become one shape `mesh`. MTL gives light intensities without units:
-//! `Kd I` is a radiance. Here, a light with the irradiance `E` has the intensity `I = E/pi`, so that
-//! `Kd` is the albedo.
+//! `Kd I` is a radiance. Here, a light with the irradiance `E` has the intensity `I = E/pi`, so
+//! that `Kd` is the albedo.
 //!
 //! Source: the appendix of the Wavefront Advanced Visualizer manual (MTL 3.0, 1995).
 

@@ -456,7 +456,16 @@ impl<'a> Translator<'a> {
     }
 
     /// Whether an object or one inside it is one of these plugins.
-    pub(super) fn contains(&self, index: usize, plugins: &[&str]) -> bool {
+    pub(super) fn contains(&mut self, index: usize, plugins: &'static [&'static str]) -> bool {
+        if let Some(known) = self.contained.get(&(index, plugins)) {
+            return *known;
+        }
+        let found = self.search(index, plugins);
+        self.contained.insert((index, plugins), found);
+        found
+    }
+
+    fn search(&self, index: usize, plugins: &[&str]) -> bool {
         let mut seen = HashSet::from([index]);
         let mut pending = vec![index];
         while let Some(index) = pending.pop() {
