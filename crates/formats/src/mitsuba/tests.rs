@@ -62,6 +62,7 @@ fn number(value: &Value) -> f64 {
 fn a_perspective_sensor_is_a_camera_with_near_limit_film_and_sampler() {
     let (scene, notes) = load(
         "<sensor type='perspective'><float name='fov' value='30'/><string name='fov_axis' value='smaller'/>
+         <float name='focus_distance' value='6'/>
          <transform name='to_world'><lookat origin='0,1,5' target='0,1,0' up='0,1,0'/></transform>
          <film type='hdrfilm'><integer name='width' value='40'/><integer name='height' value='20'/>
          <rfilter type='box'/></film><sampler type='independent'><integer name='sample_count' value='999'/></sampler>
