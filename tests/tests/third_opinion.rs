@@ -21,7 +21,7 @@ const SHARP: f64 = 1e-6;
 /// the oracle does not know the scene.
 fn counts(scene: &std::path::Path, ours: &[String]) -> Option<[usize; 3]> {
     let registry = whitstone::registry();
-    let sources = Sources::load(scene, &[]).ok()?;
+    let sources = Sources::load(scene, &[], &registry).ok()?;
     let description = Description::parse(&sources).into_result().ok()?;
     Plan::new(&description, &registry).into_result().ok()?;
     let tracer = Tracer::new(&description).ok()?;

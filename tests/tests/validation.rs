@@ -3,6 +3,7 @@
 use serde_json::json;
 use std::fs;
 use std::time::{Duration, Instant};
+use whitstone::registry;
 use whitstone::validate::driver::{Driver, DriverError};
 use whitstone::validate::environment::Environment;
 use whitstone::validate::{Renderer, flatten};

@@ -13,3 +13,4 @@ pub mod stream;
 pub(crate) mod surface_part;
 pub(crate) mod transform;
 pub mod triangle;
+pub(crate) mod vertex_attributes;

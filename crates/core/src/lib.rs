@@ -26,6 +26,7 @@ pub use geometry::shape_kernel::{NO_PRIMITIVE, ShapeKernel};
 pub use geometry::solid::{SolidRef, Span, Spans};
 pub use geometry::surface_part::SurfacePart;
 pub use geometry::transform::Transform;
+pub use geometry::vertex_attributes::{MeshAttributes, VertexAttributeStream, VertexAttributes};
 pub use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3, DVec4, Vec2, Vec3, Vec4};
 pub use plugin::context::{Context, Diagnostics, Resources, Storage};
 pub use plugin::error::{DuplicateType, SceneError, SceneErrors, SourceSpan, nearest};

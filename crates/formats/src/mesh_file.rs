@@ -156,6 +156,7 @@ fn import(
     Ok(Imported {
         text: document.to_toml(),
         notes: notes.into_sorted(),
+        files: Vec::new(),
     })
 }
 

@@ -292,6 +292,7 @@ fn import(path: &Path, options: &ImportOptions) -> Result<Imported, FormatErrors
     Ok(Imported {
         text: import.document.to_toml(),
         notes: import.notes.into_sorted(),
+        files: Vec::new(),
     })
 }
 

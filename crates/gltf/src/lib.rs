@@ -1,1 +1,19 @@
-//! glTF 2.0.
+//! Reads glTF 2.0 files: [`Document`], its accessors, primitives and images.
+//!
+//! The JSON is deserialised to the types of the `gltf` crate. That crate's own accessors panic on
+//! files whose indices are out of range, so this crate checks every index and reads all numbers
+//! itself. Every error carries the JSON pointer (RFC 6901) of the faulty value. Only the bytes that
+//! a caller asks for are read.
+
+mod accessor;
+mod buffers;
+mod container;
+mod document;
+mod nodes;
+mod primitive;
+
+pub use accessor::Numbers;
+pub use document::{Document, Error};
+pub use gltf::json;
+pub use nodes::{MAX_NODE_DEPTH, local_transform, parents, rotation, world_transform};
+pub use primitive::{Primitive, Request, has_triangles};

@@ -13,7 +13,7 @@
 //! - Twin: hosted by the Mitsuba driver, which rotates the shading frame that Mitsuba's BSDFs see.
 //! - Example: `scenes/materials/bump.toml`.
 
-use crate::support::detail::{Detail, Detailed, Frame, coded};
+use crate::support::detail::{Detail, Detailed, Frame, Tangent, coded};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -214,6 +214,7 @@ fn frame(config: &Config) -> Result<Option<Frame>, SceneErrors> {
         }
         return errors.into_result(None);
     }
+    let tangent = tangent.map(|tangent| (Tangent::Direction(*tangent.get_ref()), tangent.span()));
     let frame = errors.take(Frame::new(tangent, axis));
     errors.into_result(frame)
 }
@@ -247,7 +248,7 @@ impl Detail for Vectors {
     fn normal(&self, point: &SurfaceInteraction) -> Option<DVec3> {
         let vector = match &self.frame {
             None => coded(&self.vectors, point),
-            Some(frame) => frame.vector(&self.vectors, point)?,
+            Some(frame) => frame.vector(&self.vectors, 1.0, point)?,
         };
         (point.n_s + self.scale * vector).try_normalize()
     }

@@ -7,12 +7,12 @@
 //! - Twin: hosted by the Mitsuba driver, which rotates the shading frame that Mitsuba's BSDFs see.
 //! - Example: `scenes/materials/normal_map.toml`.
 
-use crate::support::detail::{Detail, Detailed, Frame};
+use crate::support::detail::{Detail, Detailed, Frame, Tangent};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use toml::Spanned;
-use whitstone_core::config::{MaterialRef, TextureRef, Vector3};
+use whitstone_core::config::{Finite, MaterialRef, TextureRef, Vector3};
 use whitstone_core::{
     ColorSource, Context, DVec3, Material, Materials, Plugin, SceneErrors, SurfaceAttributes,
     SurfaceInteraction,
@@ -25,22 +25,31 @@ pub struct Config {
     /// 2 * colour - 1 gives the components along tangent, bitangent and normal. Read images with
     /// `color_space = "linear"`.
     map: TextureRef,
-    /// World-space direction of the tangent, projected onto the surface.
+    /// World-space direction of the tangent, projected onto the surface; or "mesh": the tangents
+    /// of a mesh with `tangents = true`, as for maps that were made for it.
     #[serde(default)]
-    #[schemars(extend("x-default" = "[1, 0, 0] without `axis`"), with = "Vector3")]
-    tangent: Option<Spanned<Vector3>>,
+    #[schemars(extend("x-default" = "[1, 0, 0] without `axis`"), with = "Tangent")]
+    tangent: Option<Spanned<Tangent>>,
     /// Axis around which the tangent runs, as on a globe; replaces `tangent`.
     #[serde(default)]
     #[schemars(extend("x-default" = "none"), with = "Vector3")]
     axis: Option<Spanned<Vector3>>,
+    /// Factor on the components along tangent and bitangent.
+    #[serde(default = "one")]
+    strength: Finite,
     /// Material that is shaded with the mapped normal.
     material: MaterialRef,
+}
+
+fn one() -> Finite {
+    Finite::new(1.0).expect("1 is finite")
 }
 
 /// The `normal_map` material; see the module documentation.
 pub struct NormalMap {
     map: ColorSource,
     frame: Frame,
+    strength: f64,
 }
 
 impl Plugin<Materials> for NormalMap {
@@ -51,10 +60,14 @@ impl Plugin<Materials> for NormalMap {
         let mut errors = SceneErrors::default();
         let map = errors.take(context.texture(&config.map));
         let inner = errors.take(context.material(&config.material));
-        let frame = errors.take(Frame::new(config.tangent.as_ref(), config.axis.as_ref()));
+        let frame = errors.take(Frame::new(
+            config.tangent.map(|tangent| (*tangent.get_ref(), tangent.span())),
+            config.axis.as_ref(),
+        ));
         match (map, inner, frame) {
             (Some(map), Some(inner), Some(frame)) => {
-                let detail = Self { map, frame };
+                let strength = config.strength.get();
+                let detail = Self { map, frame, strength };
                 errors.into_result(Arc::new(Detailed { detail, inner }))
             }
             _ => Err(errors),
@@ -64,11 +77,13 @@ impl Plugin<Materials> for NormalMap {
 
 impl Detail for NormalMap {
     fn needs(&self) -> SurfaceAttributes {
-        self.map.needs()
+        self.map.needs() | self.frame.needs()
     }
 
     fn normal(&self, point: &SurfaceInteraction) -> Option<DVec3> {
-        self.frame.vector(&self.map, point)?.try_normalize()
+        self.frame
+            .vector(&self.map, self.strength, point)?
+            .try_normalize()
     }
 }
 
@@ -111,7 +126,13 @@ mod tests {
                 };
                 let map = ColorSource::Constant(Rgb::from(map));
                 let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
-                NormalMap { map, frame }.normal(&point).unwrap()
+                NormalMap {
+                    map,
+                    frame,
+                    strength: 1.0,
+                }
+                .normal(&point)
+                .unwrap()
             };
             assert_eq!(normal([0.5, 0.5, 1.0]), DVec3::Z, "{frame}");
             assert_eq!(normal([1.0, 0.5, 0.5]), DVec3::Y, "{frame}");

@@ -357,7 +357,8 @@ impl Flattened {
         }
         let mut hasher = blake3::Hasher::new();
         hasher.update(to_text(&table).as_bytes());
-        let files: Vec<_> = files.iter().map(|path| sources.base().join(path)).collect();
+        let mut files: Vec<_> = files.iter().map(|path| sources.base().join(path)).collect();
+        files.extend_from_slice(sources.companions());
         for path in &files {
             hasher.update(&content_hash(path));
         }

@@ -2,7 +2,7 @@
 
 use std::fs;
 use std::path::Path;
-use whitstone_core::{DVec3, SceneErrors};
+use whitstone_core::{DVec3, Registry, SceneErrors};
 use whitstone_scene::{Description, Sources};
 
 const SCENE: &str = r#"

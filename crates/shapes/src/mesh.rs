@@ -1,17 +1,20 @@
 //! A triangle mesh from a file.
 //!
-//! - Formats: Wavefront OBJ (polygons with texture coordinates and normals; see `obj`) and PLY
-//!   (Turk, *The PLY polygon file format*, 1994; see `ply`).
+//! - Formats: Wavefront OBJ (polygons with texture coordinates and normals; see `obj`), PLY (Turk,
+//!   *The PLY polygon file format*, 1994; see `ply`), STL (see `stl`) and glTF 2.0 (see `gltf`).
 //! - Optional Loop subdivision (Loop 1987; see `subdivision`) and displacement along the normals
 //!   (Cook 1984; see `displacement`).
-//! - Twin: Mitsuba `obj` and `ply` meshes (native), with `face_normals` where the file has no
-//!   normals; subdivided and displaced by the driver.
+//! - Twin: Mitsuba meshes (native), with `face_normals` where the file has no normals; read,
+//!   subdivided and displaced by the driver.
 //! - Example: `scenes/shapes/mesh.toml`.
 
 mod displacement;
+mod gltf;
 mod obj;
 mod ply;
+mod stl;
 mod subdivision;
+mod tangents;
 
 use crate::support::lower::{Lowered, Triangles, lower};
 use displacement::Displacement;
@@ -20,16 +23,50 @@ use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::path::Path;
 use subdivision::{Subdivision, Surface};
-use whitstone_core::config::FilePath;
+use toml::Spanned;
+use whitstone_core::config::{FilePath, Finite};
 use whitstone_core::{Context, LoweredShape, Plugin, SceneError, SceneErrors, Shapes, Transform};
+use whitstone_gltf::Request;
 
-/// A triangle mesh from an OBJ or PLY file; front faces are counter-clockwise.
+/// A triangle mesh from an OBJ, PLY, STL or glTF file; front faces are counter-clockwise.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Path of a file that ends in .obj or .ply. Polygons are triangulated as fans; groups and
-    /// materials are ignored.
+    /// Path of a file that ends in .obj, .ply, .stl, .gltf or .glb. Polygons are triangulated as
+    /// fans; materials in the file are ignored.
     file: FilePath,
+    /// For OBJ: only the faces under `usemtl` with this name; "" for those before any.
+    #[serde(default)]
+    #[schemars(extend("x-default" = "all faces"), with = "String")]
+    part: Option<Spanned<String>>,
+    /// For glTF: index of the mesh.
+    #[serde(default)]
+    #[schemars(extend("default" = 0), with = "u32")]
+    mesh: Option<Spanned<u32>>,
+    /// For glTF: index of the primitive in the mesh.
+    #[serde(default)]
+    #[schemars(extend("default" = 0), with = "u32")]
+    primitive: Option<Spanned<u32>>,
+    /// For glTF: index of the skin that deforms the mesh.
+    #[serde(default)]
+    #[schemars(extend("x-default" = "none"), with = "u32")]
+    skin: Option<Spanned<u32>>,
+    /// For glTF: weights of the morph targets.
+    #[serde(default)]
+    #[schemars(extend("x-default" = "those of the file"), with = "Vec<Finite>")]
+    weights: Option<Spanned<Vec<Finite>>>,
+    /// Sets of texture coordinates to read, at most two: the first is (u, v), the second that of
+    /// textures with `uv_set = 1`. Sets other than 0 exist only in glTF.
+    #[serde(default)]
+    #[schemars(extend("default" = [0]), with = "Vec<u32>")]
+    uv_sets: Option<Spanned<Vec<u32>>>,
+    /// Whether to read vertex colours, for the texture `vertex_color`.
+    #[serde(default)]
+    vertex_colors: bool,
+    /// Whether to compute tangents, for a `normal_map` with `tangent = "mesh"`. Those of a glTF
+    /// file are read.
+    #[serde(default)]
+    tangents: bool,
     /// Whether to use the normals in the file.
     #[serde(default)]
     shading: Shading,
@@ -90,22 +127,16 @@ impl Plugin<Shapes> for Mesh {
         transform: Transform,
         context: &mut dyn Context,
     ) -> Result<LoweredShape, SceneErrors> {
+        let path = context.file(&config.file)?;
+        let mut object = read(&path, &config, context)?;
         let Config {
             file,
             shading,
             subdivision,
             displacement,
+            ..
         } = config;
         let error = |message: String| SceneError::at(file.span.clone(), message);
-        let path = context.file(&file)?;
-        // The memory for the file and the parsed mesh is estimated as three times the file size,
-        // for every format.
-        let bytes = std::fs::metadata(&path).map_or(0, |metadata| metadata.len());
-        context.reserve(bytes.saturating_mul(3))?;
-        let mut object = read(&path).map_err(|FileError { line, message }| match line {
-            Some(line) => error(format!("{}, line {line}: {message}", file.path)),
-            None => error(format!("{}: {message}", file.path)),
-        })?;
         if subdivision.is_some() || displacement.is_some() {
             let mut surface = Surface::new(object);
             if displacement.is_some() {
@@ -141,19 +172,138 @@ impl Plugin<Shapes> for Mesh {
     }
 }
 
-/// Reads a file: at least one triangle, all indices in range, all numbers finite.
-fn read(path: &Path) -> Result<Triangles, FileError> {
-    type Parse = fn(&[u8]) -> Result<Triangles, FileError>;
-    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-    let parse: Parse = match extension.to_str() {
-        Some("obj") => obj::parse,
-        Some("ply") => ply::parse,
-        _ => return Err(FileError::anywhere("expected a file that ends in .obj or .ply")),
+/// The kind of a file, by its extension.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Obj,
+    Ply,
+    Stl,
+    Gltf,
+}
+
+impl Kind {
+    fn of(path: &Path) -> Option<Self> {
+        let extension = path.extension()?.to_ascii_lowercase();
+        Some(match extension.to_str()? {
+            "obj" => Self::Obj,
+            "ply" => Self::Ply,
+            "stl" => Self::Stl,
+            "gltf" | "glb" => Self::Gltf,
+            _ => return None,
+        })
+    }
+}
+
+/// Reports the keys that have no effect on a file of this kind.
+fn check_keys(config: &Config, kind: Kind) -> SceneErrors {
+    let mut errors = SceneErrors::default();
+    let mut refuse = |span: Option<std::ops::Range<usize>>, message: &str| {
+        if let Some(span) = span {
+            errors.0.push(SceneError::at(span, message));
+        }
     };
-    let bytes = std::fs::read(path).map_err(|e| FileError::anywhere(format!("cannot be read: {e}")))?;
-    let object = parse(&bytes)?;
+    if kind != Kind::Obj {
+        refuse(
+            config.part.as_ref().map(Spanned::span),
+            "only OBJ files have parts",
+        );
+    }
+    if kind != Kind::Gltf {
+        let only = "only glTF files have this key";
+        refuse(config.mesh.as_ref().map(Spanned::span), only);
+        refuse(config.primitive.as_ref().map(Spanned::span), only);
+        refuse(config.skin.as_ref().map(Spanned::span), only);
+        refuse(config.weights.as_ref().map(Spanned::span), only);
+    }
+    if let Some(sets) = &config.uv_sets {
+        let list = sets.get_ref();
+        if list.len() > 2 || (list.len() == 2 && list[0] == list[1]) {
+            refuse(Some(sets.span()), "expected at most two different sets");
+        } else if kind != Kind::Gltf && list.iter().any(|set| *set != 0) {
+            refuse(Some(sets.span()), "only glTF files have sets other than 0");
+        }
+    }
+    let changes = config.subdivision.is_some() || config.displacement.is_some();
+    let more = config.part.is_some()
+        || config.vertex_colors
+        || config.tangents
+        || config
+            .uv_sets
+            .as_ref()
+            .is_some_and(|sets| !matches!(sets.get_ref()[..], [] | [0]));
+    if changes && more {
+        let message = "a mesh with `subdivision` or `displacement` has no parts, vertex colours, tangents or further texture coordinates";
+        refuse(Some(config.file.span.clone()), message);
+    }
+    errors
+}
+
+/// Reads a file: at least one triangle, all indices in range, all numbers finite.
+fn read(path: &Path, config: &Config, context: &mut dyn Context) -> Result<Triangles, SceneErrors> {
+    let file = &config.file;
+    let told = |FileError { line, message }: FileError| {
+        let text = match line {
+            Some(line) => format!("{}, line {line}: {message}", file.path),
+            None => format!("{}: {message}", file.path),
+        };
+        SceneError::at(file.span.clone(), text)
+    };
+    let Some(kind) = Kind::of(path) else {
+        let expected = "expected a file that ends in .obj, .ply, .stl, .gltf or .glb";
+        return Err(told(FileError::anywhere(expected)).into());
+    };
+    let errors = check_keys(config, kind);
+    if !errors.0.is_empty() {
+        return Err(errors);
+    }
+    let uv_sets = config.uv_sets.as_ref().map_or(&[0][..], |sets| sets.get_ref());
+    let mut object = if kind == Kind::Gltf {
+        let index = |key: &Option<Spanned<u32>>| key.as_ref().map(|index| *index.get_ref() as usize);
+        let weights: Option<Vec<f64>> = config
+            .weights
+            .as_ref()
+            .map(|weights| weights.get_ref().iter().map(|weight| weight.get()).collect());
+        let request = Request {
+            mesh: index(&config.mesh).unwrap_or(0),
+            primitive: index(&config.primitive).unwrap_or(0),
+            normals: config.shading == Shading::Smooth,
+            uv_sets,
+            colors: config.vertex_colors,
+            tangents: config.tangents,
+            weights: weights.as_deref(),
+            skin: index(&config.skin),
+        };
+        gltf::read(path, &request, |bytes| context.reserve(bytes)).map_err(told)??
+    } else {
+        // The memory for the file and the parsed mesh is estimated as three times the file size.
+        let bytes = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
+        context.reserve(bytes.saturating_mul(3))?;
+        let bytes = std::fs::read(path)
+            .map_err(|error| told(FileError::anywhere(format!("cannot be read: {error}"))))?;
+        let part = config.part.as_ref().map(|part| part.get_ref().as_str());
+        let colors = config.vertex_colors;
+        let parsed = match kind {
+            Kind::Obj => obj::parse(&bytes, obj::Request { part, colors }),
+            Kind::Ply => ply::parse(&bytes, colors),
+            Kind::Stl | Kind::Gltf => stl::parse(&bytes),
+        };
+        parsed.map_err(told)?
+    };
+    if uv_sets.is_empty() {
+        object.uvs.clear();
+    }
     if object.triangles.is_empty() {
-        return Err(FileError::anywhere("expected at least one face, found none"));
+        let what = match &config.part {
+            Some(part) => format!(
+                "expected at least one face of the part \"{}\", found none",
+                part.get_ref()
+            ),
+            None => "expected at least one face, found none".to_owned(),
+        };
+        return Err(told(FileError::anywhere(what)).into());
+    }
+    if config.tangents {
+        tangents::add(&mut object);
     }
     Ok(object)
 }
@@ -279,7 +429,7 @@ mod tests {
                 .contains("at least one face, found none")
         );
         assert!(fails("e.ply", b"").message.starts_with("e.ply"));
-        assert!(fails("f.stl", b"solid").message.contains("ends in .obj or .ply"));
+        assert!(fails("f.off", b"OFF").message.contains("ends in .obj, .ply"));
         let far = "v 0 0 0\nv 1e308 0 0\nv 0 1 0\nf 1 2 3\n";
         let folder = scratch("g.obj", far.as_bytes());
         let huge = Transform::new(whitstone_core::DAffine3::from_scale(

@@ -48,6 +48,7 @@ impl Plugin<Shapes> for Triangle {
                 None => vec![DVec2::ZERO, DVec2::X, DVec2::Y],
             },
             triangles: vec![[0, 1, 2]],
+            ..Triangles::default()
         };
         if object.normals.iter().any(|n| n.try_normalize().is_none()) {
             return Err(SceneError::anywhere("a normal of a triangle must not have length zero").into());

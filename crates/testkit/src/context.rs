@@ -86,6 +86,7 @@ impl TestContext {
             uvs: Vec::new(),
             triangles,
             orientation: 1.0,
+            attributes: None,
         };
         self.meshes.insert(name.to_owned(), mesh);
         self

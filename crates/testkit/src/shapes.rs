@@ -353,6 +353,7 @@ impl Bench {
             n_s,
             uv,
             footprint: _,
+            vertex: _,
         } = point;
         law(
             [n_g, n_s].iter().all(|n| (n.length() - 1.0).abs() < 1e-14),

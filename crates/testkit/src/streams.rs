@@ -195,6 +195,7 @@ pub(crate) fn light_streams(light: &dyn Light, points: &[DVec3]) -> Checked {
 fn points_of(points: &[(SurfaceInteraction, DVec3)]) -> SurfaceStream {
     let mut stream = SurfaceStream::default();
     for (lane, (point, view)) in points.iter().enumerate() {
+        stream.vertex.turn_on();
         stream.set(lane, point);
         stream.view.set(lane, *view);
         stream.footprint.turn_on().set(lane, &point.footprint);

@@ -15,19 +15,25 @@ use crate::support::raster::{
 use crate::support::wrap::Wraps;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use std::path::Path;
 use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::{FilePath, IntegerIn, Scale2, Vector2};
 use whitstone_core::{Context, Plugin, SceneError, SceneErrors, Texture, Textures};
+use whitstone_gltf::Document;
 use whitstone_image::limits::{Limits, ReadFault};
-use whitstone_image::texels;
+use whitstone_image::texels::{self, Texels};
 
-/// An image from a PNG, JPEG or EXR file.
+/// An image from a PNG, JPEG, WebP, EXR or glTF file.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
     /// Path of the file, relative to the scene.
     file: FilePath,
+    /// For a .gltf or .glb file: index of the image in it.
+    #[serde(default)]
+    #[schemars(extend("default" = 0), with = "u32")]
+    image: Option<Spanned<u32>>,
     /// "nearest" uses the nearest texel, "bilinear" interpolates between texel centres. Two filters
     /// average where a sample covers several texels: "trilinear" looks up a mip map; "ewa" averages
     /// over the ellipse that a sample covers. Both are bilinear where samples are closer than
@@ -44,13 +50,13 @@ pub struct Config {
     /// "clamp"].
     #[serde(default)]
     wrap: Wraps,
-    /// Channel of the image: "color", as stored in the file regardless of alpha; or "alpha" as a
-    /// grey, for example for the `opacity` of a `mask`.
+    /// Channel of the image: "color", as stored in the file regardless of alpha; "alpha" as a grey,
+    /// for example for the `opacity` of a `mask`; "red", "green" or "blue" as a grey.
     #[serde(default)]
     #[schemars(extend("default" = "color"), with = "Channel")]
     channel: Option<Spanned<Channel>>,
-    /// Encoding of the values in the file: "srgb", "linear", or "auto" (sRGB for PNG and JPEG,
-    /// linear for EXR). Alpha is always linear.
+    /// Encoding of the values in the file: "srgb", "linear", or "auto" (linear for EXR, sRGB
+    /// for the others). Alpha is always linear.
     #[serde(default)]
     #[schemars(extend("default" = "auto"), with = "ColorSpace")]
     color_space: Option<Spanned<ColorSpace>>,
@@ -75,6 +81,12 @@ enum Channel {
     Color,
     /// Its alpha (coverage).
     Alpha,
+    /// Its first channel.
+    Red,
+    /// Its second channel.
+    Green,
+    /// Its third channel.
+    Blue,
 }
 
 fn one() -> Scale2 {
@@ -102,17 +114,32 @@ impl Plugin<Textures> for Image {
             .channel
             .as_ref()
             .filter(|channel| *channel.get_ref() == Channel::Alpha);
-        let texels = match alpha {
-            None => texels::read(&path, Limits::TEXTURE),
-            Some(_) => texels::read_alpha(&path, Limits::TEXTURE),
+        let index = config.image.as_ref().map(|index| *index.get_ref() as usize);
+        let is_gltf = is_gltf(&path);
+        let texels = if is_gltf {
+            from_gltf(&path, index.unwrap_or(0), alpha.is_some()).map_err(refuse)?
+        } else if let Some(index) = &config.image {
+            let message = "only .gltf and .glb files have this key";
+            return Err(SceneError::at(index.span(), message).into());
+        } else {
+            let texels = match alpha {
+                None => texels::read(&path, Limits::TEXTURE),
+                Some(_) => texels::read_alpha(&path, Limits::TEXTURE),
+            };
+            texels.map_err(|error| match (error.fault, alpha) {
+                (ReadFault::NoAlpha, Some(alpha)) => {
+                    let message = format!("\"{}\" has no alpha channel", config.file.path);
+                    SceneError::at(alpha.span(), message).into()
+                }
+                (fault, _) => refuse(fault.to_string()),
+            })?
         };
-        let texels = texels.map_err(|error| match (error.fault, alpha) {
-            (ReadFault::NoAlpha, Some(alpha)) => {
-                let message = format!("\"{}\" has no alpha channel", config.file.path);
-                SceneError::at(alpha.span(), message).into()
-            }
-            (fault, _) => refuse(fault.to_string()),
-        })?;
+        let texels = match config.channel.as_ref().map(|channel| channel.get_ref()) {
+            Some(Channel::Red) => one_channel(texels, 0),
+            Some(Channel::Green) => one_channel(texels, 1),
+            Some(Channel::Blue) => one_channel(texels, 2),
+            Some(Channel::Color | Channel::Alpha) | None => texels,
+        };
         let color_space = match (&config.color_space, alpha) {
             (None, None) => ColorSpace::Auto,
             (Some(space), None) => *space.get_ref(),
@@ -144,6 +171,37 @@ impl Plugin<Textures> for Image {
     }
 }
 
+fn is_gltf(path: &Path) -> bool {
+    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+    extension == "gltf" || extension == "glb"
+}
+
+/// An image of a glTF file, or its alpha: 1 if it has none.
+fn from_gltf(path: &Path, index: usize, alpha: bool) -> Result<Texels, String> {
+    let document = Document::open(path).map_err(|error| error.to_string())?;
+    let bytes = document.image(index).map_err(|error| error.to_string())?;
+    let faulty = |fault: ReadFault| format!("/images/{index}: {fault}");
+    let colors = |bytes: &[u8]| texels::decode(bytes, Limits::TEXTURE).map_err(faulty);
+    if !alpha {
+        return colors(&bytes);
+    }
+    match texels::decode_alpha(&bytes, Limits::TEXTURE) {
+        Err(ReadFault::NoAlpha) => {
+            let mut texels = colors(&bytes)?;
+            texels.data.fill([1.0; 3]);
+            Ok(texels)
+        }
+        other => other.map_err(faulty),
+    }
+}
+
+fn one_channel(mut texels: Texels, channel: usize) -> Texels {
+    for texel in &mut texels.data {
+        *texel = [texel[channel]; 3];
+    }
+    texels
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -162,7 +220,7 @@ mod tests {
         build(folder.path(), &format!("file = \"a.png\"\n{extra}")).unwrap()
     }
 
-    fn build(folder: &std::path::Path, text: &str) -> Result<Arc<dyn Texture>, SceneErrors> {
+    fn build(folder: &Path, text: &str) -> Result<Arc<dyn Texture>, SceneErrors> {
         build_in::<Textures, Image>(text, (), &mut TestContext::in_folder(folder))
     }
 

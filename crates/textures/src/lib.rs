@@ -23,8 +23,12 @@ pub mod gradient;
 pub mod grid_lines;
 #[cfg(feature = "image")]
 pub mod image;
+#[cfg(feature = "mix")]
+pub mod mix;
 #[cfg(feature = "noise")]
 pub mod noise;
+#[cfg(feature = "product")]
+pub mod product;
 #[cfg(feature = "rings")]
 pub mod rings;
 #[cfg(feature = "solid")]
@@ -33,6 +37,10 @@ pub mod solid;
 pub mod stripes;
 #[cfg(feature = "synthesized")]
 pub mod synthesized;
+#[cfg(feature = "threshold")]
+pub mod threshold;
+#[cfg(feature = "vertex_color")]
+pub mod vertex_color;
 #[cfg(feature = "worley")]
 pub mod worley;
 
@@ -52,8 +60,12 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     registry.add::<Textures, grid_lines::GridLines>(from)?;
     #[cfg(feature = "image")]
     registry.add::<Textures, image::Image>(from)?;
+    #[cfg(feature = "mix")]
+    registry.add::<Textures, mix::Mix>(from)?;
     #[cfg(feature = "noise")]
     registry.add::<Textures, noise::Noise>(from)?;
+    #[cfg(feature = "product")]
+    registry.add::<Textures, product::Product>(from)?;
     #[cfg(feature = "rings")]
     registry.add::<Textures, rings::Rings>(from)?;
     #[cfg(feature = "solid")]
@@ -62,6 +74,10 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     registry.add::<Textures, stripes::Stripes>(from)?;
     #[cfg(feature = "synthesized")]
     registry.add::<Textures, synthesized::Synthesized>(from)?;
+    #[cfg(feature = "threshold")]
+    registry.add::<Textures, threshold::Threshold>(from)?;
+    #[cfg(feature = "vertex_color")]
+    registry.add::<Textures, vertex_color::VertexColor>(from)?;
     #[cfg(feature = "worley")]
     registry.add::<Textures, worley::Worley>(from)?;
     Ok(())

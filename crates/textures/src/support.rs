@@ -7,6 +7,7 @@
     feature = "stripes"
 ))]
 pub(crate) mod cells;
+pub(crate) mod combine;
 pub(crate) mod mapping;
 #[cfg(any(feature = "image", feature = "synthesized"))]
 pub(crate) mod pyramid;

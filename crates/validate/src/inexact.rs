@@ -108,6 +108,7 @@ mod tests {
             uvs: Vec::new(),
             triangles: vec![[0, 1, 2]],
             orientation: 1.0,
+            attributes: None,
         })
     }
 

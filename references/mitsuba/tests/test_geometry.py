@@ -485,7 +485,7 @@ class Meshes(Case):
         self.refuse(head.replace("EXT", "obj"), "scene", "out of range", base=self.base)
         self.write("x.ply", "ply\nformat ascii 1.0\nelement vertex 1\n")
         self.refuse(head.replace("EXT", "ply"), "scene", "malformed", base=self.base)
-        self.refuse(head.replace("EXT", "stl"), "scene", ".obj or .ply", base=self.base)
+        self.refuse(head.replace("EXT", "fbx"), "scene", ".obj, .ply", base=self.base)
 
     def test_ply_lists_of_vertices_are_skipped(self):
         header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty list uchar int extra\n"

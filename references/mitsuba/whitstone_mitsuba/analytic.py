@@ -243,11 +243,11 @@ def _plane_operand(fields: Fields, place: Any, base: Folder) -> Surface:
 
 
 class Csg:
-    """Reads csg. `mesh` reads a triangle mesh: (positions, uvs, normals) of its vertices, or None
-    on errors.
+    """Reads csg. `mesh` reads a triangle mesh: (positions, uvs, normals, attributes) of its
+    vertices, or None on errors.
     """
 
-    def __init__(self, mesh: Callable[[Fields, Any, Folder], Optional[Tuple[np.ndarray, np.ndarray, Optional[np.ndarray]]]]) -> None:
+    def __init__(self, mesh: Callable[[Fields, Any, Folder], Optional[Tuple[np.ndarray, np.ndarray, Optional[np.ndarray], Any]]]) -> None:
         self.mesh = mesh
 
     def read(self, fields: Fields, place: Any, base: Folder, depth: int = 1) -> Surface:

@@ -19,6 +19,7 @@ from .runtime import dr, mi
 from .samplers import CENTRE, Samples
 from .scene import Built, load_shapes
 from .settings import Setting
+from .stock import is_python
 
 _CENTRE = Samples.all(CENTRE)
 
@@ -42,6 +43,12 @@ class NotApplicable(Exception):
 def _native_only(built: Built) -> None:
     if built.host is not None:
         raise NotApplicable("Mitsuba's scene lacks the hosted shapes, which the driver intersects")
+
+
+def _native_textures(document: Any) -> None:
+    textures = [texture for number in document.used() for texture in document.materials[number].textures.values()]
+    if any(map(is_python, textures)):
+        raise NotApplicable("a texture is computed in Python, which Mitsuba's integrators cannot call")
 
 
 def _compare(ours: np.ndarray, theirs: np.ndarray) -> Dict[str, Any]:
@@ -78,6 +85,7 @@ def _sample(integrator: dict, scene: Any, rays: Rays) -> np.ndarray:
 def _direct(built: Built, setting: Setting) -> Dict[str, Any]:
     document = built.document
     _native_only(built)
+    _native_textures(document)
     used = document.used()
     if any(document.materials[number].parts or document.materials[number].type == "emissive" for number in used):
         raise NotApplicable("only the driver evaluates composite and emissive materials")
@@ -113,6 +121,7 @@ def _direct(built: Built, setting: Setting) -> Dict[str, Any]:
 def _path(built: Built, setting: Setting) -> Dict[str, Any]:
     document = built.document
     _native_only(built)
+    _native_textures(document)
     kinds = {document.materials[shape.material].type for shape in document.shapes}
     others: List[str] = sorted(kinds - {"mirror"})
     if others:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from . import patterns, textures
+from . import compounds, patterns, textures
 from .fields import REQUIRED, Fields
 from .subdivision import Heights
 
@@ -76,10 +76,20 @@ def heights(texture: Any, points: np.ndarray, normals: np.ndarray, uvs: np.ndarr
     """(n,): the first channel of a texture at corners with these positions, unit normals and
     texture coordinates.
     """
-    if isinstance(texture, textures.Constant):
-        return np.full(len(points), texture.value[0])
     place = _Place(points.T, uvs.T, _Frame(normals.T))
-    return texture.mapping.values(place, lambda q: _colors(texture, q))[:, 0]
+    return np.broadcast_to(_look(texture, place), (len(points), 3))[:, 0]
+
+
+def _look(texture: Any, place: _Place) -> np.ndarray:
+    """(n, 3) colours; n is 1 if the texture is constant."""
+    if isinstance(texture, textures.Constant):
+        return np.array([texture.value])
+    if isinstance(texture, compounds.Compound):
+        return texture.combine([_look(part, place) for part in texture.parts])
+    if isinstance(texture, compounds.VertexColor):
+        # Meshes with a displacement have no vertex colours.
+        return np.ones((1, 3))
+    return texture.mapping.values(place, lambda q: _colors(texture, q))
 
 
 def read(fields: Fields, library: Any, has_uv: bool) -> Heights:
@@ -88,6 +98,6 @@ def read(fields: Fields, library: Any, has_uv: bool) -> Heights:
     height = library.value(inner, "height", REQUIRED, 0.0, float("inf"))
     scale, offset = inner.number("scale", 1.0), inner.number("offset", 0.0)
     inner.close()
-    if hasattr(height, "mapping") and height.mapping.projection == "uv" and not has_uv:
+    if compounds.by_uv(height) and not has_uv:
         inner.error("height", "is mapped by (u, v), but the mesh has no texture coordinates")
     return lambda points, normals, uvs: scale * (heights(height, points, normals, uvs) - offset)

@@ -12,6 +12,7 @@ from whitstone_protocol.errors import SceneError, Unsupported
 
 from . import (
     cameras,
+    compounds,
     footprints,
     lights,
     materials,
@@ -97,7 +98,14 @@ class Document:
         for shape in self.shapes:
             if shape.surface is not None:
                 found[shape.type] = {"type": shape.type, "twin": "hosted", "reason": shape.reason}
-        textures = [texture for number in used for texture in (*self.materials[number].textures.values(), self.materials[number].ambient)]
+        whole = [texture for number in used for texture in (*self.materials[number].textures.values(), self.materials[number].ambient)]
+        textures = [leaf for texture in whole for leaf in compounds.leaves(texture)]
+        if any(isinstance(texture, compounds.Compound) for texture in whole):
+            reason = "the driver combines the values of textures: Mitsuba evaluates its own, one by one"
+            found["compound"] = {"type": "compound", "twin": "hosted", "reason": reason}
+        if any(isinstance(texture, compounds.VertexColor) for texture in textures):
+            reason = "the driver interpolates the colours of vertices"
+            found["vertex_color"] = {"type": "vertex_color", "twin": "hosted", "reason": reason}
         if any(getattr(texture, "quilted", False) for texture in textures):
             reason = "the driver synthesizes the image in Python; Mitsuba looks it up"
             found["synthesized"] = {"type": "synthesized", "twin": "hosted", "reason": reason}

@@ -288,7 +288,10 @@ class Tracer:
         registry = dr.reinterpret_array(mi.UInt32, si.shape)
         shape = dr.select(valid, dr.gather(mi.UInt32, b.shape_of_registry, registry, valid), NOTHING)
         n_g = mi.Vector3f(si.n) * dr.gather(mi.Float, b.flip, shape, valid)
-        n_raw = dr.select(dr.gather(mi.UInt32, b.smooth_normals, shape, valid) == 1, mi.Vector3f(si.sh_frame.n), n_g)
+        interpolated = mi.Vector3f(si.sh_frame.n)
+        # Mitsuba normalises a zero normal to NaN.
+        smooth = (dr.gather(mi.UInt32, b.smooth_normals, shape, valid) == 1) & (dr.squared_norm(interpolated) > 0)
+        n_raw = dr.select(smooth, interpolated, n_g)
         # Rule S: the viewer must be on the same side of n_s as of n_g.
         n_s = dr.select(dr.dot(rays.d, n_raw) * dr.dot(rays.d, n_g) < 0, -n_raw, n_raw)
         rule = dr.gather(mi.UInt32, b.primitive_rule, shape, valid)
@@ -348,6 +351,8 @@ class Tracer:
         si.wi = si.to_local(-dr.gather(mi.Vector3f, level.rays.d, lanes))
         if level.footprint is not None:
             level.footprint.put(si, lanes.numpy())
+        if self.built.vertices.any:
+            self.built.vertices.put(si, dr.gather(mi.UInt32, hits.shape, lanes), dr.gather(mi.UInt32, hits.facet, lanes))
         return si
 
     # ---- local terms

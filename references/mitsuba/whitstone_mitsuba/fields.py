@@ -85,6 +85,14 @@ class Fields:
             return 1.0
         return float(value)
 
+    def flag(self, key: str, default: bool) -> bool:
+        """true or false."""
+        value = self.take(key, default)
+        if not isinstance(value, bool):
+            self.error(key, f"expected true or false, found {value!r}")
+            return default
+        return value
+
     def integer(self, key: str, default: Any, low: int, high: int) -> int:
         """An integer in [low, high]."""
         value = self.take(key, default)

@@ -6,10 +6,11 @@ import os
 from typing import Dict, Optional, Tuple
 
 
-def _stamp(path: str) -> Optional[Tuple[int, int]]:
+def stamp(path: str) -> Optional[Tuple[int, int]]:
+    """The state of a file; None if it cannot be read."""
     try:
         status = os.stat(path)
-    except OSError:
+    except (OSError, ValueError):
         return None
     return status.st_mtime_ns, status.st_size
 
@@ -26,9 +27,13 @@ class Folder:
     def path(self, name: str) -> str:
         """The path of the file `name`."""
         path = os.path.join(self._base, name)
-        self._stamps[path] = _stamp(path)
+        self._stamps[path] = stamp(path)
         return path
+
+    def note(self, stamps: Dict[str, Optional[Tuple[int, int]]]) -> None:
+        """Records files that a requested file refers to, with their state when they were read."""
+        self._stamps.update(stamps)
 
     def unchanged(self) -> bool:
         """Whether every requested file is unchanged."""
-        return all(_stamp(path) == stamp for path, stamp in self._stamps.items())
+        return all(stamp(path) == state for path, state in self._stamps.items())

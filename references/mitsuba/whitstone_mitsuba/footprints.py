@@ -17,6 +17,7 @@ from typing import Any, Dict, Iterator, List, Sequence, Tuple
 
 import numpy as np
 
+from . import compounds
 from .cameras import Camera
 from .runtime import mi
 
@@ -43,8 +44,8 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _textures(materials: Sequence[Any], number: int) -> Iterator[Any]:
     """All textures of a material and of its parts."""
     material = materials[number]
-    yield from material.textures.values()
-    yield material.ambient
+    for texture in (*material.textures.values(), material.ambient):
+        yield from compounds.leaves(texture)
     for part in material.parts:
         yield from _textures(materials, part)
 

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import os
+from typing import Tuple
 
 import numpy as np
 
-from whitstone_protocol.errors import SceneError
+from whitstone_protocol.errors import SceneError, Unsupported
 
+from . import gltf
+from .files import Folder
 from .runtime import mi
 
 EXTENSIONS = (".png", ".jpg", ".jpeg", ".exr")
+# Upper bound on the size of an image inside a glTF file.
+MAX_TEXELS = 2**27
+CHANNELS = ("color", "alpha", "red", "green", "blue")
 
 
 def srgb_to_linear(value: np.ndarray) -> np.ndarray:
@@ -51,27 +57,85 @@ def codes(path: str) -> np.ndarray:
     return _pick_rgb(pixels, names, path).astype(np.int64)
 
 
-def load(path: str, color_space: str, alpha: bool = False) -> np.ndarray:
+def load(path: str, color_space: str, channel: str = "color") -> np.ndarray:
     """(height, width, 3) float32, top row first. `color_space` is "auto", "srgb" or "linear"; alpha
-    is always linear.
+    is always linear. A single channel is repeated three times.
     """
     extension = os.path.splitext(path)[1].lower()
+    if extension == ".webp":
+        raise Unsupported(f"{path}: no twin for WebP images: Mitsuba does not read them")
     if extension not in EXTENSIONS:
-        raise SceneError(f"{path}: expected an image file ending in {', '.join(EXTENSIONS)}")
+        raise SceneError(f"{path}: expected an image file ending in {', '.join(EXTENSIONS)} or .webp")
     if not os.path.isfile(path):
         raise SceneError(f"{path}: no such file")
     try:
         bitmap = mi.Bitmap(path)
-        names = [field.name for field in bitmap.struct_()]
-        pixels = np.atleast_3d(np.array(bitmap))
     except Exception as error:  # Mitsuba raises RuntimeError with its own text
         raise SceneError(f"{path}: cannot be read as an image: {error}") from error
+    return _decoded(bitmap, path, color_space, channel, extension != ".exr")
+
+
+def inside(path: str, index: int, color_space: str, channel: str, base: Folder) -> np.ndarray:
+    """`load` for an image of a glTF file. One without an alpha channel has the alpha 1."""
+    file = gltf.load(path)
+    try:
+        node, data = file.image(index)
+    finally:
+        base.note(file.stamps)
+    where = f"{path}: {node.pointer}"
+    if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
+        raise Unsupported(f"{where}: no twin for WebP images: Mitsuba does not read them")
+    if data[:8] == b"\x89PNG\r\n\x1a\n":
+        kind = mi.Bitmap.FileFormat.PNG
+    elif data[:3] == b"\xff\xd8\xff":
+        kind = mi.Bitmap.FileFormat.JPEG
+    else:
+        raise SceneError(f"{where}: is neither PNG nor JPEG nor WebP")
+    width, height = _size(data)
+    if width * height > MAX_TEXELS:
+        raise Unsupported(f"{where}: no twin for more than {MAX_TEXELS} texels, found {width} x {height}")
+    stream = mi.MemoryStream(len(data))
+    stream.write(data)
+    stream.seek(0)
+    try:
+        bitmap = mi.Bitmap(stream, kind)
+    except Exception as error:  # as above
+        raise SceneError(f"{where}: cannot be read as an image: {error}") from error
+    return _decoded(bitmap, where, color_space, channel, True, True)
+
+
+def _size(data: bytes) -> Tuple[int, int]:
+    """The size in the header of a PNG or JPEG; (0, 0) if there is none."""
+    if data[:1] == b"\x89":
+        return int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
+    at = 2
+    while at + 9 <= len(data) and data[at] == 0xFF:
+        kind = data[at + 1]
+        if 0xC0 <= kind <= 0xCF and kind not in (0xC4, 0xC8, 0xCC):
+            return int.from_bytes(data[at + 7 : at + 9], "big"), int.from_bytes(data[at + 5 : at + 7], "big")
+        # Fill bytes and markers without data have no length.
+        at += 1 if kind == 0xFF else 2 if kind == 0x01 or 0xD0 <= kind <= 0xD8 else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+    return 0, 0
+
+
+def _decoded(bitmap: "mi.Bitmap", path: str, color_space: str, channel: str, by_default: bool, opaque: bool = False) -> np.ndarray:
+    """The values of a bitmap. `by_default`: whether the colour space "auto" is sRGB; `opaque`:
+    whether a missing alpha is 1.
+    """
+    names = [field.name for field in bitmap.struct_()]
+    pixels = np.atleast_3d(np.array(bitmap))
     # Integer texels are fractions of the largest value of their type; float32 texels are values.
     scale = float(np.iinfo(pixels.dtype).max) if np.issubdtype(pixels.dtype, np.integer) else 1.0
-    pick = _pick_alpha if alpha else _pick_rgb
-    values = pick(pixels, names, path).astype(np.float64) / scale
-    if not alpha and (color_space == "srgb" or (color_space == "auto" and extension != ".exr")):
-        values = srgb_to_linear(values)
+    if channel == "alpha":
+        if opaque and not any(name.split(".")[-1].upper() == "A" for name in names):
+            return np.ones((*pixels.shape[:2], 3), dtype=np.float32)
+        values = _pick_alpha(pixels, names, path).astype(np.float64) / scale
+    else:
+        values = _pick_rgb(pixels, names, path).astype(np.float64) / scale
+        if channel != "color":
+            values = np.repeat(values[:, :, [("red", "green", "blue").index(channel)]], 3, axis=2)
+        if color_space == "srgb" or (color_space == "auto" and by_default):
+            values = srgb_to_linear(values)
     if not np.all(np.isfinite(values)):
         raise SceneError(f"{path}: has non-finite texels")
     return np.ascontiguousarray(values, dtype=np.float32)

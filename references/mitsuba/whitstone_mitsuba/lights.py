@@ -17,7 +17,7 @@ import numpy as np
 
 from whitstone_protocol.errors import SceneError
 
-from . import images, mappings, meshes, sky, textures, transforms
+from . import compounds, images, mappings, meshes, sky, textures, transforms
 from .fields import REQUIRED, Fields, Vector, nearest
 from .files import Folder
 from .runtime import dr, mi
@@ -298,6 +298,8 @@ def _sky(radiance: Any, uv: np.ndarray, directions: np.ndarray) -> np.ndarray:
         for number, face in enumerate(radiance.faces):
             seen[which == number] = face.precise(places[which == number])
         return seen
+    if isinstance(radiance, compounds.Compound):
+        return np.broadcast_to(radiance.combine([_sky(part, uv, directions) for part in radiance.parts]), (len(uv), 3))
     if isinstance(radiance, textures.Image) and radiance.mapping.usual():
         return radiance.precise(uv)
     seen = np.array(radiance.build().eval(place(directions, uv)), dtype=np.float64)
@@ -403,7 +405,7 @@ def _mesh(fields: Fields, index: int, base: Folder) -> List[Lamp]:
     n = fields.integer("samples", 1, 1, 32)
     name = fields.string("file", REQUIRED)
     try:
-        triangles = meshes.load(base.path(name))
+        triangles = meshes.load(base.path(name), base=base)
     except SceneError as error:
         fields.error("file", str(error))
         return []

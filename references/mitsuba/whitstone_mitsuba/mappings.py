@@ -47,11 +47,13 @@ class Mapping:
     projection: str
     matrix: np.ndarray = field(default_factory=lambda: np.eye(4))
     sharpness: float = 4.0
+    # Which texture coordinates of a mesh "uv" uses: 0, or 1 for the second set.
+    uv_set: int = 0
 
     def usual(self) -> bool:
         """Whether it is the default mapping by (u, v), which Mitsuba's textures apply themselves.
         """
-        return self.projection == "uv" and np.array_equal(self.matrix, np.eye(4))
+        return self.projection == "uv" and self.uv_set == 0 and np.array_equal(self.matrix, np.eye(4))
 
     def weights(self, normal: np.ndarray) -> np.ndarray:
         """(n, 3): blend weights of the projections of "triplanar", by n_s."""
@@ -64,7 +66,10 @@ class Mapping:
         texture space.
         """
         uv = self.projection == "uv"
-        source = np.array(si.uv if uv else si.p, dtype=np.float64).T
+        if self.uv_set == 1:
+            source = second_uv(si)
+        else:
+            source = np.array(si.uv if uv else si.p, dtype=np.float64).T
         if uv:
             source = np.column_stack([source, np.zeros(len(source))])
         q = source @ self.matrix[:3, :3].T + self.matrix[:3, 3]
@@ -78,6 +83,15 @@ class Mapping:
         return total / weight.sum(axis=1, keepdims=True)
 
 
+def second_uv(si: Any) -> np.ndarray:
+    """(n, 2): the second texture coordinates, (0, 0) on surfaces without: see `vertices`."""
+    count = np.array(si.uv).reshape(2, -1).shape[1]
+    if getattr(si, "prim_index", None) is None:
+        return np.zeros((count, 2))
+    stored = np.array(si.dn_du, dtype=np.float64).reshape(3, -1).T[:, :2]
+    return np.broadcast_to(np.where(np.array(si.prim_index)[:, None] > 0, stored, 0.0), (count, 2))
+
+
 def read(fields: Fields, usual: str) -> Mapping:
     """The key `mapping`; `usual` is the default projection."""
     table = fields.take("mapping")
@@ -89,8 +103,9 @@ def read(fields: Fields, usual: str) -> Mapping:
     sharpness = 4.0
     if projection == "triplanar":
         sharpness = inner.number("sharpness", 4.0, lambda number: number > 0, "a number > 0")
+    uv_set = inner.integer("uv_set", 0, 0, 1) if projection == "uv" else 0
     inner.close()
-    return Mapping(projection, matrix, sharpness)
+    return Mapping(projection, matrix, sharpness, uv_set)
 
 
 class Mapped(mi.Texture):

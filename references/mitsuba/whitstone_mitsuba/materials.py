@@ -14,6 +14,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
+from .compounds import by_uv
 from .fields import REQUIRED, Fields, Vector, nearest
 from .runtime import dr, mi
 from .textures import Constant, Textures
@@ -118,6 +119,8 @@ class Material:
     around: bool = False
     # Whether a vector bump map is relative to that tangent instead of in world space.
     tangent: bool = False
+    # Whether the tangent of a normal map is that of the mesh.
+    mesh_tangent: bool = False
     # For a conductor: eta and k as colours.
     index: Tuple[Vector, Vector] = (BLACK, BLACK)
     # The priority of a dielectric; None if it has none.
@@ -327,8 +330,14 @@ def _tangent(fields: Fields) -> Tuple[Vector, bool]:
 
 def _normal_map(fields: Fields, textures: Textures, parts: List[Material]) -> Material:
     map_ = textures.value(fields, "map", REQUIRED, 0.0, math.inf)
+    strength = fields.number("strength", 1.0)
+    made = _composite_of("normal_map", parts, textures={"map": map_}, numbers={"strength": strength})
+    if fields.take("tangent") == "mesh":
+        if fields.has("axis"):
+            fields.error("axis", "cannot be given together with `tangent`")
+            fields.take("axis")
+        return replace(made, normal_mapped=True, mesh_tangent=True)
     direction, around = _tangent(fields)
-    made = _composite_of("normal_map", parts, textures={"map": map_})
     return replace(made, normal_mapped=True, direction=direction, around=around)
 
 
@@ -338,6 +347,9 @@ def _bump_vectors(fields: Fields, textures: Textures, parts: List[Material]) -> 
     made = _composite_of("bump", parts, textures={"vectors": vectors}, numbers={"scale": scale})
     if fields.choice("space", "world", ("world", "tangent")) == "world":
         return replace(made, normal_mapped=True)
+    if fields.take("tangent") == "mesh":
+        textures.unsupported.append(f'{fields.where}.tangent: no twin for `tangent = "mesh"` of bump')
+        return replace(made, normal_mapped=True)
     direction, around = _tangent(fields)
     return replace(made, normal_mapped=True, direction=direction, around=around, tangent=True)
 
@@ -346,7 +358,7 @@ def _bump(fields: Fields, textures: Textures, parts: List[Material]) -> Material
     if fields.has("vector_map"):
         return _bump_vectors(fields, textures, parts)
     height = textures.value(fields, "height", REQUIRED, 0.0, math.inf)
-    if hasattr(height, "mapping") and height.mapping.projection == "uv":
+    if by_uv(height):
         fields.error("height", "must be mapped by the world-space position, not by (u, v)")
     scale = fields.number("scale", 1.0)
     step = fields.number("step", 1e-3, lambda value: value > 0, "a number > 0")

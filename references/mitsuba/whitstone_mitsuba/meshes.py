@@ -1,5 +1,5 @@
-"""Reads triangles from OBJ and PLY files exactly as the model specifies (§9): in file order,
-polygons as fans, nothing dropped or merged.
+"""Reads triangles from mesh files exactly as the model specifies (§9): in file order, polygons as
+fans, nothing dropped or merged. `gltf` decodes glTF.
 
 Mitsuba's own loaders are not used, because triangle numbers and missing normals must follow the
 model: these loaders add smooth normals to files without any, flip v in OBJ files and split groups.
@@ -10,12 +10,18 @@ from __future__ import annotations
 
 import functools
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Dict, List, Optional, Tuple
 
 import numpy as np
 
-from whitstone_protocol.errors import SceneError
+from whitstone_protocol.errors import SceneError, Unsupported
+
+from . import gltf
+from .files import Folder
+
+# Upper bound on the triangles of a mesh of glTF, whose accessors need no data.
+MAX_TRIANGLES = 2**23
 
 
 @dataclass
@@ -28,21 +34,137 @@ class Triangles:
     faces: np.ndarray
     normals: Optional[np.ndarray] = None
     uvs: Optional[np.ndarray] = None
+    # Vertex colours, RGBA; the second set of texture coordinates; tangents X, all per vertex.
+    colors: Optional[np.ndarray] = None
+    second: Optional[np.ndarray] = None
+    tangents: Optional[np.ndarray] = None
+    # The sign h of the bitangent, per triangle.
+    signs: Optional[np.ndarray] = None
+    # The vertex of the file, per vertex, if several vertices here are one in the file.
+    origin: Optional[np.ndarray] = None
 
 
-def load(path: str) -> Triangles:
-    """The triangles of an .obj or .ply file. The last few files are cached until they change."""
-    if os.path.splitext(path)[1].lower() not in _READERS:
-        raise SceneError(f"{path}: expected a file ending in .obj or .ply")
+@dataclass(frozen=True)
+class Wanted:
+    """The parts of a file that are read, in addition to positions and normals."""
+
+    uv_sets: Tuple[int, ...] = (0,)
+    colors: bool = False
+    tangents: bool = False
+    # For OBJ: only the faces of this material.
+    part: Optional[str] = None
+    # The rest is for glTF.
+    mesh: int = 0
+    primitive: int = 0
+    skin: Optional[int] = None
+    weights: Optional[Tuple[float, ...]] = None
+
+
+EXTENSIONS = (".obj", ".ply", ".stl", ".gltf", ".glb")
+
+
+def load(path: str, wanted: Optional[Wanted] = None, base: Optional[Folder] = None) -> Triangles:
+    """The triangles of a mesh file. The last few files are cached until they change. `base` records
+    the files that it refers to.
+    """
+    wanted = wanted or Wanted()
+    if os.path.splitext(path)[1].lower() not in EXTENSIONS:
+        raise SceneError(f"{path}: expected a file ending in {', '.join(EXTENSIONS)}")
+    if gltf.is_file(path):
+        return _gltf(path, wanted, base)
     try:
         status = os.stat(path)
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror}") from error
-    return _load(path, status.st_mtime_ns, status.st_size)
+    if wanted.uv_sets not in ((), (0,)):
+        raise SceneError(f"{path}: has no sets of texture coordinates except 0; only glTF has others")
+    found = _load(path, status.st_mtime_ns, status.st_size, wanted.part)
+    found = replace(found, uvs=found.uvs if wanted.uv_sets else None, colors=found.colors if wanted.colors else None)
+    if wanted.colors and found.colors is None:
+        found.colors = np.ones((len(found.positions), 4))
+    if found.colors is not None and not np.all(np.isfinite(found.colors)):
+        raise SceneError(f"{path}: has colours that are not finite")
+    if wanted.tangents:
+        found.tangents, found.signs = tangents(found)
+    return found
+
+
+def _checked(path: str, triangles: Triangles) -> Triangles:
+    if not np.all(np.isfinite(triangles.positions)):
+        raise SceneError(f"{path}: has vertices that are not finite")
+    return triangles
+
+
+def _gltf(path: str, wanted: Wanted, base: Optional[Folder]) -> Triangles:
+    """A primitive of a glTF file, morphed and skinned."""
+    file = gltf.load(path)
+    try:
+        part = gltf.Primitive(file, wanted.mesh, wanted.primitive, MAX_TRIANGLES)
+        weights = part.weights(None if wanted.weights is None else list(wanted.weights))
+        positions = part.morphed("POSITION", part.read("POSITION", "VEC3"), weights)
+        assert positions is not None, "a primitive has positions"
+        found = Triangles(positions, part.faces, part.morphed("NORMAL", part.read("NORMAL", "VEC3"), weights))
+        sets = [part.read(f"TEXCOORD_{number}", "VEC2") for number in wanted.uv_sets]
+        # Here v points up.
+        flipped = [None if uv is None else np.column_stack([uv[:, 0], 1 - uv[:, 1]]) for uv in sets]
+        found.uvs = flipped[0] if flipped else None
+        found.second = flipped[1] if len(flipped) > 1 else None
+        if wanted.colors:
+            colors = part.read("COLOR_0", "VEC3", "VEC4")
+            found.colors = np.ones((len(positions), 4))
+            if colors is not None:
+                found.colors[:, : colors.shape[1]] = colors
+        if wanted.tangents:
+            stored = part.read("TANGENT", "VEC4")
+            if stored is None:
+                found.tangents, found.signs = tangents(found)
+            else:
+                found.tangents = part.morphed("TANGENT", stored, weights)
+                found.signs = _sign(stored[part.faces[:, 0], 3])
+        if wanted.skin is not None:
+            matrices = part.skinning(wanted.skin)
+            found.positions = np.einsum("nij,nj->ni", matrices[:, :, :3], positions) + matrices[:, :, 3]
+            for name in ("normals", "tangents"):
+                values = getattr(found, name)
+                if values is not None:
+                    setattr(found, name, gltf.directions(values, matrices[:, :, :3], name == "normals"))
+    except gltf.TooMany as error:
+        raise Unsupported(f"{path}: no twin for more than {MAX_TRIANGLES} triangles, found {error.triangles}") from error
+    finally:
+        if base is not None:
+            base.note(file.stamps)
+    return _checked(path, found)
+
+
+def _sign(values: np.ndarray) -> np.ndarray:
+    """1 or -1; 1 for 0."""
+    return np.where(values < 0, -1.0, 1.0)
+
+
+def tangents(triangles: Triangles) -> Tuple[np.ndarray, np.ndarray]:
+    """The model's mesh tangents (§8): (n, 3) X of the vertices, not normalised, and (m,) h of the
+    triangles.
+    """
+    count = len(triangles.positions)
+    if triangles.uvs is None:
+        return np.zeros((count, 3)), np.ones(len(triangles.faces))
+    a, b, c = np.moveaxis(triangles.positions[triangles.faces], 1, 0)
+    uv_a, uv_b, uv_c = np.moveaxis(triangles.uvs[triangles.faces], 1, 0)
+    (u1, v1), (u2, v2) = (uv_b - uv_a).T, (uv_c - uv_a).T
+    d = u1 * v2 - u2 * v1
+    along = (v2[:, None] * (b - a) - v1[:, None] * (c - a)) * np.sign(d)[:, None]
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    along = np.divide(along, length, out=np.zeros_like(along), where=length > 0)
+    # Vertices that are one in the file have one tangent.
+    origin = np.arange(count) if triangles.origin is None else triangles.origin
+    total = np.zeros((int(origin.max()) + 1, 3))
+    for corner in range(3):
+        np.add.at(total, origin[triangles.faces[:, corner]], along)
+    return total[origin], _sign(d)
 
 
 @functools.lru_cache(maxsize=8)
-def _load(path: str, modified: int, size: int) -> Triangles:
+def _load(path: str, modified: int, size: int, part: Optional[str]) -> Triangles:
     """Reads the file; `modified` and `size` are only part of the cache key."""
     reader = _READERS[os.path.splitext(path)[1].lower()]
     try:
@@ -51,24 +173,26 @@ def _load(path: str, modified: int, size: int) -> Triangles:
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror}") from error
     try:
-        triangles = reader(data)
-    except (ValueError, IndexError, KeyError, UnicodeDecodeError) as error:
+        triangles = reader(data) if part is None else _obj(data, part)
+    except (ValueError, IndexError, KeyError, TypeError, OverflowError, MemoryError, UnicodeDecodeError) as error:
         raise SceneError(f"{path}: is malformed: {error}") from error
     if len(triangles.faces) == 0:
-        raise SceneError(f"{path}: has no faces")
+        raise SceneError(f"{path}: has no faces" + ("" if part is None else f" of the part {part!r}"))
     if triangles.faces.min() < 0 or triangles.faces.max() >= len(triangles.positions):
         raise SceneError(f"{path}: a face refers to a vertex that does not exist")
-    if not np.all(np.isfinite(triangles.positions)):
-        raise SceneError(f"{path}: has vertices that are not finite")
-    return triangles
+    return _checked(path, triangles)
 
 
-def _obj(data: bytes) -> Triangles:
-    """Wavefront OBJ: v, vt, vn, f; everything else is ignored."""
+def _obj(data: bytes, part: Optional[str] = None) -> Triangles:
+    """Wavefront OBJ: v, vt, vn, f; everything else is ignored. With `part` only the faces after
+    `usemtl` with this name, or before any for an empty one.
+    """
+    material = ""
     points: List[List[float]] = []
     texcoords: List[List[float]] = []
     normals: List[List[float]] = []
     corners: List[Tuple[int, int, int]] = []
+    colors: Dict[int, List[float]] = {}
 
     def corner(text: str) -> Tuple[int, int, int]:
         """Indices into v, vt, vn, counted from 0; -1 if missing. Negative ones in the file count
@@ -89,7 +213,11 @@ def _obj(data: bytes) -> Triangles:
         words = line.split("#", 1)[0].split()
         if not words:
             continue
-        if words[0] == "v":
+        if words[0] == "usemtl":
+            material = line.strip()[len("usemtl") :].strip()
+        elif words[0] == "v":
+            if len(words) >= 7:
+                colors[len(points)] = [float(word) for word in words[4:7]]
             points.append([float(word) for word in words[1:4]])
         elif words[0] == "vt":
             texcoords.append([float(word) for word in (words[1:3] + ["0"])[:2]])
@@ -99,12 +227,19 @@ def _obj(data: bytes) -> Triangles:
             ring = [corner(word) for word in words[1:]]
             if len(ring) < 3:
                 raise ValueError("a face has fewer than three corners")
+            if part is not None and part != material:
+                continue
             for second in range(1, len(ring) - 1):
                 corners += [ring[0], ring[second], ring[second + 1]]
     indices = np.array(corners, dtype=np.int64).reshape(-1, 3)
     has_uv, has_normals = bool((indices[:, 1] >= 0).any()), bool((indices[:, 2] >= 0).any())
+    colored = None
+    if colors:
+        colored = np.ones((len(points), 4))
+        colored[list(colors), :3] = list(colors.values())
     if not has_uv and not has_normals:
-        return Triangles(np.array(points), indices[:, 0].reshape(-1, 3))
+        return Triangles(np.array(points), indices[:, 0].reshape(-1, 3), colors=colored)
+    named = len(normals)
     if has_normals and (indices[:, 2] < 0).any():
         # In a file with normals, a triangle without them gets its geometric normal, as a new entry.
         flat = np.flatnonzero((indices[:, 2].reshape(-1, 3) < 0).any(axis=1))
@@ -121,6 +256,12 @@ def _obj(data: bytes) -> Triangles:
         result.uvs = pool[unique[:, 1]]
     if has_normals:
         result.normals = np.array(normals)[unique[:, 2]]
+    if colored is not None:
+        result.colors = colored[unique[:, 0]]
+    if len(normals) > named:
+        # For the file, missing normals are the same index.
+        missing = np.where(unique[:, 2:] < named, unique[:, 2:], -1)
+        result.origin = np.unique(np.hstack([unique[:, :2], missing]), axis=0, return_inverse=True)[1].reshape(-1)
     return result
 
 
@@ -128,6 +269,9 @@ _PLY_TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4", "double": "f8",
     "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8",
 }  # fmt: skip
+
+
+_CHANNELS = ("red", "green", "blue", "alpha")
 
 
 def _ply_header(data: bytes) -> Tuple[str, List[Tuple[str, int, List[Tuple[str, ...]]]], int]:
@@ -165,7 +309,12 @@ def _ply(data: bytes) -> Triangles:
     faces: List[List[int]] = []
     triangles: Optional[np.ndarray] = None
 
+    kinds: Dict[str, str] = {}
     for name, count, properties in elements:
+        if not 0 <= count <= len(data) and properties:
+            raise ValueError(f"the header gives {count} elements {name}, more than the file has bytes")
+        if name == "vertex":
+            kinds = {entry[-1]: _PLY_TYPES[entry[0]] for entry in properties if entry[0] != "list"}
         lists = [entry for entry in properties if entry[0] == "list"]
         if not lists:
             if words is not None:
@@ -228,7 +377,14 @@ def _ply(data: bytes) -> Triangles:
     uvs = None
     for pair in (("u", "v"), ("s", "t"), ("texture_u", "texture_v")):
         uvs = stack(*pair) if uvs is None else uvs
-    return Triangles(positions, triangles, stack("nx", "ny", "nz"), uvs)
+    colors = None
+    if any(name in columns for name in _CHANNELS):
+        colors = np.ones((len(positions), 4))
+        for channel, name in enumerate(_CHANNELS):
+            if name in columns:
+                largest = np.iinfo(kinds[name]).max if kinds[name][0] in "iu" else 1
+                colors[:, channel] = columns[name] / largest
+    return Triangles(positions, triangles, stack("nx", "ny", "nz"), uvs, colors)
 
 
 def _ply_values(
@@ -241,6 +397,34 @@ def _ply_values(
         return np.array(words[position : position + count], dtype=np.float64), position + count
     dtype = np.dtype(order + _PLY_TYPES[kind])
     return np.frombuffer(data, dtype, count, position), position + count * dtype.itemsize
+
+
+def _stl(data: bytes) -> Triangles:
+    """STL, binary or text: every facet has three vertices of its own."""
+    if len(data) >= 84:
+        count = int.from_bytes(data[80:84], "little")
+        if len(data) == 84 + 50 * count:
+            rows = np.frombuffer(data, np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")]), count, 84)
+            corners = rows["corners"].astype(np.float64)
+            return Triangles(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3))
+    lines = data.decode("utf-8", "replace").splitlines()
+    if not any(line.split()[:1] and line.split()[0].lower() == "solid" for line in lines[:100]):
+        raise ValueError("neither binary STL of the length that its header gives, nor text")
+    words: List[str] = []
+    for line in lines:
+        found = line.lower().split()
+        # Names may contain any word.
+        if found and found[0] not in ("solid", "endsolid"):
+            words += found
+    points: List[List[float]] = []
+    before, after = ["outer", "loop"], ["endloop", "endfacet"]
+    for at in range(0, len(words), 21):
+        facet = words[at : at + 21]
+        marks = [facet[7 + 4 * corner : 8 + 4 * corner] for corner in range(3)]
+        if facet[:2] != ["facet", "normal"] or facet[5:7] != before or marks != [["vertex"]] * 3 or facet[19:] != after:
+            raise ValueError(f"facet {at // 21}: expected a normal and a loop of three vertices")
+        points += [[float(word) for word in facet[8 + 4 * corner : 11 + 4 * corner]] for corner in range(3)]
+    return Triangles(np.array(points).reshape(-1, 3), np.arange(len(points)).reshape(-1, 3))
 
 
 def _lowbias(x: np.ndarray) -> np.ndarray:
@@ -287,4 +471,4 @@ def heightfield(columns: int, rows: int, amplitude: float, hills: int, octaves: 
     return Triangles(positions, faces)
 
 
-_READERS = {".obj": _obj, ".ply": _ply}
+_READERS = {".obj": _obj, ".ply": _ply, ".stl": _stl}

@@ -232,6 +232,9 @@ class Filtered(mi.Texture):
         uv = mapping.projection == "uv"
         source, steps = (rows(place.uv), (si.duv_dx, si.duv_dy)) if uv else (rows(place.p), (si.dp_du, si.dp_dv))
         steps = np.stack([rows(step) for step in steps], axis=1)
+        if mapping.uv_set == 1:
+            # The second texture coordinates have no footprint.
+            source, steps = np.broadcast_to(mappings.second_uv(place), (width, 2)), np.zeros_like(steps)
         if uv:
             source, steps = (np.concatenate([array, np.zeros_like(array[..., :1])], axis=-1) for array in (source, steps))
         linear = mapping.matrix[:3, :3]

@@ -9,7 +9,7 @@ import numpy as np
 
 from whitstone_protocol.errors import Unsupported
 
-from . import bodies, footprints, lights, rounding, shaders, spawn
+from . import bodies, footprints, lights, rounding, shaders, spawn, vertices
 from . import shapes as shape_module
 from .document import Document
 from .hosted import Host
@@ -94,7 +94,8 @@ class Built:
         self.document = document
         self.geometry = geometry(setting)
         self.bsdfs = [material.build() for material in document.materials]
-        self.shaders = shaders.build(document.materials, self.bsdfs)
+        self.vertices = vertices.Table(document.shapes)
+        self.shaders = shaders.build(document.materials, self.bsdfs, self.vertices)
         self.bodies = bodies.Bodies(document.shapes, document.materials)
         self.emitters = [lamp.build() for lamp in document.lights.lamps]
         self.background = document.lights.background_emitter()

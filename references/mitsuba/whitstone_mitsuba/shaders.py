@@ -12,6 +12,7 @@ from typing import Any, Optional, Sequence, Tuple
 import numpy as np
 
 from .cameras import Lens
+from .compounds import leaves
 from .runtime import dr, mi
 
 FLAGS = {
@@ -373,16 +374,22 @@ class NormalMapped(Shader):
 class NormalMap(NormalMapped):
     """Normals encoded as colours."""
 
-    def __init__(self, map_: Any, direction: Sequence[float], around: bool, inner: Shader) -> None:
+    def __init__(self, map_: Any, material: Any, table: Any, inner: Shader) -> None:
         NormalMapped.__init__(self, inner)
-        self.map, self.around = map_.build(), around
-        self.direction = mi.Vector3f(opaque_color(direction))
+        self.map, self.around = map_.build(), material.around
+        self.direction = mi.Vector3f(opaque_color(material.direction))
+        # The attributes of vertices, if the tangent is that of the mesh.
+        self.table = table if material.mesh_tangent else None
+        self.strength = dr.opaque(mi.Float, float(material.numbers.get("strength", 1.0)))
 
     def normal(self, si: Any, n: Any) -> Any:
-        x = self.direction
-        t = dr.normalize(dr.cross(x, n) if self.around else x - dr.dot(x, n) * n)
+        x, h = (self.direction, mi.Float(1)) if self.table is None else self.table.tangents(si)
+        t = dr.cross(x, n) if self.around else x - dr.dot(x, n) * n
+        # Rounding must not give a direction to what has no length.
+        t = dr.select(dr.norm(t) > dr.opaque(mi.Float, 1e-6), dr.normalize(t), mi.Vector3f(0))
         m = 2 * mi.Color3f(self.map.eval(si)) - 1
-        return m.x * t + m.y * dr.cross(n, t) + m.z * n
+        found = self.strength * (m.x * t + m.y * h * dr.cross(n, t)) + m.z * n
+        return dr.select(dr.norm(t) > 0, found, mi.Vector3f(0))
 
 
 class BumpVectors(NormalMap):
@@ -390,8 +397,8 @@ class BumpVectors(NormalMap):
     map.
     """
 
-    def __init__(self, material: Any, inner: Shader) -> None:
-        NormalMap.__init__(self, material.textures["vectors"], material.direction, material.around, inner)
+    def __init__(self, material: Any, table: Any, inner: Shader) -> None:
+        NormalMap.__init__(self, material.textures["vectors"], material, table, inner)
         self.tangent = material.tangent
         self.scale = dr.opaque(mi.Float, float(material.numbers["scale"]))
 
@@ -416,8 +423,8 @@ class Bump(NormalMapped):
     def __init__(self, height: Any, scale: float, step: float, inner: Shader) -> None:
         NormalMapped.__init__(self, inner)
         self.height = height.build()
-        # A constant has no slope and no mapping.
-        self.flat = not hasattr(height, "mapping")
+        # Constants and vertex colours have no slope and no mapping.
+        self.flat = not any(hasattr(leaf, "mapping") for leaf in leaves(height))
         self.scale, self.step = scale, step
 
     def normal(self, si: Any, n: Any) -> Any:
@@ -437,8 +444,10 @@ class Bump(NormalMapped):
         return mi.Vector3f(np.ascontiguousarray(raised.astype(np.float32)))
 
 
-def build(materials: Sequence[Any], bsdfs: Sequence[Any]) -> Tuple[Shader, ...]:
-    """A shader for each material; parts come before the composites that use them."""
+def build(materials: Sequence[Any], bsdfs: Sequence[Any], table: Any) -> Tuple[Shader, ...]:
+    """A shader for each material; parts come before the composites that use them. `table` contains
+    the attributes of vertices.
+    """
     built: list = []
     for material, bsdf in zip(materials, bsdfs):
         parts = [built[number] for number in material.parts]
@@ -451,9 +460,9 @@ def build(materials: Sequence[Any], bsdfs: Sequence[Any]) -> Tuple[Shader, ...]:
         elif material.type == "two_sided":
             built.append(TwoSided(*parts))
         elif material.type == "normal_map":
-            built.append(NormalMap(material.textures["map"], material.direction, material.around, parts[0]))
+            built.append(NormalMap(material.textures["map"], material, table, parts[0]))
         elif material.type == "bump" and "vectors" in material.textures:
-            built.append(BumpVectors(material, parts[0]))
+            built.append(BumpVectors(material, table, parts[0]))
         elif material.type == "bump":
             built.append(Bump(material.textures["height"], material.numbers["scale"], material.numbers["step"], parts[0]))
         elif material.type == "glossy":

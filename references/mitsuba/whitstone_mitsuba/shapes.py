@@ -15,20 +15,22 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 import numpy as np
 
-from whitstone_protocol.errors import SceneError
+from whitstone_protocol.errors import SceneError, Unsupported
 
 from . import (
     analytic,
     coincident,
     displacement,
+    gltf,
     meshes,
     patches,
     rounding,
     subdivision,
     surfaces,
     transforms,
+    vertices,
 )
-from .fields import REQUIRED, Fields, nearest
+from .fields import REQUIRED, Fields, is_number, nearest
 from .files import Folder
 from .runtime import mi
 
@@ -70,6 +72,8 @@ class Rules:
     object_from_world: Optional[np.ndarray] = None
     # For UV_PLANE, 2x4: object-space x and y from world-space coordinates.
     plane: Optional[np.ndarray] = None
+    # Attributes of the vertices of a mesh, if it has any.
+    attributes: Optional[vertices.Attributes] = None
 
 
 # The media of a shape by side: `interior` and `exterior`, absent where nothing absorbs.
@@ -183,13 +187,16 @@ class _Mesh:
         return make_mesh(self.positions, self.faces, self.uvs, self.normals, bsdf, rounded, media)
 
 
+def _world_positions(triangles: meshes.Triangles, place: Place) -> np.ndarray:
+    """The vertices in world space."""
+    positions = triangles.positions @ place.world[:3, :3].T + place.world[:3, 3]
+    return positions if place.vertices is None else positions + place.vertices
+
+
 def _triangles(triangles: meshes.Triangles, place: Place, smooth: bool) -> Builder:
     """Builder of triangles from object space, transformed in float64."""
     matrix = place.world
-    linear = matrix[:3, :3]
-    positions = triangles.positions @ linear.T + matrix[:3, 3]
-    if place.vertices is not None:
-        positions = positions + place.vertices
+    positions = _world_positions(triangles, place)
     faces = triangles.faces
     if transforms.mirrors(matrix):
         # The model keeps the outside when mirroring; the winding would turn it inside.
@@ -322,16 +329,55 @@ def _triangle(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
     return Rules(smooth=normals is not None), _triangles(triangle, place, True)
 
 
+def _wanted(fields: Fields, name: str) -> meshes.Wanted:
+    """The keys that select the parts of a mesh file."""
+    sets = fields.take("uv_sets", [0])
+    good = isinstance(sets, list) and len(sets) <= 2 and len(set(map(repr, sets))) == len(sets)
+    if not good or not all(type(number) is int and 0 <= number < 2**31 for number in sets):
+        fields.error("uv_sets", f"expected at most two different integers >= 0, found {sets!r}")
+        sets = [0]
+    colors, tangents = fields.flag("vertex_colors", False), fields.flag("tangents", False)
+    part = fields.take("part")
+    if part is not None and not isinstance(part, str):
+        fields.error("part", f"expected the name of a material, found {part!r}")
+        part = None
+    if part is not None and not name.lower().endswith(".obj"):
+        fields.error("part", "requires a file ending in .obj")
+        part = None
+    found = meshes.Wanted(tuple(sets), colors, tangents, part)
+    if fields.has("subdivision") or fields.has("displacement"):
+        keys = (("uv_sets", sets not in ([], [0])), ("vertex_colors", colors), ("tangents", tangents), ("part", part is not None))
+        for key, given in keys:
+            if given:
+                fields.error(key, "cannot be given together with `subdivision` or `displacement`")
+    if not gltf.is_file(name):
+        for key in ("mesh", "primitive", "skin", "weights"):
+            if fields.has(key):
+                fields.error(key, "requires a file ending in .gltf or .glb")
+                fields.take(key)
+        return found
+    skin = fields.integer("skin", None, 0, 2**31 - 1) if fields.has("skin") else None
+    weights = fields.take("weights")
+    if weights is not None and (not isinstance(weights, list) or not all(map(is_number, weights))):
+        fields.error("weights", f"expected a list of numbers, found {weights!r}")
+        weights = None
+    mesh, primitive = fields.integer("mesh", 0, 0, 2**31 - 1), fields.integer("primitive", 0, 0, 2**31 - 1)
+    return replace(found, mesh=mesh, primitive=primitive, skin=skin, weights=None if weights is None else tuple(map(float, weights)))
+
+
 def _mesh_triangles(fields: Fields, place: Place, base: Folder) -> Tuple[meshes.Triangles, bool]:
     """The triangles of a mesh in object space, and whether its normals are interpolated."""
     name = fields.string("file", REQUIRED)
     shading = fields.choice("shading", "smooth", ("smooth", "flat"))
     triangles = box_triangles()
+    wanted = _wanted(fields, name)
     if name:
         try:
-            triangles = meshes.load(base.path(name))
+            triangles = meshes.load(base.path(name), wanted, base)
         except SceneError as error:
             fields.error("file", str(error))
+        except Unsupported as error:
+            place.unsupported.append(f"{fields.where}.file: {error}")
     levels, rise = 0, None
     if fields.has("displacement"):
         rise = displacement.read(fields, place.textures, triangles.uvs is not None)
@@ -349,12 +395,13 @@ def _mesh_triangles(fields: Fields, place: Place, base: Folder) -> Tuple[meshes.
 
 def _mesh(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
     triangles, smooth = _mesh_triangles(fields, place, base)
-    return Rules(smooth=smooth, primitive=PRIMITIVE_NATIVE), _triangles(triangles, place, smooth)
+    attributes = vertices.of(triangles, _world_positions(triangles, place), place.world)
+    return Rules(smooth=smooth, primitive=PRIMITIVE_NATIVE, attributes=attributes), _triangles(triangles, place, smooth)
 
 
-def _mesh_operand(fields: Fields, place: Place, base: Folder) -> Optional[Tuple[np.ndarray, np.ndarray, Optional[np.ndarray]]]:
-    """The vertices of the triangles of a csg operand: positions, texture coordinates, and normals
-    if they are interpolated.
+def _mesh_operand(fields: Fields, place: Place, base: Folder) -> Optional[Tuple[np.ndarray, np.ndarray, Optional[np.ndarray], Any]]:
+    """The vertices of the triangles of a csg operand: positions, texture coordinates, normals if
+    they are interpolated, and attributes if there are any.
     """
     before = len(fields.errors)
     triangles, smooth = _mesh_triangles(fields, place, base)
@@ -371,7 +418,8 @@ def _mesh_operand(fields: Fields, place: Place, base: Folder) -> Optional[Tuple[
         return None
     uvs = np.zeros((len(triangles.positions), 2)) if triangles.uvs is None else triangles.uvs
     normals = triangles.normals[triangles.faces] if smooth and triangles.normals is not None else None
-    return triangles.positions[triangles.faces], uvs[triangles.faces], normals
+    attributes = vertices.of(triangles, _world_positions(triangles, place), place.world)
+    return triangles.positions[triangles.faces], uvs[triangles.faces], normals, attributes
 
 
 

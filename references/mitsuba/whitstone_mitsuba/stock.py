@@ -25,7 +25,7 @@ import numpy as np
 
 from whitstone_protocol.errors import Unsupported
 
-from . import patterns, shapes
+from . import compounds, patterns, shapes
 from .document import Document
 from .driver import LANES, Tracer
 from .fields import Vector
@@ -106,7 +106,7 @@ def why_not(document: Document) -> List[str]:
     if any(lamp.slide is not None for lamp in document.lights.lamps):
         reasons.append("light: the slide of a projector is looked up in Python, which Mitsuba's integrators cannot call")
     looks = [texture for material in materials for texture in material.textures.values()]
-    if any(_is_python(texture) for texture in looks):
+    if any(is_python(texture) for texture in looks):
         reasons.append("texture: it is computed in Python, which Mitsuba's integrators cannot call")
     for shape in document.shapes:
         textures = document.materials[shape.material].textures.values()
@@ -127,17 +127,17 @@ def check(document: Document) -> None:
         raise Unsupported("\n".join(reasons))
 
 
-def _is_python(texture: Any) -> bool:
+def is_python(texture: Any) -> bool:
     """Whether the twin of a texture uses NumPy, which code that Dr.Jit records cannot."""
     if isinstance(texture, Constant):
         return False
+    if isinstance(texture, compounds.HOSTED):
+        return True
     return isinstance(texture, patterns.HOSTED) or not texture.mapping.usual() or getattr(texture, "folded", False)
 
 
 def _lies_by_uv(texture: Any) -> bool:
-    if isinstance(texture, Constant):
-        return False
-    return texture.mapping.projection == "uv"
+    return compounds.by_uv(texture)
 
 
 def _absorbs(document: Document) -> bool:

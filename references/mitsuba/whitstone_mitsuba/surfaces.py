@@ -12,7 +12,7 @@ in arrays of different sizes.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import List, Optional, Sequence, Tuple
+from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -494,12 +494,13 @@ class Polygon(Surface):
 class ClosedMesh(Surface):
     """A closed mesh as an operand: inside is where its winding number is positive."""
 
-    def __init__(self, matrix: np.ndarray, corners: np.ndarray, uvs: np.ndarray, normals: Optional[np.ndarray]) -> None:
+    def __init__(self, matrix: np.ndarray, corners: np.ndarray, uvs: np.ndarray, normals: Optional[np.ndarray], attributes: Any = None) -> None:
         """Per triangle and vertex: positions (n, 3, 3), texture coordinates (n, 3, 2), normals (n,
-        3, 3) in object space.
+        3, 3) in object space. `attributes` are those of `vertices`.
         """
         Surface.__init__(self, matrix)
         self.corners, self.uvs, self.normals, self.codes = corners, uvs, normals, len(corners)
+        self.attributes = attributes
         self.across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
         self.middle = 0.5 * (low + high)

@@ -13,9 +13,9 @@ from typing import Any, Callable, Dict, List, Tuple
 
 import numpy as np
 
-from whitstone_protocol.errors import SceneError
+from whitstone_protocol.errors import SceneError, Unsupported
 
-from . import footprints, images, mappings, patterns, pyramid, quilting
+from . import compounds, footprints, gltf, images, mappings, patterns, pyramid, quilting
 from .fields import REQUIRED, Fields, Vector, as_color, is_number, nearest
 from .files import Folder
 from .runtime import mi
@@ -193,10 +193,13 @@ class Textures:
         self._tables = shared
         self._base = base
         self._errors = errors
-        self._unsupported = unsupported
+        self.unsupported = unsupported
         self._read: Dict[str, Any] = {}
-        for name, table in shared.items():
-            self._read[name] = self._table(table, f"texture.{name}")
+        # Names of shared textures that are being read, and the number of compound ones.
+        self._open: List[str] = []
+        self._depth = 0
+        for name in shared:
+            self._shared(name, f"texture.{name}")
 
     def value(self, fields: Fields, key: str, default: Any, low: float, high: float) -> Any:
         """The texture under `key`: a number, a colour, a name or an inline table, with values in
@@ -206,22 +209,11 @@ class Textures:
         (§8).
         """
         raw = fields.take(key, default)
-        where = f"{fields.where}.{key}"
         if raw is None:
             return Constant((0.0, 0.0, 0.0))
-        if isinstance(raw, str):
-            if raw not in self._read:
-                fields.error(key, f"no texture is called {raw!r}; {nearest(raw, list(self._tables))}")
-                return Constant((0.0, 0.0, 0.0))
-            texture = self._read[raw]
-        elif isinstance(raw, dict):
-            texture = self._table(raw, where)
-        else:
-            color = as_color(raw)
-            if color is None:
-                fields.error(key, f"expected a colour, the name of a texture or a table, found {raw!r}")
-                return Constant((0.0, 0.0, 0.0))
-            texture = Constant(color)
+        texture = self.read(raw, fields, key)
+        if texture is None:
+            return Constant((0.0, 0.0, 0.0))
         if not isinstance(texture, Constant):
             high = float("inf")
         least, most = texture.range()
@@ -230,17 +222,72 @@ class Textures:
             fields.error(key, f"expected values {span}, found {least:g} to {most:g}")
         return texture
 
+    def read(self, raw: Any, fields: Fields, key: str) -> Any:
+        """The texture that `raw`, the value of a key, describes; None (and an error) if it is
+        invalid.
+        """
+        where = f"{fields.where}.{key}"
+        if isinstance(raw, str):
+            if raw not in self._tables:
+                fields.error(key, f"no texture is called {raw!r}; {nearest(raw, list(self._tables))}")
+                return None
+            return self._shared(raw, where)
+        if isinstance(raw, dict):
+            return self._table(raw, where)
+        color = as_color(raw)
+        if color is None:
+            fields.error(key, f"expected a colour, the name of a texture or a table, found {raw!r}")
+            return None
+        return Constant(color)
+
+    def _shared(self, name: str, where: str) -> Any:
+        """A shared texture; None (and an error) if it contains itself."""
+        if name in self._open:
+            self._errors.append(f"{where}: the texture {name!r} contains itself")
+            return None
+        if name not in self._read:
+            self._open.append(name)
+            self._read[name] = self._table(self._tables[name], f"texture.{name}")
+            self._open.pop()
+        return self._read[name]
+
     def _table(self, table: Any, where: str) -> Any:
         fields = Fields(table, where, self._errors)
         kind = fields.kind()
         reader = READERS.get(kind or "")
-        if reader is None:
-            if kind is not None:
-                self._unsupported.append(f"{where}: no twin for a texture of type {kind!r}; {nearest(kind, list(READERS))}")
+        try:
+            if kind in COMPOUNDS:
+                texture = self._compound(fields, kind)
+            elif reader is None:
+                if kind is not None:
+                    known = [*READERS, *COMPOUNDS]
+                    self.unsupported.append(f"{where}: no twin for a texture of type {kind!r}; {nearest(kind, known)}")
+                return Constant((0.0, 0.0, 0.0))
+            else:
+                texture = reader(fields, self._base)
+        except Unsupported as error:
+            self.unsupported.append(f"{where}: {error}")
             return Constant((0.0, 0.0, 0.0))
-        texture = reader(fields, self._base)
         fields.close()
         return texture
+
+    def _compound(self, fields: Fields, kind: str) -> Any:
+        """A texture made of others."""
+        nothing = Constant((0.0, 0.0, 0.0))
+        if self._depth == compounds.MAX_NESTING:
+            fields.error(None, f"textures are nested more than {compounds.MAX_NESTING} deep")
+            for key in ("factors", "a", "b", "weight", "input", "at"):
+                fields.take(key)
+            return nothing
+        self._depth += 1
+        found = COMPOUNDS[kind](fields, self)
+        self._depth -= 1
+        if found.depth > compounds.MAX_NESTING:
+            fields.error(None, f"textures are nested more than {compounds.MAX_NESTING} deep")
+            return nothing
+        if found.size > compounds.MAX_LEAVES:
+            raise Unsupported(f"no twin for more than {compounds.MAX_LEAVES} textures in one, found {found.size}")
+        return found
 
 
 def _pair(fields: Fields, key: str, default: Vector, number_allowed: bool) -> Vector:
@@ -290,17 +337,26 @@ def _image(fields: Fields, base: Folder) -> Any:
     name = fields.string("file", REQUIRED)
     filtering, most = _filter(fields)
     wrap = _wrap(fields)
-    alpha = fields.choice("channel", "color", ("color", "alpha")) == "alpha"
-    if alpha and fields.has("color_space"):
+    channel = fields.choice("channel", "color", images.CHANNELS)
+    if channel == "alpha" and fields.has("color_space"):
         fields.error("color_space", 'cannot be given together with `channel = "alpha"`')
     space = fields.choice("color_space", "auto", ("auto", "srgb", "linear"))
     scale = _pair(fields, "scale", (1.0, 1.0), True)
     offset = _pair(fields, "offset", (0.0, 0.0), False)
     mapping = mappings.read(fields, "uv")
+    number = None
+    if gltf.is_file(name):
+        number = fields.integer("image", 0, 0, 2**31 - 1)
+    elif fields.has("image"):
+        fields.error("image", "requires a file ending in .gltf or .glb")
+        fields.take("image")
     if not name:
         return Constant((0.0, 0.0, 0.0))
     try:
-        pixels = images.load(base.path(name), space, alpha)
+        if number is None:
+            pixels = images.load(base.path(name), space, channel)
+        else:
+            pixels = images.inside(base.path(name), number, space, channel, base)
         return Image(pixels, filtering, wrap, scale, offset, mapping, max_anisotropy=most)
     except SceneError as error:
         fields.error("file", str(error))
@@ -464,7 +520,36 @@ def _solid(fields: Fields, base: Folder) -> patterns.Solid:
     return patterns.Solid(voxels, filtering, wrap, mappings.read(fields, "solid"))
 
 
+def _product(fields: Fields, library: Textures) -> compounds.Product:
+    raw = fields.take("factors", REQUIRED)
+    if not isinstance(raw, list) or not 1 <= len(raw) <= 16:
+        if raw is not None:
+            fields.error("factors", f"expected 1 to 16 textures, found {raw!r}")
+        raw = [1.0]
+    found = [library.read(value, fields, f"factors[{number}]") for number, value in enumerate(raw)]
+    return compounds.Product.of([part or Constant((1.0, 1.0, 1.0)) for part in found])
+
+
+def _mix(fields: Fields, library: Textures) -> compounds.Mix:
+    endless = float("inf")
+    a, b = (library.value(fields, key, REQUIRED, -endless, endless) for key in ("a", "b"))
+    return compounds.Mix.of([a, b, library.value(fields, "weight", 0.5, 0.0, 1.0)])
+
+
+def _threshold(fields: Fields, library: Textures) -> compounds.Threshold:
+    inner = library.value(fields, "input", REQUIRED, -float("inf"), float("inf"))
+    return compounds.Threshold.of([inner], fields.number("at", 0.5))
+
+
+def _vertex_color(fields: Fields, base: Folder) -> compounds.VertexColor:
+    return compounds.VertexColor(fields.choice("channel", "color", ("color", "alpha")) == "alpha")
+
+
+# Readers of textures that contain others.
+COMPOUNDS: Dict[str, Callable[[Fields, Textures], Any]] = {"product": _product, "mix": _mix, "threshold": _threshold}
+
 READERS = {
+    "vertex_color": _vertex_color,
     "constant": _constant,
     "checker": _checker,
     "image": _image,

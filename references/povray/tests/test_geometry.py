@@ -1,6 +1,7 @@
 """Positions in images of cameras, shapes, textures and groups (model §4, §5, §9, §10)."""
 
 import os
+import struct
 import tempfile
 import unittest
 
@@ -145,6 +146,23 @@ class Shapes(Case):
             shape = f'[[shape]]\ntype = "mesh"\nfile = "{path}"\ntransform = {{ scale = 0.5 }}\n' + CELLS % "[2, 1]"
             points = [(0.25, 0.25), (-0.25, 0.25), (0.25, -0.25), (0.75, 0)]
             self.assertEqual(self.seen(shape, points), [0.25, 1, 0.25, 0])
+            self.assertEqual(self.seen(shape.replace("transform", "uv_sets = []\ntransform"), points), [1, 1, 1, 0])
+
+    def test_stl(self):
+        facets = (((-1, -1, 0), (1, -1, 0), (1, 1, 0)), ((-1, -1, 0), (1, 1, 0), (-1, 1, 0)))
+        binary = bytes(80) + struct.pack("<I", 2)
+        text = "solid facet\n"
+        for facet in facets:
+            binary += struct.pack("<12fH", 0, 0, 0, *(number for point in facet for number in point), 0)
+            text += "facet normal 0 0 0\nouter loop\n"
+            text += "".join("vertex {} {} {}\n".format(*point) for point in facet) + "endloop\nendfacet\n"
+        with tempfile.TemporaryDirectory() as folder:
+            for name, data in (("b.stl", binary), ("t.stl", text.encode())):
+                path = os.path.join(folder, name)
+                with open(path, "wb") as file:
+                    file.write(data)
+                shape = f'[[shape]]\ntype = "mesh"\nfile = "{path}"\ntransform = {{ scale = 0.5 }}\n' + CELLS % "[2, 1]"
+                self.assertEqual(self.seen(shape, [(0.25, 0.25), (-0.25, 0.1), (0.75, 0)]), [1, 1, 0])
 
     def test_texture_coordinates_of_round_shapes(self):
         quarters = [(0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5), (0.5, -0.5)]

@@ -1,4 +1,4 @@
-"""Mesh files as the model specifies them (§9): OBJ and PLY."""
+"""Mesh files as the model specifies them (§9): OBJ, PLY and STL."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Callable, Dict, Iterator, List, Optional, Sequence, Tuple
 
-from whitstone_protocol.errors import SceneError
+from whitstone_protocol.errors import SceneError, Unsupported
 
 from .settings import Setting
 from .transforms import cross, dot
@@ -31,10 +31,12 @@ class Mesh:
 
 def load(path: str) -> Mesh:
     """Reads a file; the extension determines the format."""
-    readers: Dict[str, Callable[[bytes], Mesh]] = {".obj": _obj, ".ply": _ply}
+    readers: Dict[str, Callable[[bytes], Mesh]] = {".obj": _obj, ".ply": _ply, ".stl": _stl}
     extension = path[path.rfind(".") :].lower()
+    if extension in (".gltf", ".glb"):
+        raise Unsupported(f"{path}: this driver does not read glTF")
     if extension not in readers:
-        raise SceneError(f"{path}: expected a file ending in .obj or .ply")
+        raise SceneError(f"{path}: expected a file ending in {', '.join(readers)}, .gltf or .glb")
     try:
         with open(path, "rb") as file:
             data = file.read()
@@ -129,6 +131,32 @@ def _ply(data: bytes) -> Mesh:
         raise ValueError("a face refers to a vertex that does not exist")
     none: List[Corner] = [None] * len(faces)
     return Mesh(positions, normals, uvs, faces, list(faces) if normals else none, list(faces) if uvs else none)
+
+
+def _stl(data: bytes) -> Mesh:
+    points: List[Tuple[float, ...]] = []
+    size = struct.unpack_from("<I", data, 80)[0] if len(data) >= 84 else -1
+    if len(data) == 84 + 50 * size:
+        for number in range(size):
+            corners = struct.unpack_from("<9f", data, 84 + 50 * number + 12)
+            points += [corners[0:3], corners[3:6], corners[6:9]]
+    else:
+        open_ = False
+        for line in data.decode("utf-8", "replace").splitlines():
+            words = line.lower().split()
+            if words[:1] == ["vertex"] and open_:
+                points.append((float(words[1]), float(words[2]), float(words[3])))
+            elif words[:1] == ["facet"]:
+                open_ = True
+            elif words[:1] == ["endfacet"]:
+                open_ = False
+                if len(points) % 3:
+                    raise ValueError("a facet without three vertices")
+    if not points or len(points) % 3:
+        raise ValueError("expected facets with three vertices each")
+    faces = [(k, k + 1, k + 2) for k in range(0, len(points), 3)]
+    none: List[Corner] = [None] * len(faces)
+    return Mesh(points, [], [], faces, none, list(none))
 
 
 def closed(mesh: Mesh) -> bool:

@@ -380,6 +380,7 @@ impl Instance {
             n_s,
             uv: point.uv,
             footprint: point.footprint,
+            vertex: point.vertex.transformed(&forward.matrix3),
         }
     }
 

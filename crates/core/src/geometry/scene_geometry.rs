@@ -2,8 +2,8 @@ use crate::simd;
 use crate::stream::{GROUP, HitStream, LANES, Lanes, RayStream, SurfaceStream};
 use crate::triangle::{ShearedRay, ShearedStream, TriangleHit};
 use crate::{
-    Aabb, Instance, InstanceId, Interval, LoweredShape, PreliminaryIntersection, Ray, SelfHitFilter,
-    ShapeHit, SurfaceAttributes, SurfaceInteraction,
+    Aabb, Instance, InstanceId, Interval, LoweredShape, MeshAttributes, PreliminaryIntersection, Ray,
+    SelfHitFilter, ShapeHit, SurfaceAttributes, SurfaceInteraction,
 };
 use glam::{DVec2, DVec3};
 
@@ -21,6 +21,8 @@ pub struct TriangleMesh {
     /// -1 if the transform that was applied to the positions mirrors, otherwise 1. The winding
     /// defines the outside in object space.
     pub orientation: f64,
+    /// Further attributes, if the mesh has any.
+    pub attributes: Option<Box<MeshAttributes>>,
 }
 
 impl TriangleMesh {
@@ -113,6 +115,9 @@ impl TriangleMesh {
         }
         if needs.contains(SurfaceAttributes::UV) && !self.uvs.is_empty() {
             point.uv = blend(indices.map(|i| self.uvs[i as usize].extend(0.0))).truncate();
+        }
+        if let Some(attributes) = &self.attributes {
+            point.vertex = attributes.at(hit.primitive as usize, indices, weights, needs);
         }
         point
     }

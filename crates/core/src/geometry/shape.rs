@@ -1,5 +1,5 @@
 use crate::stream::{HitStream, Lanes, RayStream, SurfaceStream};
-use crate::{Aabb, Footprint, Instance, Interval, Ray, Spans, SurfacePart, TriangleMesh};
+use crate::{Aabb, Footprint, Instance, Interval, Ray, Spans, SurfacePart, TriangleMesh, VertexAttributes};
 use glam::{DVec2, DVec3};
 use std::ops::{BitOr, BitOrAssign};
 
@@ -256,8 +256,19 @@ impl SurfaceAttributes {
     pub const TEXTURE: Self = Self(4);
     /// The footprint. Shapes ignore this in `surface`, but rays then carry ray differentials.
     pub const FOOTPRINT: Self = Self(8);
+    /// The vertex colour of a mesh.
+    pub const VERTEX_COLOR: Self = Self(16);
+    /// The second texture coordinates of a mesh.
+    pub const SECOND_UV: Self = Self(32);
+    /// The tangent of a mesh.
+    pub const TANGENT: Self = Self(64);
     /// All of these.
-    pub const ALL: Self = Self(15);
+    pub const ALL: Self = Self(127);
+
+    /// Whether any of `other` is in this set.
+    pub const fn intersects(self, other: Self) -> bool {
+        self.0 & other.0 != 0
+    }
 
     /// Whether all of `other` is in this set.
     pub const fn contains(self, other: Self) -> bool {
@@ -294,6 +305,8 @@ pub struct SurfaceInteraction {
     pub uv: DVec2,
     /// Footprint of the ray; the integrator adds it if the material reads it.
     pub footprint: Footprint,
+    /// Attributes that only meshes have.
+    pub vertex: VertexAttributes,
 }
 
 impl SurfaceInteraction {
@@ -307,6 +320,7 @@ impl SurfaceInteraction {
             n_s: n_g,
             uv: DVec2::ZERO,
             footprint: Footprint::NONE,
+            vertex: VertexAttributes::NONE,
         }
     }
 

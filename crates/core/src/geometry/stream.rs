@@ -13,7 +13,7 @@ use crate::ray_differential::{FootprintStream, RayDifferentialStream};
 use crate::simd::{self, prefetch, select};
 use crate::{
     Aabb, Footprint, InstanceId, Interval, LightSample, PreliminaryIntersection, Ray, RayDifferential, Rgb,
-    SelfHitFilter, ShapeHit, SurfaceInteraction,
+    SelfHitFilter, ShapeHit, SurfaceInteraction, VertexAttributeStream, VertexAttributes,
 };
 use glam::{DVec2, DVec3};
 
@@ -68,6 +68,12 @@ impl<T: Default> Optional<T> {
     #[inline(always)]
     pub fn get(&self) -> Option<&T> {
         if self.on { self.memory.as_deref() } else { None }
+    }
+
+    /// The column, if present.
+    #[inline(always)]
+    pub fn get_mut(&mut self) -> Option<&mut T> {
+        if self.on { self.memory.as_deref_mut() } else { None }
     }
 
     /// Makes the column present and returns it, with stale contents.
@@ -489,6 +495,8 @@ pub struct SurfaceStream {
     pub view: Vectors,
     /// See [`SurfaceInteraction::footprint`]; present if the material reads it.
     pub footprint: Optional<FootprintStream>,
+    /// See [`SurfaceInteraction::vertex`]; present if the material reads it.
+    pub vertex: Optional<VertexAttributeStream>,
 }
 
 impl SurfaceStream {
@@ -505,6 +513,10 @@ impl SurfaceStream {
                 None => Footprint::NONE,
                 Some(footprint) => footprint.get(lane),
             },
+            vertex: match self.vertex.get() {
+                None => VertexAttributes::NONE,
+                Some(vertex) => vertex.0[lane],
+            },
         }
     }
 
@@ -516,6 +528,9 @@ impl SurfaceStream {
         self.n_g.set(lane, point.n_g);
         self.n_s.set(lane, point.n_s);
         (self.u.0[lane], self.v.0[lane]) = (point.uv.x, point.uv.y);
+        if let Some(vertex) = self.vertex.get_mut() {
+            vertex.0[lane] = point.vertex;
+        }
     }
 }
 

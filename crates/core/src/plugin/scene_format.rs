@@ -6,7 +6,7 @@
 
 use glam::DAffine3;
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// A format of scene files, such as glTF.
 pub trait SceneFormat: Send + Sync {
@@ -36,6 +36,8 @@ pub trait SceneFormat: Send + Sync {
 /// What to import, and how. The default imports everything.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ImportOptions {
+    /// Name of the format; by default the extension of the file decides.
+    pub format: Option<String>,
     /// Prefix of the ids that the imported scene defines, so that several files do not collide.
     pub prefix: String,
     /// Transform of everything, applied after the transforms in the file.
@@ -74,6 +76,8 @@ pub struct Imported {
     pub text: String,
     /// What was approximated and dropped, and what was kept that is worth telling.
     pub notes: Vec<Note>,
+    /// Files that the imported file refers to and the scene does not name, such as buffers.
+    pub files: Vec<PathBuf>,
 }
 
 /// A scene to export.

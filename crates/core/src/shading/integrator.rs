@@ -9,7 +9,7 @@ use crate::{
     Accelerator, BsdfFlags, Context, Footprint, Geometry, IncidentLight, Interval, Light, LightFlags,
     LightSample, Material, MediumInterface, MediumStack, MediumState, NestedDielectrics, ObjectOrder,
     PathState, PreliminaryIntersection, Ray, RayDifferential, Refused, Rgb, SelfHitFilter, ShadowMode,
-    SpecularRays, SurfaceAttributes, SurfaceInteraction, View,
+    SpecularRays, SurfaceAttributes, SurfaceInteraction, VertexAttributes, View,
 };
 use glam::DVec3;
 use std::any::Any;
@@ -271,6 +271,14 @@ impl Scene {
     pub fn surface_stream(&self, shape: u32, rays: &RayStream, hits: &HitStream, points: &mut SurfaceStream) {
         points.len = rays.len;
         let needs = self.needs[shape as usize];
+        let of_vertices =
+            SurfaceAttributes::VERTEX_COLOR | SurfaceAttributes::SECOND_UV | SurfaceAttributes::TANGENT;
+        if needs.intersects(of_vertices) {
+            // Shapes without such attributes write none.
+            points.vertex.turn_on().0.fill(VertexAttributes::NONE);
+        } else {
+            points.vertex.turn_off();
+        }
         self.geometry.surface_stream(shape, rays, hits, needs, points);
         match rays.differential.get() {
             Some(differentials) if needs.contains(SurfaceAttributes::FOOTPRINT) => {

@@ -185,6 +185,7 @@ impl<'a> Translator<'a> {
         Ok(Imported {
             text: self.document.to_toml(),
             notes: self.notes.into_sorted(),
+            files: Vec::new(),
         })
     }
 

@@ -1,11 +1,13 @@
 //! Perturbed shading normals, shared by `bump` and `normal_map`.
 
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::Vector3;
 use whitstone_core::{
     BsdfFlags, ColorSource, DVec3, GlossyLobe, LightSamples, Material, Rgb, SceneError, SceneErrors,
-    SpecularRays, SurfaceAttributes, SurfaceInteraction, Transmittance,
+    SourceSpan, SpecularRays, SurfaceAttributes, SurfaceInteraction, Transmittance,
 };
 
 /// Decodes a colour into a vector: 2 * colour - 1.
@@ -13,26 +15,47 @@ pub(crate) fn coded(colors: &ColorSource, point: &SurfaceInteraction) -> DVec3 {
     DVec3::from_array(colors.value(point).to_array().map(|part| 2.0 * part - 1.0))
 }
 
-/// Tangent frame, defined by a tangent direction or by an axis around which tangents run.
+/// The key `tangent`: a direction, or "mesh".
+#[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(untagged, expecting = "expected a direction as three numbers, or \"mesh\"")]
+pub(crate) enum Tangent {
+    /// A direction in world space.
+    Direction(Vector3),
+    /// That of the mesh.
+    Of(OfMesh),
+}
+
+/// The word "mesh".
+#[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum OfMesh {
+    /// The tangents of a mesh with `tangents = true`.
+    Mesh,
+}
+
+/// Tangent frame, defined by a tangent direction, by an axis around which tangents run, or by a
+/// mesh.
 pub(crate) enum Frame {
     Along(DVec3),
     Around(DVec3),
+    Mesh,
 }
 
 impl Frame {
     /// Creates a frame from a world-space tangent or axis; the tangent is +x by default.
     pub(crate) fn new(
-        tangent: Option<&Spanned<Vector3>>,
+        tangent: Option<(Tangent, SourceSpan)>,
         axis: Option<&Spanned<Vector3>>,
     ) -> Result<Self, SceneErrors> {
-        let unit = |vector: &Spanned<Vector3>| {
-            let error = || SceneError::at(vector.span(), "expected a direction, found a zero vector");
-            vector.get_ref().get().try_normalize().ok_or_else(error)
+        let unit = |vector: Vector3, span: SourceSpan| {
+            let error = || SceneError::at(span, "expected a direction, found a zero vector");
+            vector.get().try_normalize().ok_or_else(error)
         };
         Ok(match (tangent, axis) {
             (None, None) => Self::Along(DVec3::X),
-            (Some(tangent), None) => Self::Along(unit(tangent)?),
-            (None, Some(axis)) => Self::Around(unit(axis)?),
+            (Some((Tangent::Direction(direction), span)), None) => Self::Along(unit(direction, span)?),
+            (Some((Tangent::Of(OfMesh::Mesh), _)), None) => Self::Mesh,
+            (None, Some(axis)) => Self::Around(unit(*axis.get_ref(), axis.span())?),
             (Some(_), Some(axis)) => {
                 let message = "`tangent` and `axis` exclude each other";
                 return Err(SceneError::at(axis.span(), message).into());
@@ -41,15 +64,36 @@ impl Frame {
     }
 
     /// Decodes a tangent-space vector into world space; `None` where the tangent is degenerate.
-    pub(crate) fn vector(&self, parts: &ColorSource, point: &SurfaceInteraction) -> Option<DVec3> {
+    ///
+    /// `strength` scales its components along the tangents.
+    pub(crate) fn vector(
+        &self,
+        parts: &ColorSource,
+        strength: f64,
+        point: &SurfaceInteraction,
+    ) -> Option<DVec3> {
         let n = point.n_s;
+        let handedness = match self {
+            Self::Mesh => point.vertex.handedness,
+            Self::Along(_) | Self::Around(_) => 1.0,
+        };
         let t = match self {
             Self::Along(direction) => direction - direction.dot(n) * n,
             Self::Around(axis) => axis.cross(n),
+            Self::Mesh => point.vertex.tangent - point.vertex.tangent.dot(n) * n,
         };
         let t = t.try_normalize()?;
         let DVec3 { x, y, z } = coded(parts, point);
+        let [x, y] = [strength * x, strength * handedness * y];
         Some(x * t + y * n.cross(t) + z * n)
+    }
+
+    /// The surface attributes that it reads besides the shading normal.
+    pub(crate) fn needs(&self) -> SurfaceAttributes {
+        match self {
+            Self::Mesh => SurfaceAttributes::TANGENT,
+            Self::Along(_) | Self::Around(_) => SurfaceAttributes::NOTHING,
+        }
     }
 }
 

@@ -17,6 +17,23 @@ pub(super) struct Place {
     pub(super) n_s: DVec3,
     /// Derivatives of all of this per sample; zero if they are not needed.
     pub(super) footprint: Footprint,
+    /// The vertex colour, R, G, B and alpha; 1 if there is none.
+    pub(super) color: [f64; 4],
+    /// The side on which undecided thresholds fall: 0, or -1 and 1 in perturbed runs.
+    pub(super) nudge: f64,
+}
+
+impl Default for Place {
+    fn default() -> Self {
+        Self {
+            uv: DVec2::ZERO,
+            p: DVec3::ZERO,
+            n_s: DVec3::ZERO,
+            footprint: Footprint::default(),
+            color: [1.0; 4],
+            nudge: 0.0,
+        }
+    }
 }
 
 /// A function on texture space.
@@ -68,9 +85,9 @@ pub(super) struct Mapping {
 }
 
 impl Mapping {
-    pub(super) fn new(config: Option<MappingConfig>, usual: Projection) -> Self {
+    pub(super) fn new(config: Option<MappingConfig>, usual: Projection) -> Result<Self, String> {
         let config = config.unwrap_or_default();
-        Self {
+        Ok(Self {
             projection: match config.projection.as_deref() {
                 Some("uv") => Projection::Uv,
                 Some("solid") => Projection::Solid,
@@ -79,12 +96,13 @@ impl Mapping {
                 Some("cylindrical") => Projection::Cylindrical,
                 Some("cube") => Projection::Cube,
                 Some("triplanar") => Projection::Triplanar(config.sharpness.unwrap_or(4.0)),
-                _ => usual,
+                None => usual,
+                Some(other) => return Err(format!("the projection \"{other}\"")),
             },
             map: config
                 .transform
                 .map_or(DAffine3::IDENTITY, |steps| *steps.get().world_from_object()),
-        }
+        })
     }
 
     pub(super) fn look(&self, pattern: &dyn TextureFunction, spot: &Place) -> Rgb {

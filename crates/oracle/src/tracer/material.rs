@@ -207,7 +207,7 @@ impl At<'_> {
                     uv: self.spot.uv + away * footprint.uv[side],
                     p: self.spot.p + away * footprint.p[side],
                     n_s: (self.spot.n_s + away * footprint.n_s[side]).normalize(),
-                    footprint,
+                    ..self.spot
                 };
                 let viewer = (self.viewer - away * arriving.direction[side]).normalize();
                 At::new(self.kind, spot, self.n_g, viewer).specular_rays(medium)

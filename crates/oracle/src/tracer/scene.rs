@@ -290,8 +290,8 @@ impl Scene {
             .collect()
     }
 
-    /// The material of a hit, seen from the direction `viewer`.
-    pub(super) fn material(&self, hit: &Hit, viewer: DVec3) -> At<'_> {
+    /// The material of a hit, seen from the direction `viewer`; `nudge` as in [`Place`].
+    pub(super) fn material(&self, hit: &Hit, viewer: DVec3, nudge: f64) -> At<'_> {
         let part = &self.parts[hit.shape];
         let p = part.object(hit.point);
         let interpolated = part.coordinates.normal(p, hit.primitive, &part.normals[0]);
@@ -299,15 +299,22 @@ impl Scene {
             uv: part.coordinates.uv(p, hit.primitive, hit.parameters),
             p: hit.point,
             n_s: interpolated.map_or(hit.normal, |n| part.outwards(n)),
-            footprint: Footprint::default(),
+            nudge,
+            ..Place::default()
         };
         part.material.at(place, hit.normal, viewer)
     }
 
     /// The same with the footprint of the ray.
-    pub(super) fn material_over(&self, hit: &Hit, ray: &Ray, differential: &Differential) -> At<'_> {
+    pub(super) fn material_over(
+        &self,
+        hit: &Hit,
+        ray: &Ray,
+        differential: &Differential,
+        nudge: f64,
+    ) -> At<'_> {
         let part = &self.parts[hit.shape];
-        let mut place = *self.material(hit, -ray.direction).place();
+        let mut place = *self.material(hit, -ray.direction, nudge).place();
         let p = differential.steps(ray, hit.t, hit.normal);
         let moved = p.map(|step| part.change(hit, &place, step));
         place.footprint = Footprint {
@@ -320,7 +327,7 @@ impl Scene {
 
     /// The vertices of the triangle that was hit: barycentric coordinate, position, and the
     /// material seen from `eye`. Empty for shapes without triangles.
-    pub(super) fn corners(&self, hit: &Hit, eye: DVec3) -> Vec<(f64, DVec3, At<'_>)> {
+    pub(super) fn corners(&self, hit: &Hit, eye: DVec3, nudge: f64) -> Vec<(f64, DVec3, At<'_>)> {
         let part = &self.parts[hit.shape];
         let p = part.object(hit.point);
         let corners = part.coordinates.corners(p, hit.primitive, &part.normals[0]);
@@ -330,7 +337,8 @@ impl Scene {
                 uv: corner.uv,
                 p,
                 n_s: corner.normal.map_or(hit.normal, |n| part.outwards(n)),
-                footprint: Footprint::default(),
+                nudge,
+                ..Place::default()
             };
             let viewer = (eye - p).normalize();
             (corner.weight, p, part.material.at(place, hit.normal, viewer))

@@ -1,4 +1,4 @@
-//! Wavefront OBJ: `v`, `vt`, `vn` and `f`; everything else is ignored.
+//! Wavefront OBJ: `v`, `vt`, `vn` and `f`, and `usemtl` for parts; everything else is ignored.
 //!
 //! Hand-written because the existing libraries return groups as separate meshes in single
 //! precision, lose the line number of an error, and misalign corners if only some have a normal.
@@ -12,9 +12,23 @@ use whitstone_core::{DVec2, DVec3};
 /// Position, texture coordinates and normal of a corner: indices from 0.
 type Corner = (u32, Option<u32>, Option<u32>);
 
+/// What to read of a file.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Request<'a> {
+    /// Only the faces under `usemtl` with this name; the empty name for those before any.
+    pub(super) part: Option<&'a str>,
+    /// Whether to read vertex colours.
+    pub(super) colors: bool,
+}
+
 #[derive(Default)]
-struct File {
+struct File<'a> {
+    request: Request<'a>,
+    /// Whether the current faces belong to the part.
+    skips: bool,
     positions: Vec<DVec3>,
+    /// Linear RGB, as many as positions if they are requested.
+    colors: Vec<[f64; 3]>,
     uvs: Vec<DVec2>,
     normals: Vec<DVec3>,
     corners: Vec<Corner>,
@@ -22,8 +36,12 @@ struct File {
     polygons: Vec<(usize, usize)>,
 }
 
-pub(super) fn parse(bytes: &[u8]) -> Result<Triangles, FileError> {
-    let mut file = File::default();
+pub(super) fn parse(bytes: &[u8], request: Request<'_>) -> Result<Triangles, FileError> {
+    let mut file = File {
+        request,
+        skips: request.part.is_some_and(|part| !part.is_empty()),
+        ..File::default()
+    };
     // Skip a byte order mark.
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let mut lines = bytes.split(|&byte| byte == b'\n').zip(1..);
@@ -42,10 +60,14 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Triangles, FileError> {
     file.triangles()
 }
 
-impl File {
+impl File<'_> {
     fn statement(&mut self, line: &[u8], number: usize) -> Result<(), FileError> {
         // Comments and names may be in any encoding.
         let keyword = line.split(u8::is_ascii_whitespace).next();
+        if let (Some(b"usemtl"), Some(part)) = (keyword, self.request.part) {
+            let name = line.strip_prefix(b"usemtl").unwrap_or_default().trim_ascii();
+            self.skips = name != part.as_bytes();
+        }
         if !matches!(keyword, Some(b"v" | b"vt" | b"vn" | b"f")) {
             return Ok(());
         }
@@ -54,7 +76,18 @@ impl File {
         let text = text.split('#').next().unwrap_or_default();
         let mut words = text.split_ascii_whitespace();
         match words.next() {
-            Some("v") => self.positions.push(numbers::<3>(&mut words, 3, number)?.into()),
+            Some("v") => {
+                self.positions.push(numbers::<3>(&mut words, 3, number)?.into());
+                if self.request.colors {
+                    let words: Vec<f64> = words.map_while(|word| word.parse().ok()).collect();
+                    self.colors.push(match words[..] {
+                        [r, g, b, ..] if [r, g, b].iter().all(|part| part.is_finite() && *part >= 0.0) => {
+                            [r, g, b]
+                        }
+                        _ => [1.0; 3],
+                    });
+                }
+            }
             Some("vn") => self.normals.push(numbers::<3>(&mut words, 3, number)?.into()),
             Some("vt") => self.uvs.push(numbers::<2>(&mut words, 1, number)?.into()),
             _ => {
@@ -74,7 +107,11 @@ impl File {
                     let message = format!("expected a face of at least 3 corners, found {count}");
                     return Err(FileError::at(number, message));
                 }
-                self.polygons.push((number, self.corners.len()));
+                if self.skips {
+                    self.corners.truncate(first);
+                } else {
+                    self.polygons.push((number, self.corners.len()));
+                }
             }
         }
         Ok(())
@@ -110,6 +147,9 @@ impl File {
                 let vertex = *vertices.entry(corner).or_insert(next);
                 if vertex == next {
                     object.positions.push(self.positions[v as usize]);
+                    if let Some([r, g, b]) = self.colors.get(v as usize) {
+                        object.attributes.colors.push([*r, *g, *b, 1.0]);
+                    }
                     if with_uvs {
                         object
                             .uvs
@@ -189,8 +229,12 @@ fn numbers<const N: usize>(
 mod tests {
     use super::*;
 
+    fn parse_all(bytes: &[u8]) -> Result<Triangles, FileError> {
+        parse(bytes, Request::default())
+    }
+
     fn fails(text: &str) -> (Option<usize>, String) {
-        let error = parse(text.as_bytes()).unwrap_err();
+        let error = parse_all(text.as_bytes()).unwrap_err();
         (error.line, error.message)
     }
 
@@ -198,7 +242,7 @@ mod tests {
     fn polygons_become_fans_and_corners_are_merged() {
         let text = "# caf\u{e9}\nv 0 0 0\nv 1 0 0\nv 1 1 0 1\nv 0 1 0\nvn 0 0 1\nvn 0 0 -1\nvt 0.5\n\
                     g a\nf 1//1 2//1 3//1 4//1\nusemtl b\nf -4//1 -3/1/1 \\\n -2//2\n";
-        let object = parse(text.as_bytes()).unwrap();
+        let object = parse_all(text.as_bytes()).unwrap();
         assert_eq!(object.triangles, [[0, 1, 2], [0, 2, 3], [0, 4, 5]]);
         assert_eq!(object.normals[5], DVec3::NEG_Z);
         assert_eq!(object.uvs[4], DVec2::new(0.5, 0.0));
@@ -208,13 +252,13 @@ mod tests {
     #[test]
     fn a_byte_order_mark_hides_no_vertex() {
         let text = "\u{feff}v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
-        assert_eq!(parse(text.as_bytes()).unwrap().positions.len(), 3);
+        assert_eq!(parse_all(text.as_bytes()).unwrap().positions.len(), 3);
     }
 
     #[test]
     fn corners_without_a_normal_have_none() {
         let text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1 2 3\nf 1//1 2 3\n";
-        let object = parse(text.as_bytes()).unwrap();
+        let object = parse_all(text.as_bytes()).unwrap();
         assert_eq!(object.triangles, [[0, 1, 2], [3, 1, 2]]);
         assert_eq!(object.normals, [DVec3::ZERO, DVec3::ZERO, DVec3::ZERO, DVec3::Z]);
     }
@@ -249,6 +293,9 @@ mod tests {
             fails(&format!("{start}f 1 2\n")).1,
             "expected a face of at least 3 corners, found 2"
         );
-        assert_eq!(parse(b"v \xff 0 0").unwrap_err().message, "expected UTF-8 text");
+        assert_eq!(
+            parse_all(b"v \xff 0 0").unwrap_err().message,
+            "expected UTF-8 text"
+        );
     }
 }

@@ -14,7 +14,7 @@ use text::Lines;
 use whitstone_core::{DVec2, DVec3};
 
 /// Accepted names of each vertex number, in the order of [`Vertex::values`].
-const NAMES: [&[&str]; 8] = [
+const NAMES: [&[&str]; 12] = [
     &["x"],
     &["y"],
     &["z"],
@@ -23,13 +23,19 @@ const NAMES: [&[&str]; 8] = [
     &["nz"],
     &["u", "s", "texture_u"],
     &["v", "t", "texture_v"],
+    &["red"],
+    &["green"],
+    &["blue"],
+    &["alpha"],
 ];
 const POSITION: [usize; 3] = [0, 1, 2];
 const NORMAL: [usize; 3] = [3, 4, 5];
 const UV: [usize; 2] = [6, 7];
+/// The first of the colour channels. Integers are quotients of the largest number of their type.
+const COLOR: usize = 8;
 
 struct Vertex {
-    values: [f64; 8],
+    values: [f64; 12],
 }
 
 struct Face {
@@ -40,7 +46,8 @@ struct Face {
 /// An element that is skipped.
 struct Ignored;
 
-pub(super) fn parse(bytes: &[u8]) -> Result<Triangles, FileError> {
+/// Reads a file, with vertex colours if `colors`.
+pub(super) fn parse(bytes: &[u8], colors: bool) -> Result<Triangles, FileError> {
     let header_lines = check_header_lines(bytes)?;
     let mut reader = Reader::new(bytes);
     let header = Parser::<Ignored>::new()
@@ -93,6 +100,13 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Triangles, FileError> {
             .iter()
             .map(|vertex| DVec2::new(vertex.values[u], vertex.values[v]))
             .collect();
+    }
+    if colors && (COLOR..NAMES.len()).any(|value| has(&[value])) {
+        let color = |vertex: &Vertex| {
+            let [.., r, g, b, a] = vertex.values;
+            [r, g, b, a].map(|part| part.max(0.0))
+        };
+        object.attributes.colors = vertices.iter().map(color).collect();
     }
     let count = vertices.len();
     for (face, number) in faces.iter().zip(0..) {
@@ -258,24 +272,27 @@ fn explain(error: &ParseError, line: Option<usize>) -> FileError {
 
 impl PropertyAccess for Vertex {
     fn new() -> Self {
-        Self { values: [0.0; 8] }
+        let mut values = [0.0; 12];
+        values[COLOR..].fill(1.0);
+        Self { values }
     }
 
     fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
         let Some(value) = NAMES.iter().position(|names| names.contains(&name)) else {
             return PropertyAccessResult::Ignored;
         };
-        self.values[value] = match property {
-            Property::Char(x) => x.into(),
-            Property::UChar(x) => x.into(),
-            Property::Short(x) => x.into(),
-            Property::UShort(x) => x.into(),
-            Property::Int(x) => x.into(),
-            Property::UInt(x) => x.into(),
-            Property::Float(x) => x.into(),
-            Property::Double(x) => x,
+        let (number, largest): (f64, f64) = match property {
+            Property::Char(x) => (x.into(), i8::MAX.into()),
+            Property::UChar(x) => (x.into(), u8::MAX.into()),
+            Property::Short(x) => (x.into(), i16::MAX.into()),
+            Property::UShort(x) => (x.into(), u16::MAX.into()),
+            Property::Int(x) => (x.into(), i32::MAX.into()),
+            Property::UInt(x) => (x.into(), u32::MAX.into()),
+            Property::Float(x) => (x.into(), 1.0),
+            Property::Double(x) => (x, 1.0),
             _ => return PropertyAccessResult::UnsupportedType,
         };
+        self.values[value] = if value < COLOR { number } else { number / largest };
         PropertyAccessResult::Set
     }
 }
@@ -303,6 +320,10 @@ impl PropertyAccess for Ignored {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn parse_all(bytes: &[u8]) -> Result<Triangles, FileError> {
+        parse(bytes, true)
+    }
 
     const HEADER: &str = "ply\nformat ascii 1.0\ncomment made by hand\nelement vertex 4\n\
         property float x\nproperty uchar red\nproperty double y\nproperty int z\n\
@@ -334,12 +355,12 @@ mod tests {
     }
 
     fn fails(bytes: impl AsRef<[u8]>) -> FileError {
-        parse(bytes.as_ref()).unwrap_err()
+        parse_all(bytes.as_ref()).unwrap_err()
     }
 
     #[test]
     fn other_properties_are_read_over_and_polygons_become_fans() {
-        let object = parse(format!("{HEADER}{BODY}").as_bytes()).unwrap();
+        let object = parse_all(format!("{HEADER}{BODY}").as_bytes()).unwrap();
         assert_eq!(object.triangles, [[0, 1, 2], [0, 2, 3], [0, 2, 3]]);
         assert_eq!(object.positions[2], DVec3::new(1.0, 1.0, 0.0));
         assert_eq!(object.uvs[3], DVec2::new(0.0, 1.0));
@@ -350,7 +371,7 @@ mod tests {
     fn both_byte_orders_are_read() {
         let positions = [0.0, 0.0, 0.0, 1.5, 0.0, 0.0, 0.0, -2.0, 0.0];
         for big in [false, true] {
-            let object = parse(&binary(big, 3, &positions, 1, &[0, 1, 2])).unwrap();
+            let object = parse_all(&binary(big, 3, &positions, 1, &[0, 1, 2])).unwrap();
             assert_eq!(object.positions[2], DVec3::new(0.0, -2.0, 0.0));
             assert_eq!(object.triangles, [[0, 1, 2]]);
         }
@@ -360,7 +381,7 @@ mod tests {
     fn numbers_are_read_as_exporters_write_them() {
         let body = "\n.5 255 -.5 1. +.25 0\r\n 1. 2.55e+2 1e-1 1 1 0\n\n1 0 1 0 1 1\n0 0 1 0 0 1\n\
                     7 4 0 1 2 3\n7 3 0 2 3\n2 .5 0.5";
-        let object = parse(format!("{HEADER}{body}").as_bytes()).unwrap();
+        let object = parse_all(format!("{HEADER}{body}").as_bytes()).unwrap();
         assert_eq!(object.positions[0], DVec3::new(0.5, -0.5, 1.0));
         assert_eq!(object.uvs[0], DVec2::new(0.25, 0.0));
         // Not rounded to single precision, whatever type the header states.
@@ -552,7 +573,7 @@ mod tests {
         assert!(fails([0xff, 0xfe, 0x00]).message.len() > 10);
         let whole = binary(false, 3, &good, 1, &[0, 1, 2]);
         for length in 0..whole.len() {
-            assert!(parse(&whole[..length]).is_err(), "cut to {length} bytes");
+            assert!(parse_all(&whole[..length]).is_err(), "cut to {length} bytes");
         }
     }
 }

@@ -190,8 +190,8 @@ impl Surface {
             return Triangles {
                 positions: self.points,
                 normals,
-                uvs: Vec::new(),
                 triangles: self.sides,
+                ..Triangles::default()
             };
         }
         // One vertex per texture coordinate: all its corners are at one point.
@@ -206,6 +206,7 @@ impl Surface {
             normals: point_of.iter().map(|point| normals[*point]).collect(),
             uvs: self.uvs,
             triangles: self.corners,
+            ..Triangles::default()
         }
     }
 }

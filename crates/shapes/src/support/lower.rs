@@ -1,9 +1,8 @@
 //! Lowering of object-space triangles to a world-space mesh, shared by triangle and mesh.
 
-use whitstone_core::{DVec2, DVec3, Transform, TriangleMesh};
+use whitstone_core::{DVec2, DVec3, MeshAttributes, Transform, TriangleMesh};
 
-/// Triangles in object space. There are as many normals and texture coordinates as positions, or
-/// none.
+/// Triangles in object space. There are as many of each vertex attribute as positions, or none.
 #[derive(Debug, Default)]
 pub(crate) struct Triangles {
     pub(crate) positions: Vec<DVec3>,
@@ -11,6 +10,9 @@ pub(crate) struct Triangles {
     pub(crate) uvs: Vec<DVec2>,
     /// All vertex indices are less than the number of positions.
     pub(crate) triangles: Vec<[u32; 3]>,
+    /// Vertex colours, second texture coordinates and tangents, as in [`MeshAttributes`] but in
+    /// object space.
+    pub(crate) attributes: MeshAttributes,
 }
 
 /// A mesh in world space, and its number of degenerate triangles.
@@ -27,6 +29,7 @@ pub(crate) fn lower(object: Triangles, transform: &Transform) -> Option<Lowered>
         mut normals,
         uvs,
         mut triangles,
+        mut attributes,
     } = object;
     for p in &mut positions {
         *p = transform.point_to_world(*p);
@@ -50,13 +53,23 @@ pub(crate) fn lower(object: Triangles, transform: &Transform) -> Option<Lowered>
             flat += 1;
         }
     }
-    let mirrors = transform.world_from_object().matrix3.determinant() < 0.0;
+    let linear = transform.world_from_object().matrix3;
+    let mirrors = linear.determinant() < 0.0;
+    for tangent in &mut attributes.tangents {
+        *tangent = linear * *tangent;
+    }
+    if mirrors {
+        for handedness in &mut attributes.handedness {
+            *handedness = -*handedness;
+        }
+    }
     let mesh = TriangleMesh {
         positions,
         normals,
         uvs,
         triangles,
         orientation: if mirrors { -1.0 } else { 1.0 },
+        attributes: (attributes != MeshAttributes::default()).then(|| Box::new(attributes)),
     };
     Some(Lowered { mesh, flat })
 }

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 use toml::Spanned;
-use whitstone_core::config::{Positive, TransformSteps};
+use whitstone_core::config::{IntegerIn, Positive, TransformSteps};
 use whitstone_core::stream::{Colors, LANES, SurfaceStream};
 use whitstone_core::{
     DAffine3, DMat3, DVec3, Rgb, SceneError, SceneErrors, SurfaceAttributes, SurfaceInteraction, Texture,
@@ -68,6 +68,10 @@ pub(crate) struct Mapping {
     /// of the projection: one step, or steps in the order in which they are applied.
     #[serde(default = "none")]
     transform: TransformSteps,
+    /// For "uv": 1 to use the second set of texture coordinates of a mesh, see its `uv_sets`.
+    #[serde(default)]
+    #[schemars(extend("default" = 0), with = "IntegerIn<0, 1>")]
+    uv_set: Option<Spanned<IntegerIn<0, 1>>>,
     /// For "triplanar": exponent of the normal's components in the weights of the projections.
     #[serde(default)]
     #[schemars(extend("default" = DEFAULT_SHARPNESS), with = "Positive")]
@@ -103,6 +107,7 @@ impl Default for Mapping {
         Self {
             projection: None,
             transform: TransformSteps::NONE,
+            uv_set: None,
             sharpness: None,
         }
     }
@@ -127,10 +132,17 @@ impl Mapping {
             let message = "only the projection \"triplanar\" has this key";
             return Err(SceneError::at(sharpness.span(), message).into());
         }
+        if let Some(set) = &self.uv_set
+            && projection != Projection::Uv
+        {
+            let message = "only the projection \"uv\" has this key";
+            return Err(SceneError::at(set.span(), message).into());
+        }
         let map = *transform.world_from_object();
         Ok(Arc::new(Mapped {
             pattern,
             projection,
+            second: self.uv_set.is_some_and(|set| set.get_ref().get() == 1),
             moved: (transform != Transform::IDENTITY).then_some(map),
             turned: map.matrix3.inverse().transpose(),
             sharpness: self
@@ -144,6 +156,8 @@ impl Mapping {
 struct Mapped<P> {
     pattern: P,
     projection: Projection,
+    /// Whether the second set of texture coordinates is used.
+    second: bool,
     /// The transform, unless it is the identity.
     moved: Option<DAffine3>,
     /// The transform of normals. This and the next field are for "triplanar" only.
@@ -154,11 +168,17 @@ struct Mapped<P> {
 impl<P: TextureFunction> Mapped<P> {
     #[inline(always)]
     fn place(&self, point: &SurfaceInteraction) -> DVec3 {
-        let source = match self.projection {
+        self.projection.project(self.moved(self.source(point)))
+    }
+
+    /// The point before the transform.
+    #[inline(always)]
+    fn source(&self, point: &SurfaceInteraction) -> DVec3 {
+        match self.projection {
+            Projection::Uv if self.second => point.vertex.second_uv.extend(0.0),
             Projection::Uv => point.uv.extend(0.0),
             _ => point.position,
-        };
-        self.projection.project(self.moved(source))
+        }
     }
 
     #[inline(always)]
@@ -173,6 +193,8 @@ impl<P: TextureFunction> Mapped<P> {
     fn steps(&self, point: &SurfaceInteraction) -> [DVec3; 2] {
         let step = |side: usize| {
             let step = match self.projection {
+                // The footprint is known only in the first set.
+                Projection::Uv if self.second => DVec3::ZERO,
                 Projection::Uv => point.footprint.uv[side].as_dvec2().extend(0.0),
                 _ => point.footprint.position[side].as_dvec3(),
             };
@@ -183,11 +205,7 @@ impl<P: TextureFunction> Mapped<P> {
 
     /// The filtered value over the footprint of a point.
     fn filtered(&self, point: &SurfaceInteraction) -> Rgb {
-        let source = match self.projection {
-            Projection::Uv => point.uv.extend(0.0),
-            _ => point.position,
-        };
-        let q = self.moved(source);
+        let q = self.moved(self.source(point));
         let [right, below] = self.steps(point);
         let steps = [self.projection.step(q, right), self.projection.step(q, below)];
         self.pattern.filtered(self.projection.project(q), steps)
@@ -320,6 +338,7 @@ impl<P: TextureFunction> Texture for Mapped<P> {
             SurfaceAttributes::NOTHING
         };
         let of_place = match self.projection {
+            Projection::Uv if self.second => SurfaceAttributes::SECOND_UV,
             Projection::Uv => SurfaceAttributes::UV,
             Projection::Triplanar => SurfaceAttributes::SHADING_NORMAL,
             _ => SurfaceAttributes::NOTHING,
@@ -353,7 +372,7 @@ impl<P: TextureFunction> Texture for Mapped<P> {
         // Selected once per stream, so that the choice does not prevent the vectorisation of the
         // loops.
         match (self.projection, self.moved) {
-            (Projection::Uv, None) => self.stream(points, out, |point| point.uv.extend(0.0)),
+            (Projection::Uv, None) if !self.second => self.stream(points, out, |point| point.uv.extend(0.0)),
             (Projection::Solid, None) => self.stream(points, out, |point| point.position),
             (Projection::Triplanar, _) => {
                 for lane in 0..points.len.min(LANES) {

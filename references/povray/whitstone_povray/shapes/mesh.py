@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import List
 
-from whitstone_protocol.errors import SceneError
+from whitstone_protocol.errors import SceneError, Unsupported
 
 from .. import meshes, transforms
 from . import Fields, Place, Solid, Surface, baked, coincident, sdl
@@ -15,7 +15,9 @@ def _list(name: str, entries: List[str]) -> str:
 
 
 def twin(fields: Fields, place: Place) -> Solid:
-    """`file`, `shading`; neither subdivided nor displaced."""
+    """`file`, `shading`, `uv_sets`; neither subdivided nor displaced. Nothing that reads vertex
+    colours or tangents has a twin, so these keys have no effect.
+    """
     path = fields.path("file")
     smooth = fields.choice("shading", "smooth", ("smooth", "flat")) == "smooth"
     surface = Surface("x", "y", mapped=True)
@@ -23,10 +25,21 @@ def twin(fields: Fields, place: Place) -> Solid:
         fields.unsupported("POV-Ray does not subdivide: the twin would be the same mesh as Mitsuba's", "subdivision")
     if fields.take("displacement") is not None:
         fields.unsupported("POV-Ray does not displace: the twin would be the same mesh as Mitsuba's", "displacement")
+    sets = fields.take("uv_sets", [0])
+    if sets not in ([], [0]):
+        fields.unsupported("POV-Ray has one set of texture coordinates, and this driver reads the first one only", "uv_sets")
+    fields.flag("vertex_colors", False)
+    fields.flag("tangents", False)
+    for key in ("mesh", "primitive", "skin", "weights"):
+        if fields.take(key) is not None and not path.lower().endswith((".gltf", ".glb")):
+            fields.error(key, "requires a file ending in .gltf or .glb")
     try:
         mesh = meshes.load(path)
     except SceneError as error:
         fields.error("file", str(error))
+        return Solid("union {", surface, True)
+    except Unsupported as error:
+        fields.unsupported(str(error), "file")
         return Solid("union {", surface, True)
     # The model normalises normals at the vertices, after the shape's own transform.
     rounded = meshes.rounding(place.setting)
@@ -51,7 +64,8 @@ def twin(fields: Fields, place: Place) -> Solid:
         normal_indices = []
     uvs = list(mesh.uvs) + [(0.0, 0.0)]
     parts.append(_list("uv_vectors", [sdl.vector(uv) for uv in uvs]))
-    uv_indices = [sdl.vector_of_integers(face or (len(uvs) - 1,) * 3) for face in mesh.uv_faces]
+    none = (len(uvs) - 1,) * 3
+    uv_indices = [sdl.vector_of_integers((face or none) if sets else none) for face in mesh.uv_faces]
     parts.append(_list("face_indices", indices))
     if normal_indices:
         parts.append(_list("normal_indices", normal_indices))

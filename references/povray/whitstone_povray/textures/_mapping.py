@@ -71,5 +71,7 @@ def read(fields: Fields, usual: str) -> Mapping:
     if projection == "triplanar":
         inner.number("sharpness", 4.0, lambda number: number > 0, "a number > 0")
         inner.unsupported("POV-Ray's functions of a point have no access to the normal", "projection")
+    if projection == "uv" and inner.integer("uv_set", 0, 0, 1) == 1:
+        inner.unsupported("POV-Ray has one set of texture coordinates", "uv_set")
     inner.close()
     return Mapping(projection, matrix)

@@ -1,0 +1,194 @@
+use crate::buffers::Buffer;
+use crate::container::{Container, unreadable};
+use crate::json;
+use std::fmt;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+use std::time::SystemTime;
+
+/// A parsed glTF file. Its buffers and images are read on demand.
+pub struct Document {
+    /// The JSON. Its indices are not checked.
+    pub root: json::Root,
+    pub(crate) path: PathBuf,
+    pub(crate) buffers: Vec<Buffer>,
+}
+
+/// An error in a glTF file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Error {
+    /// JSON pointer of the faulty value; empty for the file as a whole.
+    pub pointer: String,
+    /// The error.
+    pub message: String,
+}
+
+impl Error {
+    pub(crate) fn at(pointer: impl Into<String>, message: impl Into<String>) -> Self {
+        Self {
+            pointer: pointer.into(),
+            message: message.into(),
+        }
+    }
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.pointer.is_empty() {
+            f.write_str(&self.message)
+        } else {
+            write!(f, "{}: {}", self.pointer, self.message)
+        }
+    }
+}
+
+impl std::error::Error for Error {}
+
+/// The extensions that may be required without an error. The others change vertices or textures in
+/// a way that this crate does not know, or are unknown.
+const UNDERSTOOD: [&str; 14] = [
+    "EXT_mesh_gpu_instancing",
+    "EXT_texture_webp",
+    "KHR_lights_punctual",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_specular",
+    "KHR_materials_transmission",
+    "KHR_materials_unlit",
+    "KHR_materials_variants",
+    "KHR_materials_volume",
+    "KHR_mesh_quantization",
+    "KHR_texture_transform",
+    "KHR_materials_clearcoat",
+    "KHR_materials_sheen",
+];
+
+/// Modification time and length: what identifies the contents of a file.
+type Stamp = (PathBuf, Option<SystemTime>, u64);
+
+/// The last document, since the shapes and textures of a scene open the same file one after
+/// another.
+static LAST: Mutex<Option<(Stamp, Arc<Document>)>> = Mutex::new(None);
+
+impl Document {
+    /// Opens a .gltf or .glb file.
+    pub fn open(path: &Path) -> Result<Arc<Self>, Error> {
+        let mut file = File::open(path).map_err(|error| unreadable(&error))?;
+        let metadata = file.metadata().map_err(|error| unreadable(&error))?;
+        if !metadata.is_file() {
+            return Err(Error::at("", "cannot be read: not a regular file"));
+        }
+        let stamp = (path.to_owned(), metadata.modified().ok(), metadata.len());
+        let last = LAST.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        if let Some((known, document)) = &*last
+            && *known == stamp
+        {
+            return Ok(document.clone());
+        }
+        drop(last);
+        let document = Arc::new(Self::parse(path, &mut file)?);
+        let mut last = LAST.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        *last = Some((stamp, document.clone()));
+        Ok(document)
+    }
+
+    fn parse(path: &Path, file: &mut File) -> Result<Self, Error> {
+        let Container { json, binary } = Container::read(file)?;
+        let text = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&json);
+        let mut deserializer = serde_json::Deserializer::from_slice(text);
+        let root: json::Root = serde_path_to_error::deserialize(&mut deserializer).map_err(|error| {
+            let pointer = pointer(error.path());
+            let inner = error.into_inner();
+            let place =
+                (inner.line() > 0).then(|| format!(" (line {}, column {})", inner.line(), inner.column()));
+            let text = inner.to_string();
+            // The position is added in the same form for all errors.
+            let text = text.split(" at line ").next().unwrap_or(&text);
+            Error::at(pointer, format!("{text}{}", place.unwrap_or_default()))
+        })?;
+        deserializer
+            .end()
+            .map_err(|error| Error::at("", format!("text after the JSON document: {error}")))?;
+        if !root.asset.version.starts_with("2.") {
+            return Err(Error::at(
+                "/asset/version",
+                format!("expected version 2.0, found \"{}\"", root.asset.version),
+            ));
+        }
+        for (number, name) in root.extensions_required.iter().enumerate() {
+            if !UNDERSTOOD.contains(&name.as_str()) {
+                return Err(Error::at(
+                    format!("/extensionsRequired/{number}"),
+                    format!("the file requires the extension {name}, which is not supported"),
+                ));
+            }
+        }
+        let buffers = Buffer::all(&root, binary)?;
+        Ok(Self {
+            root,
+            path: path.to_owned(),
+            buffers,
+        })
+    }
+
+    /// The path of the file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The paths of the files that it refers to: buffers and images. Faulty URIs are left out.
+    pub fn companions(&self) -> Vec<PathBuf> {
+        let images = self.root.images.iter().filter_map(|image| image.uri.as_deref());
+        let buffers = self
+            .root
+            .buffers
+            .iter()
+            .filter_map(|buffer| buffer.uri.as_deref());
+        buffers
+            .chain(images)
+            .filter_map(|uri| crate::buffers::relative_path(uri).ok().flatten())
+            .map(|relative| self.folder().join(relative))
+            .collect()
+    }
+
+    pub(crate) fn folder(&self) -> &Path {
+        self.path.parent().unwrap_or(Path::new(""))
+    }
+
+    /// The element of a list with this index; an error at the pointer of the index if there is
+    /// none.
+    pub fn item<'a, T>(
+        list: &'a [T],
+        index: usize,
+        name: &str,
+        pointer: impl FnOnce() -> String,
+    ) -> Result<&'a T, Error> {
+        list.get(index).ok_or_else(|| {
+            let message = match list.len() {
+                0 => format!("expected the index of an entry of `{name}`, found {index}: there are none"),
+                length => {
+                    format!("expected the index of an entry of `{name}`, below {length}, found {index}")
+                }
+            };
+            Error::at(pointer(), message)
+        })
+    }
+}
+
+/// A path of the deserialiser as a JSON pointer.
+fn pointer(path: &serde_path_to_error::Path) -> String {
+    use serde_path_to_error::Segment;
+    let mut pointer = String::new();
+    for segment in path {
+        match segment {
+            Segment::Seq { index } => pointer.push_str(&format!("/{index}")),
+            Segment::Map { key } | Segment::Enum { variant: key } => {
+                pointer.push('/');
+                pointer.push_str(&key.replace('~', "~0").replace('/', "~1"));
+            }
+            Segment::Unknown => {}
+        }
+    }
+    pointer
+}

@@ -1,0 +1,42 @@
+//! Textures that are computed from other textures.
+
+use whitstone_core::config::TextureRef;
+use whitstone_core::{ColorSource, Context, SceneErrors, SurfaceAttributes};
+
+/// The textures and colours that a texture is made of.
+pub(crate) fn parts(
+    references: &[TextureRef],
+    context: &mut dyn Context,
+) -> Result<Vec<ColorSource>, SceneErrors> {
+    let mut errors = SceneErrors::default();
+    let built: Vec<_> = references
+        .iter()
+        .filter_map(|reference| errors.take(context.texture(reference)))
+        .collect();
+    errors.into_result(built)
+}
+
+/// What all of them read.
+pub(crate) fn needs(parts: &[ColorSource]) -> SurfaceAttributes {
+    let each = parts.iter().map(ColorSource::needs);
+    each.fold(SurfaceAttributes::NOTHING, |all, needs| all | needs)
+}
+
+/// A texture of (u, v) for tests: a left of u = 0.5, else black.
+#[cfg(test)]
+pub(crate) struct Halves(pub(crate) whitstone_core::Rgb);
+
+#[cfg(test)]
+impl whitstone_core::Texture for Halves {
+    fn needs(&self) -> SurfaceAttributes {
+        SurfaceAttributes::UV
+    }
+
+    fn value(&self, point: &whitstone_core::SurfaceInteraction) -> whitstone_core::Rgb {
+        if point.uv.x < 0.5 {
+            self.0
+        } else {
+            whitstone_core::Rgb::BLACK
+        }
+    }
+}
