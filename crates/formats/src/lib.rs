@@ -19,7 +19,7 @@ use whitstone_core::Registry;
 
 pub use gltf::Gltf;
 pub use mesh_file::{Ply, Stl};
-pub use mitsuba::Mitsuba;
+pub use mitsuba::{Mitsuba, MitsubaPython};
 pub use obj::Obj;
 pub use toml_scene::Toml;
 
@@ -28,6 +28,7 @@ pub fn register(registry: &mut Registry) {
     registry.add_format(Toml);
     registry.add_format(Gltf);
     registry.add_format(Mitsuba);
+    registry.add_format(MitsubaPython);
     registry.add_format(Obj);
     registry.add_format(Ply);
     registry.add_format(Stl);

@@ -3,6 +3,7 @@
 //! Source: Mitsuba 3.9.1 (`src/core/parser.cpp` and the plugins), and the driver in
 //! `references/mitsuba`, which renders each type of this program by Mitsuba's plugins.
 
+mod export;
 mod light;
 mod material;
 mod sensor;
@@ -14,10 +15,15 @@ mod xml;
 use crate::files::Folder;
 use std::path::Path;
 use translate::Translator;
-use whitstone_core::{Feature, FormatErrors, ImportOptions, Imported, SceneFormat, Treatment};
+use whitstone_core::{
+    ExportScene, Feature, FormatErrors, ImportOptions, Imported, Note, SceneFormat, Treatment,
+};
 
 /// Mitsuba 3's XML.
 pub struct Mitsuba;
+
+/// A dictionary for Mitsuba 3's `load_dict`, as a Python file; only written.
+pub struct MitsubaPython;
 
 use Treatment::{Approximated, Dropped, Kept};
 
@@ -25,7 +31,9 @@ const fn feature(name: &'static str, treatment: Treatment, how: &'static str) ->
     Feature { name, treatment, how }
 }
 
-/// What happens to Mitsuba's plugins and parameters. Plugins that are not listed are errors.
+/// What happens to Mitsuba's plugins and parameters when they are imported, and to the parts of a
+/// scene when they are exported: the latter begin with a bracket. Imported plugins that are not
+/// listed are errors.
 const FEATURES: &[Feature] = &[
     feature("default, alias, ref, include, path", Kept, "They are resolved."),
     feature(
@@ -180,6 +188,160 @@ const FEATURES: &[Feature] = &[
     ),
     feature("texture bitmap", Kept, "image."),
     feature("texture checkerboard", Kept, "checker."),
+    feature("[film] aovs", Dropped, "The image has no additional channels."),
+    feature(
+        "[camera] environment",
+        Dropped,
+        "Mitsuba has no panoramic sensor, and uses a default one.",
+    ),
+    feature("[camera] near_kind", Approximated, "The near limit is a plane."),
+    feature(
+        "[camera] pixels that are not square",
+        Approximated,
+        "They are square; the width of the view is kept.",
+    ),
+    feature("[camera] window of a lens", Approximated, "The view is centred."),
+    feature(
+        "[sampler]",
+        Approximated,
+        "independent with as many samples, at least 16: their positions are random.",
+    ),
+    feature(
+        "[integrator] whitted",
+        Approximated,
+        "path: diffuse surfaces also light each other.",
+    ),
+    feature("[integrator] rasterizer", Approximated, "direct."),
+    feature("[integrator] shadows", Approximated, "Shadows are opaque."),
+    feature("[[light]] falloff", Dropped, "Mitsuba's lights have a falloff."),
+    feature(
+        "[[light]] projector with a coloured intensity",
+        Approximated,
+        "The mean of its channels.",
+    ),
+    feature(
+        "[[light]] area",
+        Approximated,
+        "An emitter on a visible surface, which lights from random points.",
+    ),
+    feature("[[light]] ambient", Dropped, "Mitsuba has no ambient light."),
+    feature(
+        "[[light]] background",
+        Approximated,
+        "constant: it also lights diffuse surfaces.",
+    ),
+    feature(
+        "[[light]] environment",
+        Approximated,
+        "envmap or constant: it lights from all directions, and its rows are stretched to the poles.",
+    ),
+    feature(
+        "[[light]] several environments",
+        Dropped,
+        "Mitsuba has one: the first with an image.",
+    ),
+    feature(
+        "[[light]] environment that is no plain image",
+        Dropped,
+        "Only a color or an image without keys of its mapping is an envmap.",
+    ),
+    feature(
+        "[[shape]] plane with a texture",
+        Approximated,
+        "The texture has the coordinates of a disk.",
+    ),
+    feature(
+        "[[shape]] cylinder that is stretched",
+        Dropped,
+        "Mitsuba's cylinders have circular sections.",
+    ),
+    feature(
+        "[[shape]] mesh of another format",
+        Dropped,
+        "Mitsuba reads OBJ and PLY.",
+    ),
+    feature(
+        "[[shape]] mesh with subdivision or displacement",
+        Approximated,
+        "The mesh of the file.",
+    ),
+    feature(
+        "[[shape]] instance in a group",
+        Dropped,
+        "Mitsuba's groups cannot contain instances.",
+    ),
+    feature("[[shape]] of another type", Dropped, "Mitsuba has no such shape."),
+    feature(
+        "[material] phong, blinn_phong, whitted",
+        Approximated,
+        "diffuse with pi k_d, blended with a mirror of k_refl; no highlight.",
+    ),
+    feature("[material] k_refr", Dropped, "Nothing is transmitted."),
+    feature(
+        "[material] texture of k_d",
+        Approximated,
+        "It is the albedo, without the factor pi.",
+    ),
+    feature(
+        "[material] texture of a highlight or reflection",
+        Dropped,
+        "There is no reflection.",
+    ),
+    feature(
+        "[material] coloured weight",
+        Approximated,
+        "The mean of its channels.",
+    ),
+    feature(
+        "[material] glossy",
+        Approximated,
+        "roughconductor of the same width.",
+    ),
+    feature(
+        "[material] priority",
+        Dropped,
+        "Mitsuba's bodies must not overlap.",
+    ),
+    feature(
+        "[material] two_sided that lets light through",
+        Approximated,
+        "The front on both sides.",
+    ),
+    feature(
+        "[material] normal_map",
+        Approximated,
+        "normalmap with the tangents of Mitsuba's mesh.",
+    ),
+    feature(
+        "[material] bump",
+        Dropped,
+        "bump, and normal_map with a tangent of its own: the material without it.",
+    ),
+    feature(
+        "[material] emissive",
+        Approximated,
+        "An area emitter: it emits on the outside only, and lights other surfaces also without an area light.",
+    ),
+    feature(
+        "[material] emissive in a group",
+        Dropped,
+        "Mitsuba's groups cannot contain emitters.",
+    ),
+    feature(
+        "[texture] mapping",
+        Dropped,
+        "Only mappings by (u, v): the mean of a and b.",
+    ),
+    feature(
+        "[texture] of another type",
+        Dropped,
+        "The mean of a and b, or grey.",
+    ),
+    feature("[texture] image with a channel", Dropped, "Grey."),
+    feature("[texture] color_space", Dropped, "An EXR is linear."),
+    feature("[texture] filter", Approximated, "bilinear."),
+    feature("[texture] wrap", Approximated, "That along u in both directions."),
+    feature("plugins of third parties", Dropped, "They are not known."),
 ];
 
 impl SceneFormat for Mitsuba {
@@ -197,6 +359,28 @@ impl SceneFormat for Mitsuba {
 
     fn import(&self, path: &Path, options: &ImportOptions) -> Option<Result<Imported, FormatErrors>> {
         Some(import(path, options))
+    }
+
+    fn export(&self, scene: &ExportScene<'_>, path: &Path) -> Option<Result<Vec<Note>, FormatErrors>> {
+        Some(export::export(scene, path, false))
+    }
+}
+
+impl SceneFormat for MitsubaPython {
+    fn name(&self) -> &'static str {
+        "mitsuba-python"
+    }
+
+    fn extensions(&self) -> &'static [&'static str] {
+        &["py"]
+    }
+
+    fn features(&self) -> &'static [Feature] {
+        FEATURES
+    }
+
+    fn export(&self, scene: &ExportScene<'_>, path: &Path) -> Option<Result<Vec<Note>, FormatErrors>> {
+        Some(export::export(scene, path, true))
     }
 }
 

@@ -5,6 +5,8 @@
 
 mod accessor;
 
+pub(crate) use accessor::Numbers;
+
 use base64::Engine as _;
 use base64::alphabet::STANDARD;
 use base64::engine::DecodePaddingMode;
@@ -86,9 +88,20 @@ impl Gltf {
     }
 
     /// Element `index` of a list at the top level.
-    fn element(&self, list: &str, index: usize) -> Result<&Value, String> {
+    pub(crate) fn element(&self, list: &str, index: usize) -> Result<&Value, String> {
         let found = self.json.get(list).and_then(|list| list.get(index));
         found.ok_or_else(|| format!("no element {index} in `{list}`"))
+    }
+
+    /// A list at the top level, empty if it is absent.
+    pub(crate) fn list(&self, list: &str) -> &[Value] {
+        let found = self.json.get(list).and_then(Value::as_array);
+        found.map_or(&[], Vec::as_slice)
+    }
+
+    /// The extensions that the file requires.
+    pub(crate) fn required(&self) -> impl Iterator<Item = &str> {
+        self.list("extensionsRequired").iter().filter_map(Value::as_str)
     }
 
     /// The bytes that a URI holds or names.
@@ -149,7 +162,7 @@ impl Gltf {
 }
 
 /// A whole number of an object, or its default.
-fn number(object: &Value, key: &str, default: Option<usize>) -> Result<usize, String> {
+pub(crate) fn number(object: &Value, key: &str, default: Option<usize>) -> Result<usize, String> {
     let malformed = || format!("a malformed `{key}`");
     match object.get(key) {
         None => default.ok_or_else(malformed),

@@ -58,7 +58,7 @@ const IORS: [(&str, f64); 23] = [
 ];
 
 /// Metals of the material `conductor`, with eta and k.
-const METALS: [(&str, [f64; 3], [f64; 3]); 10] = [
+pub(super) const METALS: [(&str, [f64; 3], [f64; 3]); 10] = [
     ("Ag", [0.15528, 0.11673, 0.13839], [4.82835, 3.12222, 2.14690]),
     ("Al", [1.65750, 0.88040, 0.52124], [9.22381, 6.26950, 4.83700]),
     ("Au", [0.14304, 0.37531, 1.44205], [3.98300, 2.38556, 1.60336]),
@@ -456,7 +456,16 @@ impl<'a> Translator<'a> {
     }
 
     /// Whether an object or one inside it is one of these plugins.
-    pub(super) fn contains(&self, index: usize, plugins: &[&str]) -> bool {
+    pub(super) fn contains(&mut self, index: usize, plugins: &'static [&'static str]) -> bool {
+        if let Some(known) = self.contained.get(&(index, plugins)) {
+            return *known;
+        }
+        let found = self.search(index, plugins);
+        self.contained.insert((index, plugins), found);
+        found
+    }
+
+    fn search(&self, index: usize, plugins: &[&str]) -> bool {
         let mut seen = HashSet::from([index]);
         let mut pending = vec![index];
         while let Some(index) = pending.pop() {

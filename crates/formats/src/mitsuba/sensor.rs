@@ -121,7 +121,11 @@ impl<'a> Translator<'a> {
                 let distance = distance.unwrap_or(1e4);
                 camera.insert("focus_distance".to_owned(), Value::Float(distance));
             }
-            _ => drop(set("near", Value::Float(near))),
+            _ => {
+                set("near", Value::Float(near));
+                // All of Mitsuba's cameras have it; only a lens uses it.
+                fields.take("focus_distance");
+            }
         }
         self.finish(fields);
         let [width, height] = film.crop.map(|pixels| Value::Integer(pixels as i64));

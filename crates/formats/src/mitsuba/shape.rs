@@ -16,6 +16,11 @@ const MAX_MESH_BYTES: u64 = 4 << 30;
 /// Most triangles of a mesh that lights, by the model.
 const MAX_LIGHT_TRIANGLES: u64 = 4096;
 
+/// Plugins that depend on texture coordinates.
+const BY_UV: &[&str] = &["bitmap", "checkerboard", "normalmap"];
+/// Plugins that depend on the tangent.
+const NORMAL_MAPS: &[&str] = &["normalmap"];
+
 /// The box around a rectangle or disk.
 const FLAT_LOW: DVec3 = DVec3::new(-1.0, -1.0, 0.0);
 const FLAT_HIGH: DVec3 = DVec3::new(1.0, 1.0, 0.0);
@@ -108,7 +113,10 @@ impl<'a> Translator<'a> {
             common.emitter = None;
         }
         let single = pieces.len() == 1;
+        // Without a normal map, all shapes share a material.
+        let mapped = common.bsdf.is_some_and(|bsdf| self.contains(bsdf, NORMAL_MAPS));
         for mut piece in pieces {
+            piece.look.tangent = piece.look.tangent.filter(|_| mapped);
             let material = match (common.bsdf, common.emitter.is_some()) {
                 (Some(bsdf), _) => Some(self.bsdf(bsdf, &piece.look)),
                 (None, true) => None,
@@ -222,12 +230,11 @@ impl<'a> Translator<'a> {
 
     fn cube(&mut self, common: &Common) -> Vec<Piece> {
         self.bound(&common.world, DVec3::NEG_ONE, DVec3::ONE);
-        let by_uv = ["bitmap", "checkerboard", "normalmap"];
         let parts = [common.bsdf, common.emitter];
         let textured = parts
             .into_iter()
             .flatten()
-            .any(|index| self.contains(index, &by_uv));
+            .any(|index| self.contains(index, BY_UV));
         // Directions of increasing u and v on each face, as Mitsuba lays them.
         let faces = [
             (DVec3::Z, DVec3::X, DVec3::NEG_Y),
@@ -340,7 +347,7 @@ impl<'a> Translator<'a> {
         if parts
             .into_iter()
             .flatten()
-            .any(|index| self.contains(index, &["normalmap"]))
+            .any(|index| self.contains(index, NORMAL_MAPS))
         {
             table.insert("tangents".to_owned(), Value::Boolean(true));
         }

@@ -62,6 +62,7 @@ fn number(value: &Value) -> f64 {
 fn a_perspective_sensor_is_a_camera_with_near_limit_film_and_sampler() {
     let (scene, notes) = load(
         "<sensor type='perspective'><float name='fov' value='30'/><string name='fov_axis' value='smaller'/>
+         <float name='focus_distance' value='6'/>
          <transform name='to_world'><lookat origin='0,1,5' target='0,1,0' up='0,1,0'/></transform>
          <film type='hdrfilm'><integer name='width' value='40'/><integer name='height' value='20'/>
          <rfilter type='box'/></film><sampler type='independent'><integer name='sample_count' value='999'/></sampler>
@@ -496,6 +497,18 @@ fn materials_that_refer_to_each_other_take_linear_time() {
     let (scene, _) = load(&text(12));
     assert_eq!(scene["material"].as_table().unwrap().len(), 13);
     assert_eq!(errors(&text(39))[0].1, "objects are nested more than 16 deep");
+    // Many shapes share one large material.
+    let inner = "<texture type='uniform'/>".repeat(2_000);
+    let large = format!("<bsdf type='bumpmap' id='b'>{inner}<bsdf type='diffuse'/></bsdf>");
+    let cubes =
+        "<shape type='cube'><ref id='b'/></shape><shape type='rectangle'><ref id='b'/></shape>".repeat(5_000);
+    assert_eq!(
+        load(&format!("{large}{cubes}")).0["material"]
+            .as_table()
+            .unwrap()
+            .len(),
+        1
+    );
     let many = "<shape type='obj'><string name='filename' value='flat.obj'/></shape>".repeat(20_000);
     let (_, notes) = load(&many);
     assert!(notes.contains(&"mesh without normals"));

@@ -44,6 +44,8 @@ pub(super) struct Translator<'a> {
     /// Ids and bounds of groups, by their objects.
     pub(super) groups: HashMap<usize, (String, Part)>,
     pub(super) meshes: HashMap<PathBuf, MeshInfo>,
+    /// Whether objects contain one of some plugins.
+    pub(super) contained: HashMap<(usize, &'static [&'static str]), bool>,
     /// Names in `materials` of the options that were found.
     pub(super) replaced: BTreeSet<&'a str>,
 }
@@ -95,6 +97,7 @@ impl<'a> Translator<'a> {
             shared: HashMap::new(),
             groups: HashMap::new(),
             meshes: HashMap::new(),
+            contained: HashMap::new(),
             replaced: BTreeSet::new(),
         }
     }

@@ -4,7 +4,7 @@ use super::coincident::{Meeting, Standing};
 use super::footprint::{Differential, Footprint, NEAR, Sides, slope};
 use super::mapping::Place;
 use super::material::{At, Material, bodies};
-use super::place::{Coordinates, Corner};
+use super::place::{Attributes, Coordinates, Corner};
 use super::{Unsure, unknown_part};
 use crate::interval::{Decided, Undecided};
 use crate::root::Root;
@@ -295,12 +295,16 @@ impl Scene {
         let part = &self.parts[hit.shape];
         let p = part.object(hit.point);
         let interpolated = part.coordinates.normal(p, hit.primitive, &part.normals[0]);
+        let attributes = part.coordinates.attributes(p, hit.primitive);
         let place = Place {
             uv: part.coordinates.uv(p, hit.primitive, hit.parameters),
             p: hit.point,
             n_s: interpolated.map_or(hit.normal, |n| part.outwards(n)),
+            second: attributes.second,
+            color: attributes.color,
+            tangent: part.tangent(&attributes),
+            footprint: Footprint::default(),
             nudge,
-            ..Place::default()
         };
         part.material.at(place, hit.normal, viewer)
     }
@@ -321,6 +325,7 @@ impl Scene {
             p,
             uv: moved.map(|(uv, _)| uv),
             n_s: moved.map(|(_, n_s)| n_s),
+            tangent: p.map(|step| part.tangent_change(hit, &place, step)),
         };
         part.material.at(place, hit.normal, -ray.direction)
     }
@@ -337,8 +342,11 @@ impl Scene {
                 uv: corner.uv,
                 p,
                 n_s: corner.normal.map_or(hit.normal, |n| part.outwards(n)),
+                second: corner.attributes.second,
+                color: corner.attributes.color,
+                tangent: part.tangent(&corner.attributes),
+                footprint: Footprint::default(),
                 nudge,
-                ..Place::default()
             };
             let viewer = (eye - p).normalize();
             (corner.weight, p, part.material.at(place, hit.normal, viewer))
@@ -348,6 +356,26 @@ impl Scene {
 }
 
 impl Part {
+    /// The mesh tangent in world space, and the sign of the bitangent.
+    fn tangent(&self, attributes: &Attributes) -> Option<(DVec3, f64)> {
+        let (along, sign) = attributes.tangent?;
+        let placed = self.maps.iter().fold((along, sign), |(along, sign), map| {
+            let mirrors = map.matrix3.determinant() < 0.0;
+            (map.matrix3 * along, if mirrors { -sign } else { sign })
+        });
+        Some(placed)
+    }
+
+    /// The derivative of the mesh tangent, which is linear on a triangle, along a step.
+    fn tangent_change(&self, hit: &Hit, here: &Place, step: DVec3) -> DVec3 {
+        let Some((along, _)) = here.tangent else {
+            return DVec3::ZERO;
+        };
+        let p = self.object(hit.point + step);
+        let there = self.tangent(&self.coordinates.attributes(p, hit.primitive));
+        there.map_or(DVec3::ZERO, |(there, _)| there - along)
+    }
+
     /// The derivatives of (u, v) and n_s along a step in the tangent plane.
     fn change(&self, hit: &Hit, here: &Place, step: DVec3) -> (DVec2, DVec3) {
         let length = step.length();
