@@ -12,6 +12,7 @@ use base64::alphabet::STANDARD;
 use base64::engine::DecodePaddingMode;
 use base64::engine::general_purpose::{GeneralPurpose, GeneralPurposeConfig};
 use serde_json::Value;
+use std::cell::OnceCell;
 use std::path::{Path, PathBuf};
 
 /// Base64 with or without padding.
@@ -25,6 +26,8 @@ pub(crate) struct Gltf {
     json: Value,
     /// The binary chunk of a .glb file.
     chunk: Option<Vec<u8>>,
+    /// The bytes of buffers that were read.
+    buffers: Vec<OnceCell<Vec<u8>>>,
     folder: PathBuf,
 }
 
@@ -80,7 +83,9 @@ impl Gltf {
         if !version.is_some_and(|version| version.starts_with("2.")) {
             return Err("its version is not 2".to_owned());
         }
+        let buffers = json.get("buffers").and_then(Value::as_array).map_or(0, Vec::len);
         Ok(Self {
+            buffers: vec![OnceCell::new(); buffers],
             json,
             chunk: chunk.map(<[u8]>::to_vec),
             folder: path.parent().unwrap_or(Path::new("")).to_owned(),
@@ -123,7 +128,16 @@ impl Gltf {
     }
 
     /// The bytes of a buffer.
-    fn buffer(&self, index: usize) -> Result<Vec<u8>, String> {
+    fn buffer(&self, index: usize) -> Result<&[u8], String> {
+        let cell = self.buffers.get(index).ok_or_else(|| format!("no buffer {index}"))?;
+        if let Some(bytes) = cell.get() {
+            return Ok(bytes);
+        }
+        let bytes = self.read_buffer(index)?;
+        Ok(cell.get_or_init(|| bytes))
+    }
+
+    fn read_buffer(&self, index: usize) -> Result<Vec<u8>, String> {
         let buffer = self.element("buffers", index)?;
         let mut bytes = match buffer.get("uri") {
             Some(uri) => self.resolve(uri.as_str().ok_or("a malformed URI")?)?,
@@ -139,15 +153,13 @@ impl Gltf {
     }
 
     /// The bytes of a buffer view.
-    fn view(&self, index: usize) -> Result<Vec<u8>, String> {
+    fn view(&self, index: usize) -> Result<&[u8], String> {
         let view = self.element("bufferViews", index)?;
         let buffer = self.buffer(number(view, "buffer", None)?)?;
         let start = number(view, "byteOffset", Some(0))?;
         let end = start.checked_add(number(view, "byteLength", None)?);
         let bytes = end.and_then(|end| buffer.get(start..end));
-        Ok(bytes
-            .ok_or_else(|| format!("buffer view {index} is out of range"))?
-            .to_vec())
+        bytes.ok_or_else(|| format!("buffer view {index} is out of range"))
     }
 
     /// The encoded bytes of an image.
@@ -155,7 +167,7 @@ impl Gltf {
         let image = self.element("images", index)?;
         match (image.get("uri"), image.get("bufferView")) {
             (Some(uri), None) => self.resolve(uri.as_str().ok_or("a malformed URI")?),
-            (None, Some(_)) => self.view(number(image, "bufferView", None)?),
+            (None, Some(_)) => Ok(self.view(number(image, "bufferView", None)?)?.to_vec()),
             _ => Err(format!("image {index} has no data")),
         }
     }

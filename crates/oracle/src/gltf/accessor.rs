@@ -122,7 +122,7 @@ impl Gltf {
                     return Err("a stride of 0".to_owned());
                 }
                 let offset = number(accessor, "byteOffset", Some(0))?;
-                elements(&self.view(view)?, [offset, stride, count, width], component)?
+                elements(self.view(view)?, [offset, stride, count, width], component)?
             }
             None if count > MAX_COUNT => return Err("an accessor of this length".to_owned()),
             None => vec![0.0; count * width],
@@ -134,7 +134,7 @@ impl Gltf {
                 let component = component.map_or_else(|| Component::of(part), Ok)?;
                 let offset = number(part, "byteOffset", Some(0))?;
                 let view = self.view(number(part, "bufferView", None)?)?;
-                elements(&view, [offset, width * component.size, many, width], component)
+                elements(view, [offset, width * component.size, many, width], component)
             };
             let places = part("indices", 1, None)?;
             let replacements = part("values", width, Some(component))?;
