@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any, Callable, Dict, Optional, Sequence, Tuple
 from urllib.parse import unquote
 
+from models import single
+
 Json = Dict[str, Any]
 Change = Callable[[Json], None]
 
@@ -37,6 +39,13 @@ def write(path: Path, root: Json, chunk: bytes) -> None:
         chunk += b"\0" * (-len(chunk) % 4)
         chunks += struct.pack("<2I", len(chunk), 0x004E4942) + chunk
     path.write_bytes(struct.pack("<3I", 0x46546C67, 2, 12 + len(chunks)) + chunks)
+
+
+def has_triangles(path: Path) -> bool:
+    """Whether a model has primitives of triangles, strips or fans."""
+    root, _ = read(path)
+    modes = [primitive.get("mode", 4) for mesh in root.get("meshes", []) for primitive in mesh["primitives"]]
+    return any(mode >= 4 for mode in modes)
 
 
 def companion(path: Path, uri: str) -> Optional[Path]:
@@ -77,7 +86,15 @@ def unlit(root: Json) -> None:
             texture.setdefault("sampler", sampler)
 
 
-def copy(path: Path, folder: Path, change: Optional[Change] = None, other: Optional[Change] = None) -> Path:
+def single_nodes(root: Json) -> None:
+    """The numbers of all nodes in single precision, in which ours reads them."""
+    for node in root.get("nodes", []):
+        for key in ("matrix", "translation", "rotation", "scale"):
+            if key in node:
+                node[key] = [single(number) for number in node[key]]
+
+
+def copy(path: Path, folder: Path, *changes: Change) -> Path:
     """Writes a changed copy of a model with the files that it names; returns its path."""
     folder.mkdir(parents=True, exist_ok=True)
     root, chunk = read(path)
@@ -90,9 +107,8 @@ def copy(path: Path, folder: Path, change: Optional[Change] = None, other: Optio
             raise FileNotFoundError(f"{path} names {uri}, which is not there")
         shutil.copyfile(file, folder / file.name)
         item["uri"] = file.name
-    for step in (change, other):
-        if step is not None:
-            step(root)
+    for change in changes:
+        change(root)
     target = folder / path.name
     write(target, root, chunk)
     return target

@@ -161,9 +161,7 @@ def limits(rows: Rows) -> Json:
 
 def single(value: float) -> float:
     """The number in single precision."""
-    if isinstance(value, int):
-        return value
-    return float(struct.unpack("<f", struct.pack("<f", value))[0])
+    return value if isinstance(value, int) else float(struct.unpack("<f", struct.pack("<f", value))[0])
 
 
 def turn(axis: Sequence[float], degrees: float) -> List[float]:
@@ -205,8 +203,8 @@ def hierarchy() -> Model:
     top = model.node(rotation=turn([1, 2, 3], 35), scale=[1.5, 0.7, 1.2], translation=[0.3, -0.2, 0.1])
     middle = model.node(top, rotation=turn([-2, 1, 0.5], 40), scale=[-1, 1.3, 0.8], translation=[-1.2, 0.4, 0])
     model.node(middle, mesh=one)
-    # Columns of a shear with a rotation.
-    matrix = [0.9, 0.3, -0.1, 0, -0.2, 1.1, 0.35, 0, 0.15, -0.3, 0.8, 0, 1.3, 0.2, -0.4, 1]
+    # Columns of a rotation, each times a scale, and a translation.
+    matrix = [0.6, 0.8, 0, 0, 1.04, -0.78, 0, 0, 0, 0, 0.9, 0, 1.3, 0.2, -0.4, 1]
     model.node(top, mesh=twice, matrix=matrix)
     model.node(mesh=twice, translation=[0.2, -1.9, 0.3], rotation=turn([0, 1, 0], 20), scale=[1, 0.6, -1])
     return model

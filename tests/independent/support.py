@@ -114,10 +114,13 @@ class Shape(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """What the tests need to know of a converted scene, and its image by channels."""
+    """What the tests need to know of a converted scene: its camera, its shapes by number, the group
+    of each instance, its image by channels, and whether a texture has the filter "nearest".
+    """
 
     view: View
     shapes: List[Shape]
+    instances: List[str]
     channels: Dict[str, Any]
     nearest: bool
 
@@ -174,8 +177,9 @@ def render(path: Path, folder: Path, *settings: str) -> Scene:
         if ended.code:
             raise AssertionError(f"{path}: {command[0]} ended with {ended.code}: {ended.messages}")
     scene = tomllib.loads(converted.read_text())
+    instances = [shape["group"] for shape in scene["shape"] if shape["type"] == "instance"]
     nearest = any(texture.get("filter") == "nearest" for texture in scene.get("texture", {}).values())
-    return Scene(view(scene["camera"]), shapes(scene), read_exr(image), nearest)
+    return Scene(view(scene["camera"]), shapes(scene), instances, read_exr(image), nearest)
 
 
 def read_exr(path: Path) -> Dict[str, Any]:
