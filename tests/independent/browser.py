@@ -1,5 +1,6 @@
 """A page in headless Chromium that renders models with three.js."""
 
+import contextlib
 import json
 import mimetypes
 import queue
@@ -38,15 +39,19 @@ class Browser:
 
     def __init__(self, chromium: str, modules: Path, models: Path, seconds: float = 60.0) -> None:
         self.seconds = seconds
+        # Set when the page asks for its first job.
+        self.ready = threading.Event()
+        self.broken = False
         self.jobs: "queue.Queue[Any]" = queue.Queue()
         self.results: "queue.Queue[Tuple[bool, bytes]]" = queue.Queue()
         folders = {"modules": modules, "models": models, "page": PAGE}
-        jobs, results = self.jobs, self.results
+        jobs, results, ready = self.jobs, self.results, self.ready
 
         class Handler(BaseHTTPRequestHandler):
             def do_GET(self) -> None:
                 path = unquote(urlparse(self.path).path)
                 if path == "/job":
+                    ready.set()
                     try:
                         job = jobs.get(timeout=2)
                     except queue.Empty:
@@ -66,12 +71,14 @@ class Browser:
                 self.reply(200, "text/plain", b"")
 
             def reply(self, status: int, kind: str, body: bytes) -> None:
-                self.send_response(status)
-                self.send_header("Content-Type", kind)
-                self.send_header("Content-Length", str(len(body)))
-                self.send_header("Cache-Control", "no-store")
-                self.end_headers()
-                self.wfile.write(body)
+                # At the end the page is no longer there to read the answer.
+                with contextlib.suppress(ConnectionError):
+                    self.send_response(status)
+                    self.send_header("Content-Type", kind)
+                    self.send_header("Content-Length", str(len(body)))
+                    self.send_header("Cache-Control", "no-store")
+                    self.end_headers()
+                    self.wfile.write(body)
 
             def log_message(self, format: str, *arguments: Any) -> None:
                 pass
@@ -86,10 +93,13 @@ class Browser:
 
     def render(self, job: Any) -> bytes:
         """The result of a job; an exception with the page's message if it fails."""
+        if self.broken:
+            raise RuntimeError("the page has stopped")
         self.jobs.put(job)
         try:
             done, body = self.results.get(timeout=self.seconds)
         except queue.Empty:
+            self.broken = True
             raise TimeoutError(f"the page did not answer within {self.seconds} s") from None
         if not done:
             raise RuntimeError(body.decode(errors="replace"))

@@ -48,6 +48,27 @@ def has_triangles(path: Path) -> bool:
     return any(mode >= 4 for mode in modes)
 
 
+def shows_triangles(path: Path) -> bool:
+    """Whether the scene that is shown by default has a node with such a primitive."""
+    root, _ = read(path)
+    scenes, nodes, meshes = (root.get(key, []) for key in ("scenes", "nodes", "meshes"))
+    scene = root.get("scene", 0)
+    waiting = list(scenes[scene].get("nodes", [])) if scenes else []
+    while waiting:
+        node = nodes[waiting.pop()]
+        if 0 in node.get("scale", []):
+            # Flattened nodes are left out, which the summary of an import says.
+            continue
+        waiting += node.get("children", [])
+        primitives = meshes[node["mesh"]]["primitives"] if "mesh" in node else []
+        for primitive in primitives:
+            place = primitive.get("indices", primitive["attributes"].get("POSITION"))
+            enough = place is not None and root["accessors"][place]["count"] >= 3
+            if enough and primitive.get("mode", 4) >= 4:
+                return True
+    return False
+
+
 def companion(path: Path, uri: str) -> Optional[Path]:
     """The file that a URI names. Some models name a folder of images that has another name."""
     named = path.parent / unquote(uri)
@@ -138,3 +159,19 @@ def change_indices(root: Json, accessor: int, numbers: Sequence[int]) -> None:
     data = bytearray(base64.b64decode(text))
     struct.pack_into(f"<{len(numbers)}H", data, where.get("byteOffset", 0), *numbers)
     buffer["uri"] = head + "," + base64.b64encode(data).decode()
+
+
+def transposed(root: Json) -> None:
+    """The linear parts of all matrices transposed."""
+    for node in root["nodes"]:
+        if "matrix" in node:
+            rows = [node["matrix"][i::4] for i in range(3)]
+            linear = [[rows[j][i] for j in range(3)] + [rows[i][3]] for i in range(3)] + [[0, 0, 0, 1]]
+            node["matrix"] = [linear[i][j] for j in range(4) for i in range(4)]
+
+
+def unmirrored(root: Json) -> None:
+    """All scales without their signs."""
+    for node in root["nodes"]:
+        if "scale" in node:
+            node["scale"] = [abs(part) for part in node["scale"]]

@@ -356,8 +356,8 @@ def morph() -> Model:
     """Two morph targets, with weights of the mesh and of a node."""
     model = Model()
     primitive = quad(model, model.material(None, {"index": model.texture()}))
-    moves = [[[0.3, 0, 0.4], [0, 0.5, 0], [-0.2, 0.1, 0.6], [0, 0, 0.2]], [[0, -0.4, 0], [0.4, 0, 0.3], [0] * 3, [-0.5, 0, 0]]]
-    turns = [[[0.2, 0, 0], [0, 0.3, 0], [0, -0.2, 0], [0.1, 0.1, 0]], [[0, 0, 0.2], [0.1, 0, 0], [0.3, 0, 0], [0, 0.4, 0]]]
+    moves: List[Rows] = [[[0.3, 0, 0.4], [0, 0.5, 0], [-0.2, 0.1, 0.6], [0, 0, 0.2]], [[0, -0.4, 0], [0.4, 0, 0.3], [0] * 3, [-0.5, 0, 0]]]
+    turns: List[Rows] = [[[0.2, 0, 0], [0, 0.3, 0], [0, -0.2, 0], [0.1, 0.1, 0]], [[0, 0, 0.2], [0.1, 0, 0], [0.3, 0, 0], [0, 0.4, 0]]]
     primitive["targets"] = [
         {"POSITION": model.positions(move), "NORMAL": model.accessor(normal)} for move, normal in zip(moves, turns)
     ]

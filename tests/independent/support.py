@@ -28,6 +28,12 @@ WIDTH, HEIGHT = 256, 192
 Json = Dict[str, Any]
 
 
+def skip(reason: str) -> unittest.SkipTest:
+    """Prints why tests are skipped, for they must not be skipped silently."""
+    print(f"skipped: {reason}", flush=True)
+    return unittest.SkipTest(reason)
+
+
 def public_models() -> List[Path]:
     """The models below $WHITSTONE_TEST_DATA/gltf; none if that is not set."""
     data = os.environ.get("WHITSTONE_TEST_DATA")
@@ -52,7 +58,7 @@ class Case(unittest.TestCase):
     @classmethod
     def setUpClass(cls) -> None:
         if not BINARY.is_file():
-            raise unittest.SkipTest(f"no binary at {BINARY}: set WHITSTONE")
+            raise FileNotFoundError(f"no binary at {BINARY}: set WHITSTONE")
         cls.folder = Path(tempfile.mkdtemp(prefix="whitstone-independent-"))
         cls.addClassCleanup(shutil.rmtree, cls.folder)
         (cls.folder / "own").mkdir()

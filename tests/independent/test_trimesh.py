@@ -7,14 +7,16 @@ from pathlib import Path
 from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
 import copies
-from support import Case, Json, Scene, label, public_models, render, whitstone
+from copies import transposed, unmirrored
+from support import Case, Json, Scene, label, public_models, render, skip, whitstone
 
 try:
     import numpy as np
     import trimesh
+
     from rays import camera_rays, same_around, trace
 except ImportError as missing:
-    raise unittest.SkipTest(f"{missing.name} is not installed") from None
+    raise skip(f"{missing.name} is not installed") from None
 
 # Our file has depths in single precision, rounded once: half a unit in the last place is 2^-24 of
 # the value. Before that, rays and triangles are computed in double precision on both sides.
@@ -211,20 +213,6 @@ class TrimeshTest(Case):
         self.assertNotEqual(faults(transposed), [], "a transposed matrix")
         self.assertNotEqual(faults(unmirrored), [], "a scale without its sign")
         self.assertNotEqual(faults(swapped_triangles), [], "triangles in another order")
-
-
-def transposed(root: Json) -> None:
-    for node in root["nodes"]:
-        if "matrix" in node:
-            rows = [node["matrix"][i::4] for i in range(3)]
-            linear = [[rows[j][i] for j in range(3)] + [rows[i][3]] for i in range(3)] + [[0, 0, 0, 1]]
-            node["matrix"] = [linear[i][j] for j in range(4) for i in range(4)]
-
-
-def unmirrored(root: Json) -> None:
-    for node in root["nodes"]:
-        if "scale" in node:
-            node["scale"] = [abs(part) for part in node["scale"]]
 
 
 def swapped_triangles(root: Json) -> None:

@@ -1,10 +1,11 @@
 // Renders the models that the server names, one after the other, and sends the images back.
 //
 // A job: `model` (its address), `width`, `height`, `factor` (odd: pixels rendered per pixel along
-// each axis, of which the middle one is kept), `camera`, and `shapes`: for "mesh/primitive" the set
+// each axis, of which the middle one is kept), `moved`, `camera`, and `shapes`: for "mesh/primitive" the set
 // of texture coordinates (or null), and whether normals are interpolated before the node transforms
 // them. The result is float32 RGBA, bottom row first: colour and coverage; normal and distance from
-// the camera; texture coordinates.
+// the camera; texture coordinates, and the contrast of colours: the largest difference to the colour
+// of a point that is `moved` pixels away along x or y.
 
 import * as THREE from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
@@ -73,10 +74,13 @@ const COORDINATES = `
 
 const vector = (numbers) => new THREE.Vector3(...numbers);
 
-function cameraOf({ origin, u, v, w, window: [left, right, bottom, top], orthographic, near, far, shift }, width) {
+// The camera, moved by x pixels to the right and y pixels up.
+function cameraOf({ camera: given, width, height }, x, y) {
+  const { origin, u, v, w, window: [left, right, bottom, top], orthographic, near, far, shift } = given;
   const camera = new THREE.Camera();
-  const moved = (shift * (right - left)) / width;
-  const sides = [left + moved, right + moved, top, bottom];
+  const across = ((shift + x) * (right - left)) / width;
+  const along = (y * (top - bottom)) / height;
+  const sides = [left + across, right + across, top + along, bottom + along];
   if (orthographic) camera.projectionMatrix.makeOrthographic(...sides, near, far);
   else camera.projectionMatrix.makePerspective(...sides.map((side) => side * near), near, far);
   camera.projectionMatrixInverse.copy(camera.projectionMatrix).invert();
@@ -116,7 +120,7 @@ function prepared(geometry, set) {
 async function render(job) {
   const gltf = await new GLTFLoader().loadAsync(job.model);
   const { width, height, factor } = job;
-  const camera = cameraOf(job.camera, width);
+  let camera = cameraOf(job, 0, 0);
   const scene = new THREE.Scene();
   scene.add(gltf.scene);
   scene.updateMatrixWorld(true);
@@ -163,7 +167,24 @@ async function render(job) {
         result.set(all.subarray(from, from + 4), 4 * ((number * height + y) * width + x));
       }
   };
-  pass(0);
+  const plane = 4 * width * height;
+  const contrasts = new Float32Array(width * height);
+  if (meshes.some(({ material }) => material.map)) {
+    for (const [x, y] of [[-1, 0], [1, 0], [0, -1], [0, 1]]) {
+      camera = cameraOf(job, x * job.moved, y * job.moved);
+      // The colour and its neighbour, in the first two images of the result.
+      pass(1);
+      if (x === -1) {
+        camera = cameraOf(job, 0, 0);
+        pass(0);
+      }
+      contrasts.forEach((value, at) => {
+        const difference = (channel) => Math.abs(result[4 * at + channel] - result[plane + 4 * at + channel]);
+        contrasts[at] = Math.max(value, difference(0), difference(1), difference(2));
+      });
+    }
+    camera = cameraOf(job, 0, 0);
+  } else pass(0);
   for (const object of meshes) {
     const shape = job.shapes[placeOf(gltf.parser, object)] ?? { set: 0, grouped: false };
     object.geometry = prepared(object.geometry, shape.set);
@@ -185,6 +206,7 @@ async function render(job) {
     }
     pass(1 + number);
   });
+  contrasts.forEach((value, at) => (result[2 * plane + 4 * at + 2] = value));
   renderer.setRenderTarget(null);
   target.dispose();
   depthTexture.dispose();
