@@ -6,7 +6,7 @@ import shutil
 import struct
 from pathlib import Path
 from typing import Any, Callable, Dict, Optional, Sequence, Tuple
-from urllib.parse import unquote
+from urllib.parse import quote, unquote
 
 from models import single
 
@@ -127,7 +127,7 @@ def copy(path: Path, folder: Path, *changes: Change) -> Path:
         if file is None:
             raise FileNotFoundError(f"{path} names {uri}, which is not there")
         shutil.copyfile(file, folder / file.name)
-        item["uri"] = file.name
+        item["uri"] = quote(file.name)
     for change in changes:
         change(root)
     target = folder / path.name

@@ -18,22 +18,29 @@ NEAREST, LINEAR = 9728, 9729
 CLAMP, MIRROR = 33071, 33648
 
 
-def png(rows: Sequence[Sequence[Sequence[int]]]) -> bytes:
-    """An RGB image of 8 bits, top row first."""
-    height, width = len(rows), len(rows[0])
+def png(rows: Sequence[Sequence[Sequence[int]]], palette: bytes = b"", gamma: Optional[int] = None) -> bytes:
+    """An image of 8 bits, top row first: grey, RGB or RGBA, or numbers of colours of a palette. With
+    `gamma`, a chunk gAMA, which readers of glTF ignore.
+    """
+    height, width, channels = len(rows), len(rows[0]), len(rows[0][0])
     raw = b"".join(b"\0" + bytes(value for texel in row for value in texel) for row in rows)
 
     def chunk(kind: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
-    header = struct.pack(">2I5B", width, height, 8, 2, 0, 0, 0)
-    return (
-        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(raw)) + chunk(b"IEND", b"")
-    )
+    kind = 3 if palette else {1: 0, 3: 2, 4: 6}[channels]
+    chunks = [(b"IHDR", struct.pack(">2I5B", width, height, 8, kind, 0, 0, 0))]
+    if gamma is not None:
+        chunks.append((b"gAMA", struct.pack(">I", gamma)))
+    if palette:
+        chunks.append((b"PLTE", palette))
+    chunks += [(b"IDAT", zlib.compress(raw)), (b"IEND", b"")]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunk(name, data) for name, data in chunks)
 
 
 # Sixteen different colours: no rotation or reflection of the image equals the image.
-IMAGE = png([[[40 + 50 * x, 60 + 45 * y, (90 * x + 170 * y + 35) % 256] for x in range(4)] for y in range(4)])
+COLORS = [[[40 + 50 * x, 60 + 45 * y, (90 * x + 170 * y + 35) % 256] for x in range(4)] for y in range(4)]
+IMAGE = png(COLORS)
 
 
 class Model:
@@ -41,6 +48,7 @@ class Model:
 
     def __init__(self) -> None:
         self.bytes = bytearray()
+        self.images: List[bytes] = []
         self.root: Json = {
             "asset": {"version": "2.0"},
             "scene": 0,
@@ -106,11 +114,12 @@ class Model:
             self.root["nodes"][parent].setdefault("children", []).append(index)
         return index
 
-    def texture(self, sampler: Optional[Json] = None) -> int:
-        """A texture with the image of all models."""
-        if "images" not in self.root:
-            self.add("images", {"bufferView": self.view(IMAGE), "mimeType": "image/png"})
-        texture = {"source": 0}
+    def texture(self, sampler: Optional[Json] = None, image: bytes = IMAGE) -> int:
+        """A texture; images that are given twice are stored once."""
+        if image not in self.images:
+            self.images.append(image)
+            self.add("images", {"bufferView": self.view(image), "mimeType": "image/png"})
+        texture = {"source": self.images.index(image)}
         if sampler is not None:
             texture["sampler"] = self.add("samplers", sampler)
         return self.add("textures", texture)
@@ -151,6 +160,20 @@ class Model:
             uri = "data:application/octet-stream;base64," + base64.b64encode(self.bytes).decode()
             root["buffers"] = [{"byteLength": len(self.bytes), "uri": uri}]
             path.write_text(json.dumps(root))
+        return path
+
+
+class External(Model):
+    """A model whose buffer and images are files of their own, with names that must be escaped."""
+
+    def write(self, path: Path) -> Path:
+        root = json.loads(json.dumps(self.root))
+        (path.parent / "a buffer ü%.bin").write_bytes(self.bytes)
+        root["buffers"] = [{"byteLength": len(self.bytes), "uri": "a%20buffer%20%C3%BC%25.bin"}]
+        for number, image in enumerate(self.images):
+            (path.parent / f"image {number}.png").write_bytes(image)
+            root["images"][number] = {"uri": f"image%20{number}.png"}
+        path.write_text(json.dumps(root))
         return path
 
 
@@ -418,6 +441,130 @@ def camera(orthographic: bool = False) -> Model:
     return model
 
 
+def external() -> Model:
+    """A buffer and an image in files."""
+    model = External()
+    model.node(mesh=model.mesh(quad(model, model.material(None, {"index": model.texture()}))))
+    return model
+
+
+def second_scene() -> Model:
+    """The second scene is the default; a node of the first one is not shown."""
+    model = hierarchy()
+    model.root["scenes"].append({"nodes": [model.add("nodes", {"mesh": 0, "translation": [0, 0, -3]})]})
+    model.root["scene"] = 1
+    return model
+
+
+def image_kinds() -> Model:
+    """Images with alpha, with a palette, in grey, and with a gamma that must be ignored."""
+    model = Model()
+    alpha = [[[*texel, (70 * x + 40 * y) % 256] for x, texel in enumerate(row)] for y, row in enumerate(COLORS)]
+    numbers = [[[4 * y + x] for x in range(4)] for y in range(4)]
+    palette = bytes(part for row in COLORS[::-1] for texel in row for part in texel)
+    grey = [[[60 * x + 15 * y] for x in range(4)] for y in range(4)]
+    images = [png(alpha), png(numbers, palette), png(grey), png(COLORS, gamma=100000)]
+    for number, image in enumerate(images):
+        material = model.material(None, {"index": model.texture(None, image)})
+        model.node(mesh=model.mesh(quad(model, material)), translation=[2.3 * (number % 2), 1.9 * (number // 2), 0])
+    return model
+
+
+def interleaved() -> Model:
+    """All attributes in one buffer view, with gaps; two primitives share them."""
+    model = Model()
+    data = b"".join(
+        struct.pack("<3f4x3h2x2H4B", *corner, *[round(32767 * part) for part in normal], *[round(65535 * p) for p in uv], *color)
+        for corner, normal, uv, color in zip(
+            CORNERS, NORMALS, UV, [[255, 128, 0, 1], [10, 255, 70, 2], [90, 30, 255, 3], [200, 210, 220, 4]]
+        )
+    )
+    view = model.view(data, len(data) // 4, 34962)
+
+    def accessor(offset: int, component: int, kind: str, **keys: Any) -> int:
+        item = {"bufferView": view, "byteOffset": offset, "componentType": component, "count": 4, "type": kind}
+        return model.add("accessors", {**item, **keys})
+
+    attributes = {
+        "POSITION": accessor(0, FLOAT, "VEC3", **limits(CORNERS)),
+        "NORMAL": accessor(16, SHORT, "VEC3", normalized=True),
+        "TEXCOORD_0": accessor(24, USHORT, "VEC2", normalized=True),
+        "COLOR_0": accessor(28, UBYTE, "VEC4", normalized=True),
+    }
+    model.uses("KHR_mesh_quantization", required=True)
+    first = model.material([1, 0.9, 0.8, 1], {"index": model.texture()})
+    second = model.material([0.3, 0.7, 0.9, 1])
+    primitives = [
+        model.primitive(attributes, model.indices([0, 1, 2], UBYTE), material=first),
+        model.primitive(attributes, model.indices([0, 2, 3], UINT), material=second),
+    ]
+    mesh = model.mesh(*primitives)
+    model.node(mesh=mesh)
+    model.node(mesh=mesh, translation=[0, 2, 0], scale=[1, 1, 2])
+    return model
+
+
+def color_kinds() -> Model:
+    """Vertex colours without alpha, in floats and in 16 bits."""
+    model = Model()
+    material = model.material([0.9, 0.9, 0.5, 1])
+    floats = model.accessor([[0.1, 0.9, 0.3], [1, 0, 0.4], [0.3, 0.25, 1], [0.8, 0.7, 0]])
+    shorts = model.accessor([[65535, 100, 3000], [0, 40000, 9000], [777, 0, 50000], [30000, 20000, 65535]], USHORT, True)
+    model.node(mesh=model.mesh(quad(model, material, COLOR_0=floats)))
+    model.node(mesh=model.mesh(quad(model, material, COLOR_0=shorts)), translation=[0, 2, 0])
+    return model
+
+
+def transform_of_set() -> Model:
+    """A texture transform that replaces the set of texture coordinates."""
+    model = Model()
+    other = model.accessor([[0.9, 0.1], [0.2, 0.3], [0.1, 0.8], [0.7, 0.95]])
+    transform = {"texCoord": 1, "scale": [1.5, 0.75], "offset": [0.1, 0.2]}
+    texture = {"index": model.texture(), "texCoord": 0, "extensions": {"KHR_texture_transform": transform}}
+    model.uses("KHR_texture_transform")
+    model.node(mesh=model.mesh(quad(model, model.material(None, texture), TEXCOORD_1=other)))
+    return model
+
+
+def instanced_turns() -> Model:
+    """Instances with rotations in normalised bytes, and neither translations nor scales."""
+    model = Model()
+    # Of length 127.
+    turns = [[0, 0, 0, 127], [66, 12, -45, 98]]
+    model.uses("EXT_mesh_gpu_instancing")
+    attributes = {"ROTATION": model.accessor(turns, BYTE, True)}
+    extensions = {"EXT_mesh_gpu_instancing": {"attributes": attributes}}
+    mesh = model.mesh(quad(model, model.material(None, {"index": model.texture()})))
+    model.node(mesh=mesh, translation=[0.5, 0.2, 0.1], extensions=extensions)
+    return model
+
+
+def sparse_morph() -> Model:
+    """A morph target that moves one vertex, in a sparse accessor over zeros."""
+    model = Model()
+    primitive = quad(model, model.material(None, {"index": model.texture()}))
+    places, values = model.view(struct.pack("<B", 2)), model.view(struct.pack("<3f", 0.4, 0.7, 0.5))
+    item: Json = {"componentType": FLOAT, "count": 4, "type": "VEC3", "min": [0, 0, 0], "max": [single(0.4), single(0.7), 0.5]}
+    item["sparse"] = {
+        "count": 1,
+        "indices": {"bufferView": places, "componentType": UBYTE},
+        "values": {"bufferView": values},
+    }
+    primitive["targets"] = [{"POSITION": model.add("accessors", item)}]
+    model.node(mesh=model.mesh(primitive), weights=[0.8])
+    return model
+
+
+def skin_of_bytes() -> Model:
+    """Weights in normalised bytes, joints in 16 bits, and no inverse bind matrices."""
+    model = skin()
+    attributes = model.root["meshes"][0]["primitives"][0]["attributes"]
+    attributes["WEIGHTS_0"] = model.accessor([[255 - 85 * k, 85 * k, 0, 0] for k in range(4) for _ in range(2)], UBYTE, True)
+    attributes["JOINTS_0"] = model.accessor([[0, 1, 0, 0]] * 8, USHORT)
+    del model.root["skins"][0]["inverseBindMatrices"]
+    return model
+
+
 MODELS = {
     "hierarchy.gltf": hierarchy,
     "hierarchy.glb": hierarchy,
@@ -438,6 +585,15 @@ MODELS = {
     "morph.gltf": morph,
     "skin.gltf": skin,
     "flat.gltf": flat,
+    "external.gltf": external,
+    "second_scene.glb": second_scene,
+    "image_kinds.gltf": image_kinds,
+    "interleaved.gltf": interleaved,
+    "color_kinds.gltf": color_kinds,
+    "transform_of_set.gltf": transform_of_set,
+    "instanced_turns.gltf": instanced_turns,
+    "sparse_morph.gltf": sparse_morph,
+    "skin_of_bytes.gltf": skin_of_bytes,
     "camera.gltf": camera,
     "camera_orthographic.gltf": lambda: camera(True),
 }

@@ -118,6 +118,9 @@ def compare(scene: Scene, mine: Images, other: Images, image: float) -> Comparis
     """Compares all pixels away from edges. `image`: tolerance of colours from images."""
     faults = []
     whole = same_around(scene.channels["shape_id.I"]) & same_around(scene.channels["primitive_id.I"])
+    # Instances share their numbers.
+    shared = np.array([shape.grouped for shape in scene.shapes] + [False])
+    whole &= ~shared[scene.channels["shape_id.I"].astype(int)]
     same = same_around(scene.channels["shape_id.I"])
     seen = mine.covered
     if not seen.any():

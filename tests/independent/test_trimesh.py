@@ -38,6 +38,8 @@ def unread(root: Json) -> Optional[str]:
     """What of a model trimesh does not read."""
     if any("sparse" in accessor for accessor in root.get("accessors", [])):
         return "sparse accessors"
+    if any("%" in buffer.get("uri", "") for buffer in root.get("buffers", [])):
+        return "escaped names of files"
     for node in root.get("nodes", []):
         if "EXT_mesh_gpu_instancing" in node.get("extensions", {}):
             return "EXT_mesh_gpu_instancing"

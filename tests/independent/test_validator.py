@@ -111,7 +111,8 @@ class ValidatorTest(Case):
     def test_damaged_documents(self) -> None:
         folder = self.folder / "documents"
         folder.mkdir()
-        paths = [path for model in self.own for path in damage.documents(model, folder, 8)]
+        models = [model for model in self.own if model.stem != "external"]
+        paths = [path for model in models for path in damage.documents(model, folder, 8)]
         counts = self.check(paths, "documents with a changed value", quiet=True)
         self.assertGreater(counts["invalid, refused"], len(paths) // 4)
 

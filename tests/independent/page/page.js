@@ -90,15 +90,16 @@ function cameraOf({ camera: given, width, height }, x, y) {
   return camera;
 }
 
-// Index of the mesh and of the primitive of an object.
-function placeOf(parser, object) {
-  const found = parser.associations.get(object);
-  if (found?.meshes !== undefined) return `${found.meshes}/${found.primitives ?? 0}`;
-  // Meshes of EXT_mesh_gpu_instancing are known by their nodes.
-  const node = found?.nodes ?? parser.associations.get(object.parent)?.nodes;
-  const mesh = parser.json.nodes[node]?.mesh;
-  if (mesh !== undefined) return `${mesh}/${found?.nodes === undefined ? object.parent.children.indexOf(object) : 0}`;
-  throw new Error("a mesh without a place in the file");
+// Notes the index of the mesh and of the primitive in each object; clones keep the note.
+function places(parser) {
+  const load = parser.loadMesh.bind(parser);
+  parser.loadMesh = async (index) => {
+    const object = await load(index);
+    const parts = object.isGroup ? object.children : [object];
+    parts.forEach((part, primitive) => (part.userData.place = `${index}/${primitive}`));
+    return object;
+  };
+  return { name: "places" };
 }
 
 // A geometry with normals of its triangles where the file has none, and the texture coordinates of
@@ -118,7 +119,7 @@ function prepared(geometry, set) {
 }
 
 async function render(job) {
-  const gltf = await new GLTFLoader().loadAsync(job.model);
+  const gltf = await new GLTFLoader().register(places).loadAsync(job.model);
   const { width, height, factor } = job;
   let camera = cameraOf(job, 0, 0);
   const scene = new THREE.Scene();
@@ -186,7 +187,8 @@ async function render(job) {
     camera = cameraOf(job, 0, 0);
   } else pass(0);
   for (const object of meshes) {
-    const shape = job.shapes[placeOf(gltf.parser, object)] ?? { set: 0, grouped: false };
+    const shape = job.shapes[object.userData.place];
+    if (!shape) throw new Error(`a mesh that we do not have: ${object.userData.place}`);
     object.geometry = prepared(object.geometry, shape.set);
     object.userData.grouped = shape.grouped;
   }
