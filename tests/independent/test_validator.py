@@ -30,7 +30,7 @@ WARNED = {
 }
 UNREAD = "cannot be used as a texture: /images/0: damaged"
 # Faults that are not corrected yet; each has a test below, which says when it is.
-OPEN = ["found 4294967295", "missing field `nodes`"]
+OPEN: List[str] = []
 
 
 class Found(NamedTuple):

@@ -3,8 +3,8 @@
 //! A metallic-roughness material has a base colour c, a metalness m and a roughness r. It becomes
 //! the material `whitted` with
 //!
-//! - the diffuse albedo D = c (1 - m (1 - r)): a rough metal scatters widely, a smooth one reflects;
-//!   `k_d` = D/pi, `k_a` = D;
+//! - the diffuse albedo D = c (1 - m (1 - r)): a rough metal scatters widely, a smooth one
+//!   reflects; `k_d` = D/pi, `k_a` = D;
 //! - the reflectance at normal incidence F = f (1 - m) + c m, f = ((ior - 1)/(ior + 1))², 0.04 by
 //!   default, times the factor and the colour of KHR_materials_specular;
 //! - a highlight `k_s` = F (1 - r) (e + 1)/(2 pi), whose lobe then reflects F (1 - r) in all. The

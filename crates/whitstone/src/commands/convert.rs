@@ -102,7 +102,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
             document: &document,
             base: &description.flattened.base,
         };
-        // What would be dropped is known only after writing, so a strict run writes elsewhere first.
+        // What is dropped is known only after writing, so a strict run writes elsewhere first.
         let scratch = tempfile::tempdir().map_err(Failure::environment)?;
         if arguments.strict {
             let name = output.file_name().unwrap_or_default();
