@@ -129,7 +129,10 @@ impl Gltf {
 
     /// The bytes of a buffer.
     fn buffer(&self, index: usize) -> Result<&[u8], String> {
-        let cell = self.buffers.get(index).ok_or_else(|| format!("no buffer {index}"))?;
+        let cell = self
+            .buffers
+            .get(index)
+            .ok_or_else(|| format!("no buffer {index}"))?;
         if let Some(bytes) = cell.get() {
             return Ok(bytes);
         }
