@@ -33,8 +33,6 @@ pub(super) struct Footprint {
     pub(super) p: Sides<DVec3>,
     pub(super) uv: Sides<DVec2>,
     pub(super) n_s: Sides<DVec3>,
-    /// Of the mesh tangent.
-    pub(super) tangent: Sides<DVec3>,
 }
 
 impl Differential {

@@ -213,15 +213,14 @@ impl At<'_> {
         medium: MediumState,
     ) -> Vec<Differential> {
         let footprint = self.spot.footprint;
-        // The specular rays at offset points: left and right, above and below.
+        // The specular rays at offset points: left and right, above and below. The step changes
+        // (u, v), n_s and the point, but neither vertex colours nor mesh tangents.
         let neighbours = [0, 1].map(|side| {
             [-APART, APART].map(|away| {
                 let spot = Place {
                     uv: self.spot.uv + away * footprint.uv[side],
                     p: self.spot.p + away * footprint.p[side],
                     n_s: (self.spot.n_s + away * footprint.n_s[side]).normalize(),
-                    tangent: (self.spot.tangent)
-                        .map(|(along, sign)| (along + away * footprint.tangent[side], sign)),
                     ..self.spot
                 };
                 let viewer = (self.viewer - away * arriving.direction[side]).normalize();

@@ -325,7 +325,6 @@ impl Scene {
             p,
             uv: moved.map(|(uv, _)| uv),
             n_s: moved.map(|(_, n_s)| n_s),
-            tangent: p.map(|step| part.tangent_change(hit, &place, step)),
         };
         part.material.at(place, hit.normal, -ray.direction)
     }
@@ -364,16 +363,6 @@ impl Part {
             (map.matrix3 * along, if mirrors { -sign } else { sign })
         });
         Some(placed)
-    }
-
-    /// The derivative of the mesh tangent, which is linear on a triangle, along a step.
-    fn tangent_change(&self, hit: &Hit, here: &Place, step: DVec3) -> DVec3 {
-        let Some((along, _)) = here.tangent else {
-            return DVec3::ZERO;
-        };
-        let p = self.object(hit.point + step);
-        let there = self.tangent(&self.coordinates.attributes(p, hit.primitive));
-        there.map_or(DVec3::ZERO, |(there, _)| there - along)
     }
 
     /// The derivatives of (u, v) and n_s along a step in the tangent plane.
