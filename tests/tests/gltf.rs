@@ -40,7 +40,7 @@ fn rich() -> Value {
         255, 0, 0, 255, 0, 255, 0, 255, 0, 0, 255, 255, 255, 255, 255, 128,
     ]);
     let index = add(vec![0, 1, 2, 2, 1, 3]);
-    let joints = add(vec![0, 1, 0, 0].repeat(4));
+    let joints = add([0, 1, 0, 0].repeat(4));
     let weights = add(floats(&[0.5, 0.5, 0.0, 0.0].repeat(4)));
     let morph = add(floats(&[0.0, 0.0, 0.25].repeat(4)));
     let bind = add(floats(

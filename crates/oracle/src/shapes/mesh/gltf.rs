@@ -122,7 +122,7 @@ impl Source<'_> {
         }
         let many = vertices.len().saturating_sub(2);
         let places: Vec<[usize; 3]> = match number(self.primitive, "mode", Some(4))? {
-            4 if vertices.len() % 3 != 0 => return Err("an incomplete triangle".to_owned()),
+            4 if !vertices.len().is_multiple_of(3) => return Err("an incomplete triangle".to_owned()),
             4 => (0..vertices.len() / 3)
                 .map(|i| [3 * i, 3 * i + 1, 3 * i + 2])
                 .collect(),
