@@ -272,6 +272,7 @@ fn read(path: &Path, config: &Config, context: &mut dyn Context) -> Result<Trian
             tangents: config.tangents,
             weights: weights.as_deref(),
             skin: index(&config.skin),
+            compute_tangents: None,
         };
         gltf::read(path, &request, |bytes| context.reserve(bytes)).map_err(told)??
     } else {
