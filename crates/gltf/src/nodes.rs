@@ -12,8 +12,8 @@ pub fn local_transform(node: &json::Node) -> DAffine3 {
     if let Some(m) = node.matrix {
         let column = |k: usize| DVec3::new(m[4 * k].into(), m[4 * k + 1].into(), m[4 * k + 2].into());
         return DAffine3 {
-            matrix3: DMat3::from_cols(column(0), column(1), column(2)).into(),
-            translation: column(3).into(),
+            matrix3: DMat3::from_cols(column(0), column(1), column(2)),
+            translation: column(3),
         };
     }
     let vector = |v: [f32; 3]| DVec3::from_array(v.map(f64::from));

@@ -294,11 +294,11 @@ impl Reader<'_> {
             determinant.is_normal().then_some(*m)
         };
         for (n, m) in data.normals.iter_mut().flatten().zip(&matrices) {
-            let turned = regular(&m.matrix3.into()).map(|m| m.inverse().transpose() * DVec3::from_array(*n));
+            let turned = regular(&m.matrix3).map(|m| m.inverse().transpose() * DVec3::from_array(*n));
             *n = turned.unwrap_or_default().to_array();
         }
         for (t, m) in data.tangents.iter_mut().flatten().zip(&matrices) {
-            let turned = regular(&m.matrix3.into()).map(|m| m * DVec3::new(t[0], t[1], t[2]));
+            let turned = regular(&m.matrix3).map(|m| m * DVec3::new(t[0], t[1], t[2]));
             let turned = turned.unwrap_or_default();
             *t = [turned.x, turned.y, turned.z, t[3]];
         }

@@ -22,6 +22,7 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 use whitstone_core::{DAffine3, DVec3, ExportScene, FormatError, FormatErrors, Note, Notes};
+use whitstone_gltf::MAX_JSON_BYTES;
 
 /// Largest number of nodes.
 const MAX_NODES: usize = 200_000;
@@ -625,12 +626,27 @@ fn write(path: &Path, embedded: bool, root: Root, buffer: Buffer, kept: Table) -
         save(&name, &bytes)?;
     }
     kept::keep(&mut file, &bytes, kept);
-    save(path, format!("{file:#}\n").as_bytes())
+    let text = format!("{file:#}\n");
+    check_length(text.len())?;
+    save(path, text.as_bytes())
+}
+
+/// An error if the JSON is too long for the import.
+fn check_length(length: usize) -> Result<(), FormatError> {
+    if length as u64 <= MAX_JSON_BYTES {
+        return Ok(());
+    }
+    Err(FormatError::anywhere(format!(
+        "the scene needs {} MiB of JSON, more than {}",
+        length >> 20,
+        MAX_JSON_BYTES >> 20
+    )))
 }
 
 /// The bytes of a .glb.
 fn container(file: &serde_json::Value, mut bytes: Vec<u8>) -> Result<Vec<u8>, FormatError> {
     let mut text = file.to_string().into_bytes();
+    check_length(text.len())?;
     text.resize(text.len().next_multiple_of(4), b' ');
     bytes.resize(bytes.len().next_multiple_of(4), 0);
     let chunks: &[(&[u8; 4], &[u8])] = &[(b"JSON", &text), (b"BIN\0", &bytes)];

@@ -52,7 +52,7 @@ pub(super) fn import(path: &Path, options: &ImportOptions) -> Result<Imported, F
         Kept::Scene(scene) if restore::follows(&scene, options) => {
             importer.note("extras of Whitstone", "/extras/whitstone");
             return Ok(Imported {
-                text: restore::restore(scene, &importer.file, options)?,
+                text: restore::restore(scene, path, &importer.file, options)?,
                 notes: importer.notes.into_sorted(),
                 files: document.companions(),
             });

@@ -1,8 +1,10 @@
 //! The import of the scene that an exported file keeps in `extras`.
 
-use crate::document::{Document as Scene, Ids, numbers, table as keys, transform};
+use crate::document::{Document as Scene, numbers, table as keys, transform};
+use crate::files::Folder;
 use crate::{part, table};
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 use toml::{Table, Value};
 use whitstone_core::{DAffine3, DVec3, FormatError, FormatErrors, ImportOptions};
 
@@ -57,8 +59,22 @@ pub(super) fn follows(scene: &Table, options: &ImportOptions) -> bool {
     turns && similar && map.matrix3.determinant() > 0.0
 }
 
-/// The scene as TOML. `file`: the name of the imported file.
-pub(super) fn restore(scene: Table, file: &str, options: &ImportOptions) -> Result<String, FormatErrors> {
+/// The scene of a file as TOML. `file`: the name of the imported file.
+pub(super) fn restore(
+    scene: Table,
+    path: &Path,
+    file: &str,
+    options: &ImportOptions,
+) -> Result<String, FormatErrors> {
+    // The scene may be by somebody else.
+    let folder = Folder::of(path, options);
+    let mut outside = Vec::new();
+    for value in scene.values() {
+        check_files(value, &folder, &mut outside);
+    }
+    if !outside.is_empty() {
+        return Err(FormatErrors(outside));
+    }
     let mut restorer = Restorer {
         file,
         map: options.transform,
@@ -66,10 +82,10 @@ pub(super) fn restore(scene: Table, file: &str, options: &ImportOptions) -> Resu
         textures: BTreeMap::new(),
     };
     let mut document = Scene::from_table(&scene);
-    let mut ids = Ids::new(&options.prefix);
+    let prefixed = |id: &str| format!("{}{id}", options.prefix);
     for (id, _) in &document.materials {
         let given = options.materials.get(id).cloned();
-        let new = given.unwrap_or_else(|| ids.unique(id));
+        let new = given.unwrap_or_else(|| prefixed(id));
         restorer.materials.insert(id.clone(), new);
     }
     let known: Vec<String> = restorer.materials.keys().cloned().collect();
@@ -82,7 +98,6 @@ pub(super) fn restore(scene: Table, file: &str, options: &ImportOptions) -> Resu
     if !unknown.is_empty() {
         return Err(FormatErrors(unknown));
     }
-    let prefixed = |id: &str| format!("{}{id}", options.prefix);
     for (id, _) in &document.textures {
         restorer.textures.insert(id.clone(), prefixed(id));
     }
@@ -129,6 +144,22 @@ pub(super) fn restore(scene: Table, file: &str, options: &ImportOptions) -> Resu
         }
     }
     Ok(document.to_toml())
+}
+
+/// Reports the files that a value names and that an import must not read.
+fn check_files(value: &Value, folder: &Folder, errors: &mut Vec<FormatError>) {
+    match value {
+        Value::Array(items) => items.iter().for_each(|item| check_files(item, folder, errors)),
+        Value::Table(table) => {
+            if let Some(file) = table::text(table, "file")
+                && let Err(message) = folder.find("", file)
+            {
+                errors.push(FormatError::at("/extras/whitstone/scene", message));
+            }
+            table.values().for_each(|item| check_files(item, folder, errors));
+        }
+        _ => {}
+    }
 }
 
 /// Changes of a scene.

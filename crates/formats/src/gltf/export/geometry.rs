@@ -297,7 +297,7 @@ fn of_mesh(mesh: &TriangleMesh) -> Triangles {
 /// Gives corners without a normal that of their triangle, as vertices of their own: all normals of
 /// a glTF file have unit length.
 fn with_normals(triangles: &mut Triangles) {
-    if !triangles.normals.iter().any(|normal| *normal == [0.0; 3]) {
+    if !triangles.normals.contains(&[0.0; 3]) {
         return;
     }
     let mut indices = std::mem::take(&mut triangles.indices);

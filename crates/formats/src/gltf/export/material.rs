@@ -467,7 +467,9 @@ impl<'a> Exporter<'a> {
         if let Some(info) = textures(self, look.base.image) {
             pbr["baseColorTexture"] = info;
         }
-        let mut keys = json!({ "pbrMetallicRoughness": pbr, "doubleSided": true });
+        // The surface of a body has one outside.
+        let body = look.transmission > 0.0 && look.absorption.is_some();
+        let mut keys = json!({ "pbrMetallicRoughness": pbr, "doubleSided": !body });
         if let Some(name) = name {
             keys["name"] = name.into();
         }

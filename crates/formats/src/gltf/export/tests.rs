@@ -525,6 +525,15 @@ fn a_changed_file_is_imported_as_that_of_another_program() {
     fs::write(&buffer, bytes).unwrap();
     let (_, imported) = exported.import_with(&ImportOptions::all());
     assert!(noted(&imported, "extras of Whitstone, changed"));
+    // The scene must not read other files.
+    let exported = export_with(
+        &format!("{HEAD}[[shape]]\ntype = 'isosurface'\nfile = 'a.raw'\nsize = [2, 2, 2]\n"),
+        "gltf",
+        &[("a.raw", b"0")],
+    );
+    exported.change(|json| json["extras"]["whitstone"]["scene"]["shape"][0]["file"] = json!("../from/a.raw"));
+    let refused = Gltf.import(&exported.path, &ImportOptions::all()).unwrap();
+    assert!(refused.unwrap_err().0[0].message.contains("outside"));
     // And a selected part.
     let exported = export(&text);
     let options = ImportOptions {
@@ -659,11 +668,14 @@ fn all_scenes_of_the_repository_come_back() {
             None => tempfile::tempdir().unwrap().keep(),
         };
         let stem = path.file_stem().unwrap().to_str().unwrap();
-        let out = folder.join(format!("{stem}.glb"));
-        Gltf.export(&scene, &out)
-            .unwrap()
-            .unwrap_or_else(|error| panic!("{}: {error:?}", path.display()));
-        let imported = Gltf.import(&out, &ImportOptions::all()).unwrap().unwrap();
+        let written = ["gltf", "glb"].map(|extension| {
+            let out = folder.join(format!("{stem}.{extension}"));
+            Gltf.export(&scene, &out)
+                .unwrap()
+                .unwrap_or_else(|error| panic!("{}: {error:?}", path.display()));
+            Gltf.import(&out, &ImportOptions::all()).unwrap().unwrap()
+        });
+        let [_, imported] = written;
         let mut again = Value::Table(imported.text.parse().unwrap());
         let normal = crate::document::Document::from_table(&document).to_toml();
         let mut expected = Value::Table(normal.parse().unwrap());
