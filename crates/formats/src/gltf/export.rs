@@ -422,6 +422,11 @@ impl<'a> Exporter<'a> {
     /// The document as it is kept in the file.
     fn kept(&mut self) -> Table {
         let mut kept = self.document.clone();
+        // A mesh in another precision would hide a light on it.
+        let lights: BTreeSet<&str> = table::tables(self.document, "light")
+            .into_iter()
+            .filter_map(|light| table::text(light, "file"))
+            .collect();
         let mut lists: Vec<(Option<String>, &mut Value)> = Vec::new();
         let placed: BTreeSet<String> = self.placed_groups().into_iter().map(str::to_owned).collect();
         let mut groups = kept.remove("group");
@@ -439,7 +444,9 @@ impl<'a> Exporter<'a> {
             let shapes = shapes.as_array_mut().into_iter().flatten();
             for (number, shape) in shapes.enumerate() {
                 let mesh = self.shapes.get(&(group.clone(), number)).map(|(mesh, _)| *mesh);
-                if let (Some(shape), Some(mesh)) = (shape.as_table_mut(), mesh) {
+                if let (Some(shape), Some(mesh)) = (shape.as_table_mut(), mesh)
+                    && !table::text(shape, "file").is_some_and(|file| lights.contains(file))
+                {
                     refer_to_mesh(shape, mesh);
                 }
                 if group.is_some() {

@@ -283,10 +283,14 @@ fn of_mesh(mesh: &TriangleMesh) -> Triangles {
                 [x, y, z, 1.0]
             })
             .collect();
-        // The sign of a triangle is that of its first vertex.
-        if !found.tangents.is_empty() {
+        // The sign of a triangle is that of its first vertex; other vertices have one of theirs.
+        for corners in [1..3, 0..1] {
             for (triangle, sign) in mesh.triangles.iter().zip(&attributes.handedness) {
-                found.tangents[triangle[0] as usize][3] = *sign as f32;
+                for corner in &triangle[corners.clone()] {
+                    if let Some(tangent) = found.tangents.get_mut(*corner as usize) {
+                        tangent[3] = *sign as f32;
+                    }
+                }
             }
         }
     }

@@ -436,19 +436,113 @@ fn meshes_of_files_come_back_in_single_precision() {
     }
 }
 
+/// A .gltf file and its buffer: a triangle with all attributes.
+fn all_attributes() -> (Vec<u8>, Vec<u8>) {
+    let mut buffer = Buffer::default();
+    let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    let attributes = json!({
+        "POSITION": buffer.attribute(&corners, true),
+        "NORMAL": buffer.attribute(&[[0.0, 0.0, 1.0]; 3], false),
+        "TANGENT": buffer.attribute(&[[0.0, 1.0, 0.0, -1.0]; 3], false),
+        "TEXCOORD_0": buffer.attribute(&[[0.0, 0.25], [0.5, 0.75], [1.0, 1.0]], false),
+        "TEXCOORD_3": buffer.attribute(&[[0.75, 0.5], [0.5, 0.25], [1.0, 0.0]], false),
+        "COLOR_0": buffer.attribute(&[[0.75, 0.5, 0.25, 0.5], [0.5, 0.25, 1.0, 1.0], [1.0; 4]], false),
+    });
+    let indices = buffer.indices(&[[0, 1, 2]], 3);
+    let mesh = json!({ "primitives": [{ "attributes": attributes, "indices": indices }] });
+    let file = json!({
+        "asset": { "version": "2.0" },
+        "meshes": [{ "primitives": [{ "attributes": {} }] }, mesh],
+        "accessors": buffer.accessors,
+        "bufferViews": buffer.views,
+        "buffers": [{ "byteLength": buffer.bytes.len(), "uri": "a.bin" }],
+    });
+    (file.to_string().into_bytes(), buffer.bytes)
+}
+
+#[test]
+fn all_attributes_of_a_gltf_mesh_come_back() {
+    let (file, bytes) = all_attributes();
+    let text = format!(
+        "{HEAD}[[shape]]\ntype = 'mesh'\nfile = 'a.gltf'\nmesh = 1\nprimitive = 0\nuv_sets = [3, 0]\n\
+         tangents = true\nvertex_colors = true\nmaterial = {{ type = 'normal_map', map = [0, 1, 0.5], tangent = 'mesh', \
+         material = {{ type = 'matte', reflectance = {{ type = 'vertex_color' }} }} }}\n"
+    );
+    let exported = export_with(&text, "glb", &[("a.gltf", &file), ("a.bin", &bytes)]);
+    let again = exported.import();
+    let shape = again["shape"][0].as_table().unwrap();
+    assert_eq!(shape["uv_sets"].to_string(), "[0, 1]");
+    let original = exported.document["shape"][0].as_table().unwrap();
+    let before = triangles(original, &exported.folder.path().join("from")).unwrap();
+    assert_eq!(before.tangents, [[0.0, 1.0, 0.0, -1.0]; 3]);
+    assert_eq!(before.uvs[0][0], [0.75, 0.5]);
+    assert_eq!(before.uvs[1][0], [0.0, 0.25]);
+    assert_eq!(before.colors[0], [0.75, 0.5, 0.25, 0.5]);
+    assert_eq!(triangles(shape, &exported.folder.path().join("to")), Ok(before));
+    let json = exported.json();
+    let written = json["meshes"][0]["primitives"][0]["attributes"]
+        .as_object()
+        .unwrap();
+    assert_eq!(written.len(), 6);
+}
+
+#[test]
+fn instances_share_meshes() {
+    let text = format!(
+        "{HEAD}[[group.g.shape]]\ntype = 'box'\n[[group.g.shape]]\ntype = 'rectangle'\ntransform = {{ scale = 2 }}\n\
+         [[group.one.shape]]\ntype = 'box'\n\
+         [[group.both.shape]]\ntype = 'instance'\ngroup = 'g'\ntransform = {{ translate = [1, 0, 0] }}\n\
+         [[group.both.shape]]\ntype = 'instance'\ngroup = 'one'\n\
+         [[shape]]\ntype = 'instance'\ngroup = 'both'\n\
+         [[shape]]\ntype = 'instance'\ngroup = 'both'\ntransform = {{ matrix = [[1, 0.5, 0, 3], [0, 1, 0, 0], [0, 0, 1, 0]] }}\n\
+         [[shape]]\ntype = 'instance'\ngroup = 'one'\ntransform = {{ scale = [1, 1, -1] }}\n"
+    );
+    let exported = export(&text);
+    let json = exported.json();
+    // Equal shapes of different groups share one, too.
+    assert_eq!(json["meshes"].as_array().unwrap().len(), 2);
+    // The ordinary import finds every box at its place.
+    exported.change(|json| drop(json.as_object_mut().unwrap().remove("extras")));
+    let again = exported.import();
+    let mut places: Vec<DVec3> = table::tables(&again, "shape")
+        .into_iter()
+        .filter(|shape| table::text(shape, "group") == Some("group.g.shape[0]"))
+        .map(|shape| table::transform(shape).transform_point3(DVec3::new(0.0, 1.0, 1.0)))
+        .collect();
+    places.sort_by(|a, b| a.to_array().partial_cmp(&b.to_array()).unwrap());
+    let expected = [
+        [0.0, 1.0, -1.0],
+        [0.0, 1.0, 1.0],
+        [1.0, 1.0, 1.0],
+        [3.5, 1.0, 1.0],
+        [4.5, 1.0, 1.0],
+    ];
+    assert_eq!(places.len(), expected.len(), "{}", again);
+    for (place, expected) in places.iter().zip(expected) {
+        assert!(place.abs_diff_eq(expected.into(), 1e-6), "{places:?}");
+    }
+}
+
 #[test]
 fn meshes_that_change_keep_their_files() {
     let text = format!(
         "{HEAD}[[shape]]\ntype = 'mesh'\nfile = 'a.stl'\nsubdivision = {{ scheme = 'loop', levels = 2 }}\n\
          [[shape]]\ntype = 'mesh'\nfile = 'a.stl'\ndisplacement = {{ height = {{ type = 'noise' }} }}\n\
-         [[light]]\ntype = 'area'\nshape = 'mesh'\nfile = 'a.stl'\nradiance = 1\n"
+         [[shape]]\ntype = 'mesh'\nfile = 'b.stl'\n\
+         [[light]]\ntype = 'area'\nshape = 'mesh'\nfile = 'b.stl'\nradiance = 1\n"
     );
-    let exported = export_with(&text, "glb", &[("a.stl", STL.as_bytes())]);
+    let files = [("a.stl", STL.as_bytes()), ("b.stl", STL.as_bytes())];
+    let exported = export_with(&text, "glb", &files);
     assert!(exported.noted("files beside a .glb"));
     assert!(exported.noted("[[shape]] mesh with displacement"));
     let again = exported.import();
-    for table in [&again["shape"][0], &again["shape"][1], &again["light"][0]] {
-        assert_eq!(table["file"].as_str(), Some("scene-files/a.stl"));
+    for (table, file) in [
+        (&again["shape"][0], "scene-files/a.stl"),
+        (&again["shape"][1], "scene-files/a.stl"),
+        (&again["shape"][2], "scene-files/b.stl"),
+        (&again["light"][0], "scene-files/b.stl"),
+    ] {
+        assert_eq!(table["file"].as_str(), Some(file));
     }
     assert!(exported.folder.path().join("to/scene-files/a.stl").is_file());
     // Other programs see the subdivided mesh.
@@ -626,6 +720,24 @@ fn without_files(value: &mut Value) {
     }
 }
 
+/// Imports a file without its extras.
+fn as_another_program(path: &Path) {
+    let mut json: serde_json::Value = serde_json::from_slice(&fs::read(path).unwrap()).unwrap();
+    json.as_object_mut().unwrap().remove("extras");
+    let plain = path.with_extension("plain.gltf");
+    fs::write(&plain, json.to_string()).unwrap();
+    match Gltf.import(&plain, &ImportOptions::all()).unwrap() {
+        Ok(imported) => drop(imported.text.parse::<Table>().unwrap()),
+        Err(errors) => assert_eq!(
+            errors.0[0].message,
+            "the scene has no triangles",
+            "{}",
+            path.display()
+        ),
+    }
+    fs::remove_file(plain).unwrap();
+}
+
 #[test]
 fn all_scenes_of_the_repository_come_back() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenes");
@@ -676,6 +788,7 @@ fn all_scenes_of_the_repository_come_back() {
             Gltf.import(&out, &ImportOptions::all()).unwrap().unwrap()
         });
         let [_, imported] = written;
+        as_another_program(&folder.join(format!("{stem}.gltf")));
         let mut again = Value::Table(imported.text.parse().unwrap());
         let normal = crate::document::Document::from_table(&document).to_toml();
         let mut expected = Value::Table(normal.parse().unwrap());
