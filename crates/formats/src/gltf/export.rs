@@ -57,7 +57,7 @@ pub(super) fn export(scene: &ExportScene<'_>, path: &Path) -> Result<Vec<Note>, 
     }
     exporter
         .notes
-        .add(FEATURES, "extras of Whitstone", "/extras/whitstone");
+        .add(FEATURES, "Whitstone scene", "/extras/whitstone");
     let Exporter {
         root, buffer, notes, ..
     } = exporter;

@@ -33,7 +33,7 @@ pub(crate) const FEATURES: &[Feature] = features! {
     Kept "no material": "The default material of the specification.";
     Kept "no camera": "A camera that shows the whole scene is added.";
     Kept "no lights": "A directional light, an ambient light and a grey background are added.";
-    Kept "extras of Whitstone": "An exported file keeps the whole scene, which is imported as it was; meshes of files have single precision.";
+    Kept "Whitstone scene": "`extras` of an exported file hold the whole scene, which is imported as it was; meshes of files have single precision.";
     Kept "files beside a .glb": "EXR images, faces of skies, data of textures and shapes, and meshes that light, are subdivided or are operands are copied to a folder beside the file.";
     Approximated "metallic-roughness": "A `whitted` material: diffuse, a highlight, and below a roughness of 0.5 mirror reflection.";
     Approximated "roughness texture": "The roughness factor alone is used.";
@@ -47,8 +47,8 @@ pub(crate) const FEATURES: &[Feature] = features! {
     Approximated "single-sided materials": "Back faces are visible.";
     Approximated "spot light falloff": "Linear in the angle between the inner and the outer cone.";
     Approximated "mirrored cameras": "The image is not mirrored.";
-    Approximated "extras of Whitstone, changed": "Another program has changed the file: it is imported like those of other programs.";
-    Approximated "extras of Whitstone, in parts": "Selected parts, stretched scenes and turned environments are imported like those of other programs.";
+    Approximated "Whitstone scene, changed": "Another program has changed the file: it is imported like those of other programs.";
+    Approximated "Whitstone scene, in parts": "Selected parts, stretched scenes and turned environments are imported like those of other programs.";
     Approximated "[[shape]] mesh": "In single precision; polygons and strips become triangles.";
     Approximated "[[shape]] mesh with displacement": "Other programs show it without; it is kept for Whitstone.";
     Approximated "[camera] thin_lens": "Other programs see a pinhole camera; it is kept for Whitstone.";

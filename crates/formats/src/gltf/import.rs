@@ -48,16 +48,16 @@ pub(super) fn import(path: &Path, options: &ImportOptions) -> Result<Imported, F
     };
     match kept::read(path, &document) {
         Kept::None => {}
-        Kept::Changed => importer.note("extras of Whitstone, changed", "/extras/whitstone"),
+        Kept::Changed => importer.note("Whitstone scene, changed", "/extras/whitstone"),
         Kept::Scene(scene) if restore::follows(&scene, options) => {
-            importer.note("extras of Whitstone", "/extras/whitstone");
+            importer.note("Whitstone scene", "/extras/whitstone");
             return Ok(Imported {
                 text: restore::restore(scene, path, &importer.file, options)?,
                 notes: importer.notes.into_sorted(),
                 files: document.companions(),
             });
         }
-        Kept::Scene(_) => importer.note("extras of Whitstone, in parts", "/extras/whitstone"),
+        Kept::Scene(_) => importer.note("Whitstone scene, in parts", "/extras/whitstone"),
     }
     importer.run()?;
     if !importer.errors.is_empty() {

@@ -38,7 +38,7 @@ enum Alpha {
     Mask(f64),
 }
 
-/// What a metallic-roughness material expresses.
+/// The parameters of a metallic-roughness material.
 #[derive(Clone, Debug)]
 struct Look<'a> {
     base: Tint<'a>,

@@ -73,7 +73,7 @@ impl Exported {
     }
 }
 
-/// The scenes of a test: the keys of a table and what other programs cannot see.
+/// Shapes, and the feature that is reported if other programs do not show them.
 const SHAPES: [(&str, Option<&str>); 27] = [
     ("type = 'rectangle'", None),
     (
@@ -610,7 +610,7 @@ fn a_changed_file_is_imported_as_that_of_another_program() {
     let (again, imported) = exported.import_with(&ImportOptions::all());
     assert_eq!(again["shape"].as_array().unwrap().len(), 1);
     let noted = |imported: &Imported, name: &str| imported.notes.iter().any(|note| note.feature.name == name);
-    assert!(noted(&imported, "extras of Whitstone, changed"));
+    assert!(noted(&imported, "Whitstone scene, changed"));
     // So is a changed buffer.
     let exported = export(&text);
     let buffer = exported.path.with_extension("bin");
@@ -618,7 +618,7 @@ fn a_changed_file_is_imported_as_that_of_another_program() {
     bytes[3] ^= 1;
     fs::write(&buffer, bytes).unwrap();
     let (_, imported) = exported.import_with(&ImportOptions::all());
-    assert!(noted(&imported, "extras of Whitstone, changed"));
+    assert!(noted(&imported, "Whitstone scene, changed"));
     // The scene must not read other files.
     let exported = export_with(
         &format!("{HEAD}[[shape]]\ntype = 'isosurface'\nfile = 'a.raw'\nsize = [2, 2, 2]\n"),
@@ -635,7 +635,7 @@ fn a_changed_file_is_imported_as_that_of_another_program() {
         ..ImportOptions::all()
     };
     let (again, imported) = exported.import_with(&options);
-    assert!(noted(&imported, "extras of Whitstone, in parts"));
+    assert!(noted(&imported, "Whitstone scene, in parts"));
     assert_eq!(again["shape"].as_array().unwrap().len(), 1);
 }
 
