@@ -13,6 +13,7 @@ mod mesh_file;
 mod mitsuba;
 mod obj;
 mod part;
+mod table;
 mod toml_scene;
 
 use whitstone_core::Registry;

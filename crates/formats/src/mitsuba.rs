@@ -12,6 +12,8 @@ mod texture;
 mod translate;
 mod xml;
 
+pub(crate) use material::{METALS, normal_reflectance};
+
 use crate::files::Folder;
 use std::path::Path;
 use translate::Translator;

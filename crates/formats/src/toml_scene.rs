@@ -69,7 +69,7 @@ impl<'a> Copies<'a> {
     }
 
     /// Copies all files that a value names, and changes their names.
-    fn visit(&mut self, value: &mut Value) -> Result<(), FormatError> {
+    pub(crate) fn visit(&mut self, value: &mut Value) -> Result<(), FormatError> {
         match value {
             Value::Array(items) => items.iter_mut().try_for_each(|item| self.visit(item)),
             Value::Table(table) => {

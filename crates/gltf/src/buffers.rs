@@ -135,7 +135,7 @@ fn shorten(text: &str) -> String {
 impl Document {
     /// `length` bytes of a buffer from `offset` on. Nothing is allocated before the range is
     /// checked.
-    fn buffer_bytes(&self, number: usize, offset: u64, length: u64) -> Result<Vec<u8>, Error> {
+    pub(crate) fn buffer_bytes(&self, number: usize, offset: u64, length: u64) -> Result<Vec<u8>, Error> {
         let pointer = || format!("/buffers/{number}");
         match &self.buffers[number] {
             Buffer::Faulty(error) => Err(error.clone()),

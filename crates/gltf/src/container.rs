@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 
 /// Maximum size of the JSON of a document in bytes.
-pub(crate) const MAX_JSON_BYTES: u64 = 256 << 20;
+pub const MAX_JSON_BYTES: u64 = 256 << 20;
 
 /// The JSON of a file and, of a .glb, the place of its binary chunk.
 pub(crate) struct Container {

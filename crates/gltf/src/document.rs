@@ -124,6 +124,27 @@ impl Document {
         })
     }
 
+    /// The JSON of a file as its text.
+    ///
+    /// # Errors
+    ///
+    /// If the file cannot be read, or is no container of UTF-8.
+    pub fn text(path: &Path) -> Result<String, Error> {
+        let mut file = File::open(path).map_err(|error| unreadable(&error))?;
+        let json = Container::read(&mut file)?.json;
+        String::from_utf8(json).map_err(|error| Error::at("", format!("is not UTF-8: {error}")))
+    }
+
+    /// All bytes of a buffer.
+    ///
+    /// # Errors
+    ///
+    /// If there is no such buffer, or if it cannot be read.
+    pub fn buffer(&self, number: usize) -> Result<Vec<u8>, Error> {
+        let buffer = Self::item(&self.root.buffers, number, "buffers", || "/buffers".into())?;
+        self.buffer_bytes(number, 0, buffer.byte_length.0)
+    }
+
     /// The path of the file.
     pub fn path(&self) -> &Path {
         &self.path

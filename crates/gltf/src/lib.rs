@@ -13,6 +13,7 @@ mod nodes;
 mod primitive;
 
 pub use accessor::Numbers;
+pub use container::MAX_JSON_BYTES;
 pub use document::{Document, Error};
 pub use gltf::json;
 pub use nodes::{MAX_NODE_DEPTH, local_transform, parents, rotation, shortest, world_transform};

@@ -33,6 +33,8 @@ pub(crate) const FEATURES: &[Feature] = features! {
     Kept "no material": "The default material of the specification.";
     Kept "no camera": "A camera that shows the whole scene is added.";
     Kept "no lights": "A directional light, an ambient light and a grey background are added.";
+    Kept "Whitstone scene": "`extras` of an exported file hold the whole scene, which is imported as it was; meshes of files have single precision.";
+    Kept "files beside a .glb": "EXR images, faces of skies, data of textures and shapes, and meshes that light, are subdivided or are operands are copied to a folder beside the file.";
     Approximated "metallic-roughness": "A `whitted` material: diffuse, a highlight, and below a roughness of 0.5 mirror reflection.";
     Approximated "roughness texture": "The roughness factor alone is used.";
     Approximated "mip maps": "Trilinear filtering over the footprint of a sample.";
@@ -45,6 +47,23 @@ pub(crate) const FEATURES: &[Feature] = features! {
     Approximated "single-sided materials": "Back faces are visible.";
     Approximated "spot light falloff": "Linear in the angle between the inner and the outer cone.";
     Approximated "mirrored cameras": "The image is not mirrored.";
+    Approximated "Whitstone scene, changed": "Another program has changed the file: it is imported like those of other programs.";
+    Approximated "Whitstone scene, in parts": "Selected parts, stretched scenes and turned environments are imported like those of other programs.";
+    Approximated "[[shape]] mesh": "In single precision; polygons and strips become triangles.";
+    Approximated "[[shape]] mesh with displacement": "Other programs show it without; it is kept for Whitstone.";
+    Approximated "[camera] thin_lens": "Other programs see a pinhole camera; it is kept for Whitstone.";
+    Approximated "[camera] near_kind": "Other programs have a plane as near limit; it is kept for Whitstone.";
+    Approximated "[camera] window that is not centred": "Other programs see a centred window of the same size; it is kept for Whitstone.";
+    Approximated "[[light]] falloff": "Other programs have lights with falloff; it is kept for Whitstone.";
+    Approximated "[material] phong, blinn_phong, whitted": "The base colour is pi k_d, at most 1, plus k_refl; the exponent becomes a roughness; it is kept for Whitstone.";
+    Approximated "[material] glossy": "A metal of the same width of reflection; it is kept for Whitstone.";
+    Approximated "[material] conductor": "A metal with the reflectance at normal incidence; it is kept for Whitstone.";
+    Approximated "[material] priority": "Other programs do not order overlapping bodies; it is kept for Whitstone.";
+    Approximated "[material] mix": "One material with parameters in between; it is kept for Whitstone.";
+    Approximated "[material] two_sided": "The front on both sides; it is kept for Whitstone.";
+    Approximated "[material] mask": "An opacity that is not the alpha of the base colour's image is constant; it is kept for Whitstone.";
+    Approximated "[texture] product": "At most one image times a constant; it is kept for Whitstone.";
+    Approximated "[texture] ewa": "Trilinear; it is kept for Whitstone.";
     Dropped "third texture coordinates": "A material uses at most two sets; textures of the others are left out.";
     Dropped "textures without an image": "They count as white.";
     Dropped "occlusion textures": "Shadows are computed.";
@@ -65,6 +84,16 @@ pub(crate) const FEATURES: &[Feature] = features! {
     Dropped "KHR_materials_pbrSpecularGlossiness": "The metallic-roughness values of the file are used instead.";
     Dropped "KHR_materials_variants": "The material of the primitive is used.";
     Dropped "unknown extensions": "They have no effect.";
+    Dropped "[[shape]] without triangles": "Other programs do not show curved and infinite shapes and csg; they are kept for Whitstone.";
+    Dropped "[[shape]] that is not written": "Other programs do not show it; it is kept for Whitstone with its file.";
+    Dropped "[[shape]] instance beyond the limit": "Other programs show at most 200,000 nodes; it is kept for Whitstone.";
+    Dropped "[camera] of another type": "Other programs see no camera; it is kept for Whitstone.";
+    Dropped "[[light]] of another type": "Other programs see point, directional and spot lights; it is kept for Whitstone.";
+    Dropped "[material] of another type": "Other programs see grey; it is kept for Whitstone.";
+    Dropped "[material] bump": "Other programs see tangent-space normal maps of meshes only; it is kept for Whitstone.";
+    Dropped "[texture] of another type": "Other programs see the mean of a and b, or grey; it is kept for Whitstone.";
+    Dropped "[texture] image": "Other programs see grey instead of channels, EXR images, and images that are not mapped by texture coordinates; it is kept for Whitstone.";
+    Dropped "[texture] mapping": "Other programs see the image without a transform that shears; it is kept for Whitstone.";
 };
 
 #[cfg(test)]

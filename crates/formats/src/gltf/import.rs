@@ -1,7 +1,8 @@
 //! Nodes, meshes and instances.
 
-use super::FEATURES;
+use super::kept::{self, Kept};
 use super::material::Translated;
+use super::{FEATURES, restore};
 use crate::document::{Document as Scene, Ids, table, transform};
 use crate::part::Part;
 use std::collections::{BTreeMap, HashMap};
@@ -46,6 +47,19 @@ pub(super) fn import(path: &Path, options: &ImportOptions) -> Result<Imported, F
         bounds: Part::EMPTY,
         shapes: 0,
     };
+    match kept::read(path, &document) {
+        Kept::None => {}
+        Kept::Changed => importer.note("Whitstone scene, changed", "/extras/whitstone"),
+        Kept::Scene(scene) if restore::follows(&scene, options) => {
+            importer.note("Whitstone scene", "/extras/whitstone");
+            return Ok(Imported {
+                text: restore::restore(scene, path, &importer.file, options)?,
+                notes: importer.notes.into_sorted(),
+                files: document.companions(),
+            });
+        }
+        Kept::Scene(_) => importer.note("Whitstone scene, in parts", "/extras/whitstone"),
+    }
     importer.run()?;
     if !importer.errors.is_empty() {
         return Err(FormatErrors(importer.errors));

@@ -3,12 +3,11 @@
 mod material;
 mod node;
 mod shape;
-mod table;
 mod texture;
 mod view;
 
 use super::FEATURES;
-use crate::files;
+use crate::{files, table};
 use material::Sides;
 use node::{Item, Node};
 use std::collections::HashMap;
