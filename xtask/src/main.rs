@@ -6,6 +6,7 @@ mod backends;
 mod bench;
 mod dependencies;
 mod features;
+mod formats;
 mod links;
 mod oracle;
 mod pages;

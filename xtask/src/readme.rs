@@ -1,7 +1,7 @@
 //! `readme`: generates the pictures and the table of numbers in README.md from the stored
 //! references.
 
-use crate::{pages, plugins, verdict};
+use crate::{formats, pages, plugins, verdict};
 use clap::Args;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -73,6 +73,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         (PathBuf::from(VALIDATION), page(VALIDATION, &table(&cases))?),
         (PathBuf::from("docs/images/showcase.png"), sheet(registry)?),
         (PathBuf::from(plugins::FILE), plugins::json(registry).into_bytes()),
+        (PathBuf::from(formats::PAGE), formats::page(registry).into_bytes()),
     ];
     for name in TRIOS {
         let path = PathBuf::from(format!("docs/images/{name}-trio.png"));

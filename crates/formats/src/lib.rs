@@ -8,20 +8,27 @@ pub mod document;
 mod files;
 pub mod fit;
 mod gltf;
+mod image_size;
 mod mesh_file;
 mod mitsuba;
 mod obj;
 mod part;
+mod toml_scene;
 
 use whitstone_core::Registry;
 
 pub use gltf::Gltf;
 pub use mesh_file::{Ply, Stl};
+pub use mitsuba::{Mitsuba, MitsubaPython};
 pub use obj::Obj;
+pub use toml_scene::Toml;
 
 /// Adds all formats.
 pub fn register(registry: &mut Registry) {
+    registry.add_format(Toml);
     registry.add_format(Gltf);
+    registry.add_format(Mitsuba);
+    registry.add_format(MitsubaPython);
     registry.add_format(Obj);
     registry.add_format(Ply);
     registry.add_format(Stl);

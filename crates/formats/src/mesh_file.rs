@@ -78,17 +78,44 @@ impl SceneFormat for Stl {
     }
 }
 
+/// What other importers need to know of a mesh file.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct MeshInfo {
+    /// Bounds of the vertices.
+    pub(crate) part: Part,
+    /// Whether the file has normals.
+    pub(crate) normals: bool,
+    /// Number of triangles; of a PLY file an upper bound, for faces of up to four corners.
+    pub(crate) triangles: u64,
+}
+
+/// What other importers need to know of a PLY file.
+pub(crate) fn inspect_ply(bytes: &[u8]) -> MeshInfo {
+    let scan = scan_ply(bytes);
+    MeshInfo {
+        part: scan.part,
+        normals: scan.normals,
+        triangles: scan.faces.saturating_mul(2),
+    }
+}
+
 /// What a scan finds.
 struct Scan {
     part: Part,
     /// Whether vertices have colours.
     colors: bool,
+    /// Whether vertices have normals.
+    normals: bool,
+    /// Number of faces of a PLY file.
+    faces: u64,
 }
 
 impl Scan {
     const EMPTY: Self = Self {
         part: Part::EMPTY,
         colors: false,
+        normals: false,
+        faces: 0,
     };
 }
 
@@ -170,7 +197,7 @@ fn scan_stl(bytes: &[u8]) -> Scan {
             }
         }
     }
-    Scan { part, colors: false }
+    Scan { part, ..Scan::EMPTY }
 }
 
 /// Bounds of the vertices of a PLY file.
@@ -214,6 +241,17 @@ fn ply(bytes: &[u8], scan: &mut Scan) -> Option<()> {
             _ => {}
         }
     }
+    for (name, count, properties) in &elements {
+        let has = |name: &str| properties.iter().any(|property| property.name == name);
+        match *name {
+            "vertex" => {
+                scan.colors = ["red", "green", "blue"].into_iter().any(has);
+                scan.normals = ["nx", "ny", "nz"].into_iter().all(has);
+            }
+            "face" => scan.faces = *count,
+            _ => {}
+        }
+    }
     let mut values = match format {
         "ascii" => Values::Text(std::str::from_utf8(&bytes[body..]).ok()?.split_ascii_whitespace()),
         "binary_little_endian" | "binary_big_endian" => Values::Binary {
@@ -224,10 +262,7 @@ fn ply(bytes: &[u8], scan: &mut Scan) -> Option<()> {
     };
     for (name, count, properties) in elements {
         let is_vertex = name == "vertex";
-        if is_vertex {
-            let has = |name: &str| properties.iter().any(|property| property.name == name);
-            scan.colors = ["red", "green", "blue"].into_iter().any(has);
-        } else if properties.is_empty() {
+        if !is_vertex && properties.is_empty() {
             // It has no values, however many there are.
             continue;
         }

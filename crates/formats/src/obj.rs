@@ -1,8 +1,8 @@
 //! Wavefront OBJ with MTL materials, as a scene.
 //!
 //! The faces of each material become one shape `mesh`. MTL gives light intensities without units:
-//! `Kd I` is a radiance. Here, a light with the irradiance `E` has the intensity `I = E/pi`, so that
-//! `Kd` is the albedo.
+//! `Kd I` is a radiance. Here, a light with the irradiance `E` has the intensity `I = E/pi`, so
+//! that `Kd` is the albedo.
 //!
 //! Source: the appendix of the Wavefront Advanced Visualizer manual (MTL 3.0, 1995).
 
@@ -11,6 +11,7 @@ mod scan;
 
 use crate::document::{Document, Ids, color, numbers, typed};
 use crate::files::{self, Folder, folder_of, shorten};
+use crate::mesh_file::MeshInfo;
 use crate::part::{self, Part};
 use mtl::{Map, Mtl};
 use std::collections::HashMap;
@@ -623,6 +624,42 @@ fn product(factor: [f64; 3], textures: impl IntoIterator<Item = Value>) -> Value
         Ok([single]) => single,
         Err(factors) => Value::Table(typed("product", [("factors", Value::Array(factors))])),
     }
+}
+
+/// What other importers need to know of an OBJ file.
+pub(crate) fn inspect(bytes: &[u8]) -> MeshInfo {
+    let scan = scan::scan(bytes);
+    MeshInfo {
+        part: Part {
+            low: scan.low,
+            high: scan.high,
+        },
+        normals: scan.normals,
+        triangles: scan.triangles,
+    }
+}
+
+/// An OBJ file with the faces of one material, as the key `part` selects them.
+pub(crate) fn only_part(bytes: &[u8], part: &str) -> Vec<u8> {
+    let mut kept = Vec::new();
+    let mut here = part.is_empty();
+    let mut continues = false;
+    let mut keep = true;
+    for line in bytes.split_inclusive(|byte| *byte == b'\n') {
+        let trimmed = line.trim_ascii();
+        if !continues {
+            let keyword = trimmed.split(u8::is_ascii_whitespace).next().unwrap_or_default();
+            if keyword == b"usemtl" {
+                here = String::from_utf8_lossy(&trimmed[keyword.len()..]).trim() == part;
+            }
+            keep = keyword != b"f" || here;
+        }
+        continues = trimmed.ends_with(b"\\");
+        if keep {
+            kept.extend_from_slice(line);
+        }
+    }
+    kept
 }
 
 #[cfg(test)]

@@ -47,7 +47,7 @@ impl std::error::Error for Error {}
 
 /// The extensions that may be required without an error. The others change vertices or textures in
 /// a way that this crate does not know, or are unknown.
-const UNDERSTOOD: [&str; 14] = [
+const UNDERSTOOD: [&str; 12] = [
     "EXT_mesh_gpu_instancing",
     "EXT_texture_webp",
     "KHR_lights_punctual",
@@ -60,8 +60,6 @@ const UNDERSTOOD: [&str; 14] = [
     "KHR_materials_volume",
     "KHR_mesh_quantization",
     "KHR_texture_transform",
-    "KHR_materials_clearcoat",
-    "KHR_materials_sheen",
 ];
 
 /// Modification time and length: what identifies the contents of a file.
@@ -96,20 +94,14 @@ impl Document {
     fn parse(path: &Path, file: &mut File) -> Result<Self, Error> {
         let Container { json, binary } = Container::read(file)?;
         let text = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&json);
-        let mut deserializer = serde_json::Deserializer::from_slice(text);
-        let root: json::Root = serde_path_to_error::deserialize(&mut deserializer).map_err(|error| {
-            let pointer = pointer(error.path());
-            let inner = error.into_inner();
-            let place =
-                (inner.line() > 0).then(|| format!(" (line {}, column {})", inner.line(), inner.column()));
-            let text = inner.to_string();
-            // The position is added in the same form for all errors.
-            let text = text.split(" at line ").next().unwrap_or(&text);
-            Error::at(pointer, format!("{text}{}", place.unwrap_or_default()))
-        })?;
-        deserializer
-            .end()
-            .map_err(|error| Error::at("", format!("text after the JSON document: {error}")))?;
+        let root = match deserialized(text) {
+            // The crate wants nodes in every scene; the specification does not.
+            Err(error) if error.message.starts_with("missing field `nodes`") => match with_nodes(text) {
+                Some(text) => deserialized(&text)?,
+                None => return Err(error),
+            },
+            other => other?,
+        };
         if !root.asset.version.starts_with("2.") {
             return Err(Error::at(
                 "/asset/version",
@@ -174,6 +166,35 @@ impl Document {
             Error::at(pointer(), message)
         })
     }
+}
+
+/// The types of a JSON document.
+fn deserialized(text: &[u8]) -> Result<json::Root, Error> {
+    let mut deserializer = serde_json::Deserializer::from_slice(text);
+    let root: json::Root = serde_path_to_error::deserialize(&mut deserializer).map_err(|error| {
+        let pointer = pointer(error.path());
+        let inner = error.into_inner();
+        let place =
+            (inner.line() > 0).then(|| format!(" (line {}, column {})", inner.line(), inner.column()));
+        let text = inner.to_string();
+        // The position is added in the same form for all errors.
+        let text = text.split(" at line ").next().unwrap_or(&text);
+        Error::at(pointer, format!("{text}{}", place.unwrap_or_default()))
+    })?;
+    deserializer
+        .end()
+        .map_err(|error| Error::at("", format!("text after the JSON document: {error}")))?;
+    Ok(root)
+}
+
+/// The document with an empty list of nodes in each scene that has none.
+fn with_nodes(text: &[u8]) -> Option<Vec<u8>> {
+    let mut document: json::Value = serde_json::from_slice(text).ok()?;
+    for scene in document.get_mut("scenes")?.as_array_mut()? {
+        let nodes = scene.as_object_mut()?.entry("nodes");
+        nodes.or_insert_with(|| json::Value::Array(Vec::new()));
+    }
+    serde_json::to_vec(&document).ok()
 }
 
 /// A path of the deserialiser as a JSON pointer.

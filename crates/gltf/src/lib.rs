@@ -15,5 +15,5 @@ mod primitive;
 pub use accessor::Numbers;
 pub use document::{Document, Error};
 pub use gltf::json;
-pub use nodes::{MAX_NODE_DEPTH, local_transform, parents, rotation, world_transform};
+pub use nodes::{MAX_NODE_DEPTH, local_transform, parents, rotation, shortest, world_transform};
 pub use primitive::{Primitive, Request, has_triangles};

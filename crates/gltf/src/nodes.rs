@@ -7,19 +7,26 @@ use whitstone_core::{DAffine3, DMat3, DVec3};
 /// Maximum depth of the tree of nodes.
 pub const MAX_NODE_DEPTH: usize = 256;
 
+/// The number with the fewest digits that rounds to this one in single precision: mostly that of the
+/// file, which the JSON types round.
+pub fn shortest(value: f32) -> f64 {
+    value.to_string().parse().unwrap_or(f64::NAN)
+}
+
 /// The transform of a node relative to its parent. The last row of a matrix is ignored.
 pub fn local_transform(node: &json::Node) -> DAffine3 {
     if let Some(m) = node.matrix {
-        let column = |k: usize| DVec3::new(m[4 * k].into(), m[4 * k + 1].into(), m[4 * k + 2].into());
+        let column =
+            |k: usize| DVec3::new(shortest(m[4 * k]), shortest(m[4 * k + 1]), shortest(m[4 * k + 2]));
         return DAffine3 {
-            matrix3: DMat3::from_cols(column(0), column(1), column(2)).into(),
-            translation: column(3).into(),
+            matrix3: DMat3::from_cols(column(0), column(1), column(2)),
+            translation: column(3),
         };
     }
-    let vector = |v: [f32; 3]| DVec3::from_array(v.map(f64::from));
+    let vector = |v: [f32; 3]| DVec3::from_array(v.map(shortest));
     let scale = vector(node.scale.unwrap_or([1.0; 3]));
     let translation = vector(node.translation.unwrap_or_default());
-    let rotation = rotation(node.rotation.unwrap_or_default().0.map(f64::from));
+    let rotation = rotation(node.rotation.unwrap_or_default().0.map(shortest));
     DAffine3::from_mat3_translation(rotation * DMat3::from_diagonal(scale), translation)
 }
 

@@ -10,7 +10,7 @@ use crate::nodes::{parents, world_transform};
 use whitstone_core::{DAffine3, DMat3, DVec3};
 
 /// What to read of a primitive.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Default)]
 pub struct Request<'a> {
     /// Index of the mesh.
     pub mesh: usize,
@@ -28,6 +28,8 @@ pub struct Request<'a> {
     pub weights: Option<&'a [f64]>,
     /// Index of the skin.
     pub skin: Option<usize>,
+    /// Computes the tangents of a primitive that has none, before the skin deforms it.
+    pub compute_tangents: Option<&'a dyn Fn(&Primitive) -> Vec<[f64; 4]>>,
 }
 
 /// The triangles of a primitive. Attributes have an element for each vertex.
@@ -149,11 +151,17 @@ impl Reader<'_> {
             let found = self.attribute(Semantic::Colors(0), "COLOR_0", &kinds, of_count)?;
             data.colors = found.map(|numbers| numbers.arrays(1.0));
         }
+        data.triangles = self.triangles(count)?;
         self.morph(&mut data, request, own_weights)?;
+        if request.tangents
+            && data.tangents.is_none()
+            && let Some(compute) = request.compute_tangents
+        {
+            data.tangents = Some(compute(&data));
+        }
         if let Some(skin) = request.skin {
             self.skin(&mut data, skin)?;
         }
-        data.triangles = self.triangles(count)?;
         Ok(data)
     }
 
@@ -294,11 +302,11 @@ impl Reader<'_> {
             determinant.is_normal().then_some(*m)
         };
         for (n, m) in data.normals.iter_mut().flatten().zip(&matrices) {
-            let turned = regular(&m.matrix3.into()).map(|m| m.inverse().transpose() * DVec3::from_array(*n));
+            let turned = regular(&m.matrix3).map(|m| m.inverse().transpose() * DVec3::from_array(*n));
             *n = turned.unwrap_or_default().to_array();
         }
         for (t, m) in data.tangents.iter_mut().flatten().zip(&matrices) {
-            let turned = regular(&m.matrix3.into()).map(|m| m * DVec3::new(t[0], t[1], t[2]));
+            let turned = regular(&m.matrix3).map(|m| m * DVec3::new(t[0], t[1], t[2]));
             let turned = turned.unwrap_or_default();
             *t = [turned.x, turned.y, turned.z, t[3]];
         }

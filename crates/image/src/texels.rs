@@ -5,7 +5,7 @@ use std::io::{BufRead, BufReader, Cursor, Read as _, Seek};
 use std::path::Path;
 
 use image::codecs::jpeg::JpegDecoder;
-use image::codecs::png::PngDecoder;
+use image::codecs::png::{PngDecoder, PngEncoder};
 use image::codecs::webp::WebPDecoder;
 use image::{DynamicImage, ImageDecoder, ImageError};
 
@@ -111,11 +111,50 @@ pub fn decode_alpha(bytes: &[u8], limits: Limits) -> Result<Texels, ReadFault> {
     decode_from(Cursor::new(bytes), limits, Part::Alpha)
 }
 
-fn decode_from<R: BufRead + Seek>(mut source: R, limits: Limits, part: Part) -> Result<Texels, ReadFault> {
-    const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
-    const JPEG: &[u8] = b"\xff\xd8\xff";
+/// A JPEG or WebP file as an RGBA PNG file with the same 8-bit codes; `None` for other files.
+///
+/// JPEG decoders differ: the standard (ITU-T T.81) bounds the error of the inverse transform and
+/// leaves the interpolation of the colour channels free. Programs that must see the same texels can
+/// read this file instead.
+///
+/// # Errors
+/// As [`read`].
+pub fn to_png(bytes: &[u8], limits: Limits) -> Option<Result<Vec<u8>, ReadFault>> {
+    let jpeg = bytes.starts_with(JPEG);
+    if !jpeg && !is_webp(bytes) {
+        return None;
+    }
+    let convert = || {
+        let source = Cursor::new(bytes);
+        let decoded = if jpeg {
+            let decoder = JpegDecoder::new(source).map_err(to_fault)?;
+            let (width, height) = decoder.dimensions();
+            limits.check(width as usize, height as usize, size_of::<[f32; 3]>())?;
+            DynamicImage::from_decoder(decoder)
+        } else {
+            let decoder = WebPDecoder::new(source).map_err(to_fault)?;
+            let (width, height) = decoder.dimensions();
+            limits.check(width as usize, height as usize, size_of::<[f32; 3]>())?;
+            DynamicImage::from_decoder(decoder)
+        };
+        let rgba = DynamicImage::ImageRgba8(decoded.map_err(to_fault)?.to_rgba8());
+        let mut png = Vec::new();
+        rgba.write_with_encoder(PngEncoder::new(&mut png))
+            .map_err(to_fault)?;
+        Ok(png)
+    };
+    Some(no_panic(convert))
+}
+
+fn is_webp(start: &[u8]) -> bool {
     // The container RIFF, its length, and the name of the format.
-    const WEBP: [&[u8]; 2] = [b"RIFF", b"WEBP"];
+    start.starts_with(b"RIFF") && start.get(8..12) == Some(b"WEBP")
+}
+
+const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
+const JPEG: &[u8] = b"\xff\xd8\xff";
+
+fn decode_from<R: BufRead + Seek>(mut source: R, limits: Limits, part: Part) -> Result<Texels, ReadFault> {
     let mut start = Vec::new();
     (&mut source).take(12).read_to_end(&mut start)?;
     source.rewind()?;
@@ -126,7 +165,7 @@ fn decode_from<R: BufRead + Seek>(mut source: R, limits: Limits, part: Part) -> 
         })
     } else if start.starts_with(JPEG) {
         no_panic(|| decode_jpeg(source, limits, part))
-    } else if start.starts_with(WEBP[0]) && start.ends_with(WEBP[1]) {
+    } else if is_webp(&start) {
         no_panic(|| {
             let mut decoder = WebPDecoder::new(source).map_err(to_fault)?;
             decoder.set_limits(decoder_limits(limits)).map_err(to_fault)?;

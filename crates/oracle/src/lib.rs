@@ -13,6 +13,7 @@
 
 pub mod agreement;
 pub mod cases;
+mod gltf;
 mod interval;
 pub mod naive;
 pub mod optics;
@@ -20,6 +21,8 @@ mod polynomial;
 mod quadratic;
 mod root;
 mod shapes;
+#[cfg(test)]
+mod testing;
 pub mod tracer;
 mod vector;
 

@@ -234,6 +234,8 @@ const MAX_FILTERS: usize = 1000;
 /// The state of tracing one tree.
 struct Walk {
     jitter: Jitter,
+    /// The side on which undecided thresholds fall in this run, as in [`Place`](mapping::Place).
+    nudge: f64,
     rays: u32,
     deadline: Option<Instant>,
 }
@@ -339,8 +341,14 @@ impl Tracer {
     }
 
     fn once(&self, pixel: [u32; 2], jitter: Jitter, deadline: Option<Instant>) -> Result<Rgb, Unsure> {
+        let nudge = match jitter.state {
+            None => 0.0,
+            Some(seed) if seed % 2 == 0 => 1.0,
+            Some(_) => -1.0,
+        };
         let mut walk = Walk {
             jitter,
+            nudge,
             rays: 0,
             deadline,
         };
@@ -434,16 +442,16 @@ impl Tracer {
         let point = walk.jitter.point(hit.point);
         let viewer = -arriving.ray.direction;
         if self.rules.at_corners {
-            return self.at_corners(&hit, &arriving.ray);
+            return self.at_corners(&hit, &arriving.ray, walk.nudge);
         }
         let material = match &arriving.differential {
-            None => self.scene.material(&hit, viewer),
-            Some(differential) => self.scene.material_over(&hit, &arriving.ray, differential),
+            None => self.scene.material(&hit, viewer, walk.nudge),
+            Some(differential) => (self.scene).material_over(&hit, &arriving.ray, differential, walk.nudge),
         };
-        let deadline = walk.deadline;
+        let (deadline, nudge) = (walk.deadline, walk.nudge);
         let shadow = |l, distance| {
             in_time(deadline)?;
-            self.shadow_transmittance(&hit, point, l, distance, arriving.medium)
+            self.shadow_transmittance(&hit, point, l, distance, arriving.medium, nudge)
         };
         let mut sum = self.local_illumination(&material, hit.normal, point, viewer, &shadow)?;
         if self.rules.specular_rays {
@@ -487,9 +495,9 @@ impl Tracer {
     }
 
     /// Gouraud shading: section 6 of the model.
-    fn at_corners(&self, hit: &Hit, ray: &Ray) -> Result<Rgb, Unsure> {
+    fn at_corners(&self, hit: &Hit, ray: &Ray, nudge: f64) -> Result<Rgb, Unsure> {
         let mut sum = Rgb::splat(0.0);
-        for (weight, p, material) in self.scene.corners(hit, ray.origin) {
+        for (weight, p, material) in self.scene.corners(hit, ray.origin, nudge) {
             let viewer = (ray.origin - p).normalize();
             let lit = |_, _| Ok(Rgb::splat(1.0));
             sum += self.local_illumination(&material, hit.normal, p, viewer, &lit)? * weight;
@@ -552,6 +560,7 @@ impl Tracer {
         l: DVec3,
         distance: f64,
         medium: MediumState,
+        nudge: f64,
     ) -> Result<Rgb, Unsure> {
         let all = Rgb::splat(1.0);
         let filtered = match self.rules.shadows {
@@ -579,7 +588,10 @@ impl Tracer {
         let (mut medium, mut passed) = (medium, 0.0);
         let hits = self.scene.all(&ray, from, end)?;
         for (number, hit) in hits.iter().enumerate() {
-            let (transmittance, behind) = self.scene.material(hit, -l).transmittance(filtered, medium);
+            let (transmittance, behind) = self
+                .scene
+                .material(hit, -l, nudge)
+                .transmittance(filtered, medium);
             if filtered {
                 left *= medium.transmittance(hit.t - passed);
             }

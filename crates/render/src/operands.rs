@@ -73,6 +73,12 @@ pub(crate) fn no_id(operand: &SolidRef) -> SceneError {
 
 /// The built shape, if it bounds a volume.
 pub(crate) fn solid(shape: LoweredShape, plugin: &PluginTable<'_>) -> Result<Box<dyn Shape>, SceneErrors> {
+    if let LoweredShape::Triangles(mesh) = &shape
+        && mesh.attributes.is_some()
+    {
+        let message = "an operand has no vertex colours, tangents or second texture coordinates";
+        return Err(SceneError::at(plugin.name_span.clone(), message).into());
+    }
     shape.into_solid().map_err(|why| {
         let why = why.map_or(String::new(), |why| format!(": {why}"));
         let message = format!(

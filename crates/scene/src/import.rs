@@ -107,6 +107,7 @@ fn import(mut table: Spanned<DeTable<'_>>, number: usize) -> Result<Import, Scen
         span,
         file,
         options: ImportOptions {
+            format: None,
             prefix,
             transform: transform.map_or(Default::default(), |transform| *transform.world_from_object()),
             scene: keys.scene.map(Selection::text),

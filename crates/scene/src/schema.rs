@@ -95,6 +95,7 @@ fn top_level() -> Value {
             "description": "Scene files to include; paths are relative to this file.",
             "anyOf": [{ "type": "string" }, { "type": "array", "items": { "type": "string" } }],
         },
+        "import": { "description": "Files of other formats to import.", "type": "array", "items": import() },
         "film": film(),
         "camera": one(FamilyName::Camera, "The camera; required in the scene, in this file or an included one."),
         "sampler": one(FamilyName::Sampler, "Sample positions in a pixel; \"center\" if omitted."),
@@ -114,6 +115,47 @@ fn top_level() -> Value {
         },
         "expect": expect(),
     })
+}
+
+fn import() -> Value {
+    let part = |what: &str| json!({ "description": what, "type": ["string", "integer"] });
+    object(
+        "A file of another format, such as glTF, as a part of this scene.",
+        json!({
+            "file": { "description": "The file; its path is relative to this file.", "type": "string" },
+            "transform": {
+                "description": "Transform of everything in it: one step, or steps in the order in which they are applied.",
+                "default": [],
+                "anyOf": [
+                    reference(STEP),
+                    { "type": "array", "items": reference(STEP) },
+                ],
+            },
+            "prefix": {
+                "description": "Prefix of the ids that it defines; its name and a slash if omitted.",
+                "type": "string",
+            },
+            "scene": part("Name or index of the scene in it."),
+            "node": part("Name or index of the node to import, with all nodes below it."),
+            "camera": part("Name or index of its camera; the first if omitted."),
+            "lights": {
+                "description": "Whether its lights are imported.",
+                "type": "boolean",
+                "default": true,
+            },
+            "materials": {
+                "description": "Ids of materials to use instead of those of the file, by their names there.",
+                "type": "object",
+                "additionalProperties": { "type": "string" },
+            },
+            "allow_outside": {
+                "description": "Whether files outside of its folder may be read.",
+                "type": "boolean",
+                "default": false,
+            },
+        }),
+        &["file"],
+    )
 }
 
 fn group() -> Value {

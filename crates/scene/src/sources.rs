@@ -88,7 +88,8 @@ impl Sources {
         Self::load_with(path, overrides, registry, &ImportOptions::all())
     }
 
-    /// [`Self::load`], with options for a file that is imported.
+    /// [`Self::load`], with options for a file that is imported. The format "toml" stands for this
+    /// crate's own.
     pub fn load_with(
         path: &Path,
         overrides: &[String],
@@ -98,7 +99,14 @@ impl Sources {
         let base = path.parent().unwrap_or(Path::new("")).to_owned();
         let mut loader = Loader::new(base, registry);
         let name = path.display().to_string();
-        if registry.format_of(path).is_some() {
+        // TOML scenes are read here, though they may have a format for export.
+        let is_toml = match &options.format {
+            Some(name) => name == "toml",
+            None => registry
+                .format_of(path)
+                .is_none_or(|format| format.name() == "toml"),
+        };
+        if !is_toml {
             loader.import(path, options, PathBuf::new(), name, None);
         } else {
             loader.file(path.to_owned(), PathBuf::new(), name, None);
@@ -362,10 +370,11 @@ impl<'r> Loader<'r> {
         if self.sources.files.len() >= MAX_FILES {
             return self.fail(at, format!("too many files: expected at most {MAX_FILES}"));
         }
-        let imported = self
-            .registry
-            .format_of(path)
-            .and_then(|format| format.import(path, options));
+        let format = match &options.format {
+            Some(name) => self.registry.formats().find(|format| format.name() == name),
+            None => self.registry.format_of(path),
+        };
+        let imported = format.and_then(|format| format.import(path, options));
         match imported {
             None => {
                 let known = import::extensions(self.registry);

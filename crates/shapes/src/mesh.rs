@@ -224,14 +224,15 @@ fn check_keys(config: &Config, kind: Kind) -> SceneErrors {
         }
     }
     let changes = config.subdivision.is_some() || config.displacement.is_some();
-    let more = config.vertex_colors
+    let more = config.part.is_some()
+        || config.vertex_colors
         || config.tangents
         || config
             .uv_sets
             .as_ref()
             .is_some_and(|sets| !matches!(sets.get_ref()[..], [] | [0]));
     if changes && more {
-        let message = "a mesh with `subdivision` or `displacement` has no vertex colours, tangents or further texture coordinates";
+        let message = "a mesh with `subdivision` or `displacement` has no parts, vertex colours, tangents or further texture coordinates";
         refuse(Some(config.file.span.clone()), message);
     }
     errors
@@ -271,6 +272,7 @@ fn read(path: &Path, config: &Config, context: &mut dyn Context) -> Result<Trian
             tangents: config.tangents,
             weights: weights.as_deref(),
             skin: index(&config.skin),
+            compute_tangents: None,
         };
         gltf::read(path, &request, |bytes| context.reserve(bytes)).map_err(told)??
     } else {

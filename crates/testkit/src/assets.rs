@@ -11,6 +11,7 @@ pub fn generate() -> Vec<(&'static str, Vec<u8>)> {
     vec![
         ("checker.png", checker()),
         ("corners.png", corners()),
+        ("crystal.glb", crystal()),
         ("icosphere.ply", icosphere(3)),
         ("icosphere_0.ply", icosphere(0)),
         ("icosphere_1.ply", icosphere(1)),
@@ -73,6 +74,101 @@ fn torus() -> String {
         }
     }
     text + &uvs + &normals + &faces
+}
+
+/// A scene in glTF: two crystals of one mesh with vertex colours, one mirrored and turned, over a
+/// floor with an embedded picture; a camera and a light.
+fn crystal() -> Vec<u8> {
+    let mut binary: Vec<u8> = Vec::new();
+    let mut views = String::new();
+    let mut add = |bytes: Vec<u8>| {
+        while !binary.len().is_multiple_of(4) {
+            binary.push(0);
+        }
+        let comma = if views.is_empty() { "" } else { "," };
+        let (offset, length) = (binary.len(), bytes.len());
+        write!(
+            views,
+            "{comma}{{\"buffer\":0,\"byteOffset\":{offset},\"byteLength\":{length}}}"
+        )
+        .expect("a string can be written to");
+        binary.extend(bytes);
+    };
+    let floats = |values: &[f32]| {
+        values
+            .iter()
+            .flat_map(|value| value.to_le_bytes())
+            .collect::<Vec<u8>>()
+    };
+    // Six sides between a low and a high point.
+    let ring: Vec<[f32; 3]> = (0..6)
+        .map(|k| {
+            let (sin, cos) = (TAU * f64::from(k) / 6.0).sin_cos();
+            [(0.35 * cos) as f32, 0.5, (0.35 * sin) as f32]
+        })
+        .collect();
+    let mut points = vec![[0.0, 0.0, 0.0], [0.0, 1.4, 0.0]];
+    points.extend(ring);
+    let colors: [[u8; 4]; 8] = [
+        [40, 10, 90, 255],
+        [255, 240, 200, 255],
+        [230, 60, 60, 255],
+        [230, 160, 40, 255],
+        [200, 220, 60, 255],
+        [60, 200, 90, 255],
+        [60, 150, 220, 255],
+        [150, 80, 220, 255],
+    ];
+    let sides = (0..6u8).flat_map(|k| {
+        let (here, next) = (2 + k, 2 + (k + 1) % 6);
+        [[here, next, 0], [next, here, 1]]
+    });
+    add(floats(points.as_flattened()));
+    add(colors.as_flattened().to_vec());
+    add(sides.flatten().collect());
+    add(floats(&[
+        -2.0, 0.0, 2.0, 2.0, 0.0, 2.0, -2.0, 0.0, -2.0, 2.0, 0.0, -2.0,
+    ]));
+    add(vec![0, 0, 4, 0, 0, 4, 4, 4]);
+    add(checker());
+    let json = format!(
+        r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0,1,2,3,4]}}],
+"nodes":[{{"name":"floor","mesh":1}},
+{{"name":"crystal","mesh":0,"translation":[-0.5,0,0]}},
+{{"name":"mirrored crystal","mesh":0,"translation":[0.6,0,0.3],"rotation":[0,0,-0.2588190451,0.9659258263],"scale":[0.7,0.7,-0.7]}},
+{{"name":"eye","camera":0,"translation":[0,1.2,3.6],"rotation":[-0.1305261922,0,0,0.9914448614]}},
+{{"name":"lamp","translation":[1.5,3,2],"extensions":{{"KHR_lights_punctual":{{"light":0}}}}}}],
+"cameras":[{{"type":"perspective","perspective":{{"yfov":0.7,"znear":0.01,"aspectRatio":1.3333334}}}}],
+"extensionsUsed":["KHR_lights_punctual"],
+"extensions":{{"KHR_lights_punctual":{{"lights":[{{"type":"point","intensity":40}}]}}}},
+"meshes":[{{"name":"crystal","primitives":[{{"attributes":{{"POSITION":0,"COLOR_0":1}},"indices":2,"material":0}}]}},
+{{"name":"floor","primitives":[{{"attributes":{{"POSITION":3,"TEXCOORD_0":4}},"mode":5,"material":1}}]}}],
+"materials":[{{"name":"crystal","pbrMetallicRoughness":{{"metallicFactor":0.3,"roughnessFactor":0.2}}}},
+{{"name":"floor","pbrMetallicRoughness":{{"baseColorTexture":{{"index":0}},"metallicFactor":0}}}}],
+"textures":[{{"source":0,"sampler":0}}],"samplers":[{{"magFilter":9728,"minFilter":9728}}],
+"images":[{{"name":"checker","bufferView":5,"mimeType":"image/png"}}],
+"accessors":[{{"bufferView":0,"componentType":5126,"count":8,"type":"VEC3","min":[-0.35,0,-0.3031089],"max":[0.35,1.4,0.3031089]}},
+{{"bufferView":1,"componentType":5121,"normalized":true,"count":8,"type":"VEC4"}},
+{{"bufferView":2,"componentType":5121,"count":36,"type":"SCALAR"}},
+{{"bufferView":3,"componentType":5126,"count":4,"type":"VEC3","min":[-2,0,-2],"max":[2,0,2]}},
+{{"bufferView":4,"componentType":5121,"count":4,"type":"VEC2"}}],
+"bufferViews":[{views}],"buffers":[{{"byteLength":{}}}]}}"#,
+        binary.len()
+    );
+    let mut json = json.into_bytes();
+    json.resize(json.len().next_multiple_of(4), b' ');
+    binary.resize(binary.len().next_multiple_of(4), 0);
+    let mut bytes = b"glTF".to_vec();
+    let chunks: [(&[u8; 4], &[u8]); 2] = [(b"JSON", &json), (b"BIN\0", &binary)];
+    let total = 12 + chunks.iter().map(|(_, chunk)| 8 + chunk.len()).sum::<usize>();
+    bytes.extend(2u32.to_le_bytes());
+    bytes.extend((total as u32).to_le_bytes());
+    for (kind, chunk) in chunks {
+        bytes.extend((chunk.len() as u32).to_le_bytes());
+        bytes.extend(kind);
+        bytes.extend(chunk);
+    }
+    bytes
 }
 
 /// A coarse pot for subdivision: walls over a six-pointed star, with a bottom and without a lid. An

@@ -76,7 +76,7 @@ impl Texture for Product {
         let mut product = Rgb::WHITE;
         for factor in &self.factors {
             match factor {
-                ColorSource::Constant(value) => product = product * *value,
+                ColorSource::Constant(value) => product *= *value,
                 ColorSource::Texture(_) => return None,
             }
         }

@@ -1,6 +1,7 @@
 //! The validation harness: renders each scene with Whitstone and with a reference renderer,
 //! compares the images, and explains or reports every pixel that differs.
 
+mod decoded;
 pub mod driver;
 pub mod environment;
 pub mod explain;
@@ -32,6 +33,7 @@ mod validator;
 mod variants;
 mod verdict;
 
+pub use decoded::decode_textures;
 pub use key::{find_scenes, quoted, scene_key};
 pub use live::{Live, LiveError, hash_sources};
 pub use noisy::Noisy;

@@ -1,5 +1,6 @@
 //! Validates scenes: renders a scene, obtains its reference, and has the two compared.
 
+use crate::decoded::decode_textures;
 use crate::driver::DriverError;
 use crate::key::{folder_of, quoted, scene_key};
 use crate::live::{Live, LiveError};
@@ -243,7 +244,14 @@ impl<'a> Validator<'a> {
 
     fn render(&self, path: &Path, case: &mut CaseResult) -> Result<Ours, String> {
         let overrides = self.overrides(path, &mut case.adapted)?;
-        let flattened = flatten(path, &overrides, self.registry)?;
+        let mut flattened = flatten(path, &overrides, self.registry)?;
+        let decoded = decode_textures(&mut flattened, &self.options.target.join("decoded"))?;
+        if !decoded.is_empty() {
+            let files = decoded.join(", ");
+            case.adapted.push(format!(
+                "the reference reads the decoded texels of {files}: decoders differ"
+            ));
+        }
         let all_overrides = [
             &overrides[..],
             &self.options.shared_overrides,
@@ -329,7 +337,9 @@ impl<'a> Validator<'a> {
     /// The scene as the reference receives it, and the changes that were made for it.
     pub fn adapted(&self, path: &Path) -> Result<(Flattened, Vec<String>), String> {
         let overrides = self.overrides(path, &mut Vec::new())?;
-        Ok((flatten(path, &overrides, self.registry)?, overrides))
+        let mut flattened = flatten(path, &overrides, self.registry)?;
+        decode_textures(&mut flattened, &self.options.target.join("decoded"))?;
+        Ok((flattened, overrides))
     }
 
     /// Another renderer with a stored reference of the scene.

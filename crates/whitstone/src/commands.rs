@@ -5,6 +5,7 @@ pub mod compare;
 pub mod completions;
 #[cfg(feature = "converge")]
 pub mod converge;
+pub mod convert;
 pub mod doctor;
 pub mod explain;
 mod junit;
@@ -26,10 +27,10 @@ pub mod validate;
 
 use crate::terminal::{self, Exit, Failure};
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use whitstone_core::simd::Level;
-use whitstone_core::{DuplicateType, Registry};
+use whitstone_core::{DuplicateType, ImportOptions, Note, Registry, Treatment};
 use whitstone_render::{BuildOptions, Cache, Pipeline};
 use whitstone_scene::{Plan, Sources};
 
@@ -59,6 +60,7 @@ pub enum Command {
     Reduce(reduce::Arguments),
     Report(report::Arguments),
     Compare(compare::Arguments),
+    Convert(convert::Arguments),
     Explain(explain::Arguments),
     #[cfg(feature = "stress")]
     Stress(stress::Arguments),
@@ -84,6 +86,7 @@ impl Command {
             Self::Reduce(arguments) => reduce::run(arguments, registry, program),
             Self::Report(arguments) => report::run(arguments, program),
             Self::Compare(arguments) => compare::run(arguments),
+            Self::Convert(arguments) => convert::run(arguments, registry),
             Self::Explain(arguments) => explain::run(arguments, registry),
             #[cfg(feature = "stress")]
             Self::Stress(arguments) => stress::run(arguments, registry),
@@ -178,8 +181,11 @@ fn finite(text: &str) -> Result<f64, String> {
 /// A scene on the command line.
 #[derive(Args, Clone, Debug)]
 pub struct SceneArguments {
-    /// Scene file (TOML)
+    /// Scene file (TOML), or a file of another format such as .glb
     pub scene: PathBuf,
+    /// Camera of a file of another format, by name or index [default: the first]
+    #[arg(long, value_name = "NAME")]
+    pub camera: Option<String>,
     /// Override a value of the scene: `camera.fov=30`, `shape.glass.radius=0.5`,
     /// `'film={width=64,height=64}'`; can be repeated
     #[arg(long = "set", value_name = "PATH=VALUE")]
@@ -209,8 +215,15 @@ pub fn build_with<T>(
     note: impl FnOnce(&Plan<'_, '_>) -> T,
 ) -> Result<(Pipeline, T), Failure> {
     let color = terminal::color();
-    let sources = Sources::load(&arguments.scene, &arguments.overrides, registry)
+    let options = ImportOptions {
+        camera: arguments.camera.clone(),
+        ..ImportOptions::all()
+    };
+    let sources = Sources::load_with(&arguments.scene, &arguments.overrides, registry, &options)
         .map_err(|error| Failure::usage(error.sources.report(&error.errors, color)))?;
+    for (path, notes) in sources.notes() {
+        tell_losses(path, notes);
+    }
     let bar = terminal::spinner("building");
     let progress = |what: &str| bar.set_message(format!("building {what}"));
     let kept = arguments.target.join("kept");
@@ -229,6 +242,23 @@ pub fn build_with<T>(
         eprintln!("{}", sources.report_warnings(&pipeline.warnings, color));
     }
     Ok((pipeline, note))
+}
+
+/// Prints what an import approximated and dropped, as one line on standard error.
+fn tell_losses(path: &Path, notes: &[Note]) {
+    let of = |treatment: Treatment| {
+        let names = notes.iter().filter(|note| note.feature.treatment == treatment);
+        let names: Vec<&str> = names.map(|note| note.feature.name).collect();
+        let what = convert::heading(treatment);
+        (!names.is_empty()).then(|| format!("{what}: {}", names.join(", ")))
+    };
+    let told: Vec<String> = [Treatment::Approximated, Treatment::Dropped]
+        .into_iter()
+        .filter_map(of)
+        .collect();
+    if !told.is_empty() {
+        eprintln!("{}: {}", path.display(), told.join("; "));
+    }
 }
 
 #[cfg(test)]

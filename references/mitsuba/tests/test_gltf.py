@@ -467,6 +467,15 @@ class OtherColors(Files):
         with self.assertRaises(SceneError):
             meshes.load(self.write("a.obj", (text + face).encode()), meshes.Wanted(uv_sets=(1,)))
 
+    def test_parts_of_obj(self):
+        text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nusemtl a b \nf 1 3 2\nf 2 3 4\nusemtl c\nf 1 2 4\n"
+        path = self.write("parts.obj", text.encode())
+        for part, faces in (("", [[0, 1, 2]]), ("a b", [[0, 2, 1], [1, 2, 3]]), ("c", [[0, 1, 3]])):
+            self.assertEqual(meshes.load(path, meshes.Wanted(part=part)).faces.tolist(), faces)
+        self.assertEqual(len(meshes.load(path).faces), 4)
+        with self.assertRaises(SceneError):
+            meshes.load(path, meshes.Wanted(part="a"))
+
 
 class Stl(Files):
     POINTS = [[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 2.5], [1e-3, 0, 2], [0, 1, 2]]]

@@ -51,6 +51,8 @@ class Wanted:
     uv_sets: Tuple[int, ...] = (0,)
     colors: bool = False
     tangents: bool = False
+    # For OBJ: only the faces of this material.
+    part: Optional[str] = None
     # The rest is for glTF.
     mesh: int = 0
     primitive: int = 0
@@ -76,7 +78,7 @@ def load(path: str, wanted: Optional[Wanted] = None, base: Optional[Folder] = No
         raise SceneError(f"{path}: cannot be read: {error.strerror}") from error
     if wanted.uv_sets not in ((), (0,)):
         raise SceneError(f"{path}: has no sets of texture coordinates except 0; only glTF has others")
-    found = _load(path, status.st_mtime_ns, status.st_size)
+    found = _load(path, status.st_mtime_ns, status.st_size, wanted.part)
     found = replace(found, uvs=found.uvs if wanted.uv_sets else None, colors=found.colors if wanted.colors else None)
     if wanted.colors and found.colors is None:
         found.colors = np.ones((len(found.positions), 4))
@@ -162,7 +164,7 @@ def tangents(triangles: Triangles) -> Tuple[np.ndarray, np.ndarray]:
 
 
 @functools.lru_cache(maxsize=8)
-def _load(path: str, modified: int, size: int) -> Triangles:
+def _load(path: str, modified: int, size: int, part: Optional[str]) -> Triangles:
     """Reads the file; `modified` and `size` are only part of the cache key."""
     reader = _READERS[os.path.splitext(path)[1].lower()]
     try:
@@ -171,18 +173,21 @@ def _load(path: str, modified: int, size: int) -> Triangles:
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror}") from error
     try:
-        triangles = reader(data)
+        triangles = reader(data) if part is None else _obj(data, part)
     except (ValueError, IndexError, KeyError, TypeError, OverflowError, MemoryError, UnicodeDecodeError) as error:
         raise SceneError(f"{path}: is malformed: {error}") from error
     if len(triangles.faces) == 0:
-        raise SceneError(f"{path}: has no faces")
+        raise SceneError(f"{path}: has no faces" + ("" if part is None else f" of the part {part!r}"))
     if triangles.faces.min() < 0 or triangles.faces.max() >= len(triangles.positions):
         raise SceneError(f"{path}: a face refers to a vertex that does not exist")
     return _checked(path, triangles)
 
 
-def _obj(data: bytes) -> Triangles:
-    """Wavefront OBJ: v, vt, vn, f; everything else is ignored."""
+def _obj(data: bytes, part: Optional[str] = None) -> Triangles:
+    """Wavefront OBJ: v, vt, vn, f; everything else is ignored. With `part` only the faces after
+    `usemtl` with this name, or before any for an empty one.
+    """
+    material = ""
     points: List[List[float]] = []
     texcoords: List[List[float]] = []
     normals: List[List[float]] = []
@@ -208,7 +213,9 @@ def _obj(data: bytes) -> Triangles:
         words = line.split("#", 1)[0].split()
         if not words:
             continue
-        if words[0] == "v":
+        if words[0] == "usemtl":
+            material = line.strip()[len("usemtl") :].strip()
+        elif words[0] == "v":
             if len(words) >= 7:
                 colors[len(points)] = [float(word) for word in words[4:7]]
             points.append([float(word) for word in words[1:4]])
@@ -220,6 +227,8 @@ def _obj(data: bytes) -> Triangles:
             ring = [corner(word) for word in words[1:]]
             if len(ring) < 3:
                 raise ValueError("a face has fewer than three corners")
+            if part is not None and part != material:
+                continue
             for second in range(1, len(ring) - 1):
                 corners += [ring[0], ring[second], ring[second + 1]]
     indices = np.array(corners, dtype=np.int64).reshape(-1, 3)

@@ -337,9 +337,17 @@ def _wanted(fields: Fields, name: str) -> meshes.Wanted:
         fields.error("uv_sets", f"expected at most two different integers >= 0, found {sets!r}")
         sets = [0]
     colors, tangents = fields.flag("vertex_colors", False), fields.flag("tangents", False)
-    found = meshes.Wanted(tuple(sets), colors, tangents)
+    part = fields.take("part")
+    if part is not None and not isinstance(part, str):
+        fields.error("part", f"expected the name of a material, found {part!r}")
+        part = None
+    if part is not None and not name.lower().endswith(".obj"):
+        fields.error("part", "requires a file ending in .obj")
+        part = None
+    found = meshes.Wanted(tuple(sets), colors, tangents, part)
     if fields.has("subdivision") or fields.has("displacement"):
-        for key, given in (("uv_sets", sets not in ([], [0])), ("vertex_colors", colors), ("tangents", tangents)):
+        keys = (("uv_sets", sets not in ([], [0])), ("vertex_colors", colors), ("tangents", tangents), ("part", part is not None))
+        for key, given in keys:
             if given:
                 fields.error(key, "cannot be given together with `subdivision` or `displacement`")
     if not gltf.is_file(name):

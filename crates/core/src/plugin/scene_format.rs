@@ -36,6 +36,8 @@ pub trait SceneFormat: Send + Sync {
 /// What to import, and how. The default imports everything.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ImportOptions {
+    /// Name of the format; by default the extension of the file decides.
+    pub format: Option<String>,
     /// Prefix of the ids that the imported scene defines, so that several files do not collide.
     pub prefix: String,
     /// Transform of everything, applied after the transforms in the file.

@@ -46,6 +46,7 @@ pub(crate) const FEATURES: &[Feature] = features! {
     Approximated "spot light falloff": "Linear in the angle between the inner and the outer cone.";
     Approximated "mirrored cameras": "The image is not mirrored.";
     Dropped "third texture coordinates": "A material uses at most two sets; textures of the others are left out.";
+    Dropped "textures without an image": "They count as white.";
     Dropped "occlusion textures": "Shadows are computed.";
     Dropped "transmission texture": "The factor alone is used.";
     Dropped "alpha of refracting materials": "A refracting material has no opacity.";

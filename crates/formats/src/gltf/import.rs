@@ -14,6 +14,7 @@ use whitstone_gltf::json::accessor::Type;
 use whitstone_gltf::json::mesh::Semantic;
 use whitstone_gltf::json::validation::Checked;
 use whitstone_gltf::json::{Node, mesh};
+pub(crate) use whitstone_gltf::shortest;
 use whitstone_gltf::{Document, Error, MAX_NODE_DEPTH, has_triangles, local_transform, parents};
 
 /// Maximum number of shapes and instances of an imported scene.
@@ -58,12 +59,6 @@ pub(super) fn import(path: &Path, options: &ImportOptions) -> Result<Imported, F
 
 fn told(error: Error) -> FormatError {
     FormatError::at(error.pointer, error.message)
-}
-
-/// The number with the fewest digits that rounds to this one in single precision: what the file
-/// says.
-pub(crate) fn shortest(value: f32) -> f64 {
-    value.to_string().parse().unwrap_or(f64::NAN)
 }
 
 /// The state of an import.
@@ -229,7 +224,7 @@ impl Importer<'_> {
     fn node(&mut self, number: usize, world: DAffine3, depth: usize) -> Result<(), FormatError> {
         let pointer = format!("/nodes/{number}");
         if depth > MAX_NODE_DEPTH {
-            let message = format!("is nested more than {MAX_NODE_DEPTH} deep");
+            let message = format!("is in a cycle, or nested more than {MAX_NODE_DEPTH} deep");
             return Err(FormatError::at(pointer, message));
         }
         let document = self.document;

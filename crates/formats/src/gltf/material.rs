@@ -3,8 +3,8 @@
 //! A metallic-roughness material has a base colour c, a metalness m and a roughness r. It becomes
 //! the material `whitted` with
 //!
-//! - the diffuse albedo D = c (1 - m (1 - r)): a rough metal scatters widely, a smooth one reflects;
-//!   `k_d` = D/pi, `k_a` = D;
+//! - the diffuse albedo D = c (1 - m (1 - r)): a rough metal scatters widely, a smooth one
+//!   reflects; `k_d` = D/pi, `k_a` = D;
 //! - the reflectance at normal incidence F = f (1 - m) + c m, f = ((ior - 1)/(ior + 1))², 0.04 by
 //!   default, times the factor and the colour of KHR_materials_specular;
 //! - a highlight `k_s` = F (1 - r) (e + 1)/(2 pi), whose lobe then reflects F (1 - r) in all. The
@@ -57,7 +57,7 @@ const WITHOUT_EFFECT: [&str; 7] = [
 ];
 
 /// A colour parameter: a constant or the value of a texture key.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 enum Source {
     Constant([f64; 3]),
     Texture(Value),
@@ -118,7 +118,7 @@ impl Source {
                     a[k] * (1.0 - weight[k]) + b[k] * weight[k]
                 }))
             }
-            _ if weight.is(0.0) => a,
+            _ if weight.is(0.0) || a == b => a,
             _ if weight.is(1.0) => b,
             _ => Self::Texture(Value::Table(table([
                 ("type", Value::String("mix".into())),
@@ -373,9 +373,7 @@ impl Importer<'_> {
                 let image = self.source(used, "blue", Some("linear"), sets)?;
                 metalness = Source::product([metalness, image]);
             }
-            if roughness > 0.0 {
-                self.note("roughness texture", at);
-            }
+            self.note("roughness texture", at);
         }
         self.note("metallic-roughness", at);
         let ior = extensions.ior.as_ref().map_or(1.5, |ior| number(ior.ior.0));
@@ -417,9 +415,11 @@ impl Importer<'_> {
                 Source::product([diffuse.clone(), Source::grey(1.0 / PI)]).value(),
             ),
             ("k_a", diffuse.value()),
-            ("k_s", highlight.value()),
-            ("exponent", Value::Float(exponent)),
         ]);
+        if !highlight.is(0.0) {
+            surface.insert("k_s".into(), highlight.value());
+            surface.insert("exponent".into(), Value::Float(exponent));
+        }
         if roughness < ROUGH {
             let mirror = Source::product([facing, share.clone(), share]);
             surface.insert("k_refl".into(), mirror.value());

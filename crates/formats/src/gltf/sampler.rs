@@ -9,6 +9,9 @@ use whitstone_gltf::json::extensions::texture::TextureTransform;
 use whitstone_gltf::json::texture::{MagFilter, MinFilter, WrappingMode};
 use whitstone_gltf::json::validation::Checked;
 
+/// What the reader puts in the place of a missing `source`.
+const NO_IMAGE: usize = u32::MAX as usize;
+
 /// A reference to a texture in a material.
 pub(crate) struct TextureUse {
     /// Index of the texture.
@@ -55,6 +58,13 @@ impl Importer<'_> {
             .and_then(|webp| webp.get("source"))
             .and_then(serde_json_index);
         let source = webp.unwrap_or(texture.source.value());
+        if source == NO_IMAGE {
+            self.note(
+                "textures without an image",
+                &format!("/textures/{}", used.texture),
+            );
+            return Ok(None);
+        }
         let pointer = || format!("/textures/{}/source", used.texture);
         Document::item(&root.images, source, "images", pointer).map_err(self.told())?;
 

@@ -515,7 +515,7 @@ impl Loader<'_> {
         Ok(())
     }
 
-    /// A file that an `include` names: beside the file with the element, else as other files.
+    /// A file that an `include` names: next to the file with the element, else as other files.
     fn included(&self, element: Element<'_, '_>, written: &str) -> Result<Named, FormatError> {
         let inside = folder_of(&self.scene.files[element.file].name);
         let near = self.folder.find(inside, written);

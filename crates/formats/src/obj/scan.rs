@@ -17,6 +17,10 @@ pub(super) struct Scan {
     pub(super) colors: bool,
     /// Whether some face has texture coordinates.
     pub(super) uvs: bool,
+    /// Whether some face has normals.
+    pub(super) normals: bool,
+    /// Number of triangles of all faces.
+    pub(super) triangles: u64,
     /// The bounds of all vertices of faces, in metres; empty (low > high) without faces.
     pub(super) low: DVec3,
     pub(super) high: DVec3,
@@ -68,6 +72,7 @@ pub(super) fn scan(bytes: &[u8]) -> Scan {
             }
             b"vn" => normals = true,
             b"f" => {
+                let mut corners = 0_u64;
                 for word in rest()
                     .split('#')
                     .next()
@@ -77,6 +82,8 @@ pub(super) fn scan(bytes: &[u8]) -> Scan {
                     let mut indices = word.split('/');
                     let index = indices.next().and_then(|text| text.parse::<i64>().ok());
                     scan.uvs |= indices.next().is_some_and(|text| !text.is_empty());
+                    scan.normals |= indices.next().is_some_and(|text| !text.is_empty());
+                    corners += 1;
                     let place = match index {
                         Some(index @ 1..) => usize::try_from(index - 1).ok(),
                         Some(index) => usize::try_from(positions.len() as i64 + index).ok(),
@@ -89,6 +96,7 @@ pub(super) fn scan(bytes: &[u8]) -> Scan {
                         scan.high = scan.high.max(*position);
                     }
                 }
+                scan.triangles += corners.saturating_sub(2);
                 if material_is_new {
                     material_is_new = false;
                     if parts.insert(material.clone(), ()).is_none() {

@@ -241,3 +241,18 @@ fn garbage_gives_no_panic() {
     import(&path, &ImportOptions::all()).unwrap();
     let _ = mtl::parse(&garbage);
 }
+
+#[test]
+fn a_part_has_the_faces_of_one_material() {
+    let text = "v 0 0 0\nf 1 \\\n 1 1\nusemtl a\nf 2 2 2\nusemtl  b \r\nf 3 3 3\nusemtl a\nf 4 4 4\n";
+    let part = |name: &str| {
+        let text = String::from_utf8(only_part(text.as_bytes(), name)).unwrap();
+        text.lines()
+            .filter(|line| line.starts_with('f'))
+            .map(str::to_owned)
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(part("a"), ["f 2 2 2", "f 4 4 4"]);
+    assert_eq!(part("b"), ["f 3 3 3"]);
+    assert_eq!(part(""), ["f 1 \\"]);
+}

@@ -82,6 +82,7 @@ struct Environment {
 }
 
 #[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
 struct Faces {
     px: Face,
     nx: Face,
@@ -92,6 +93,7 @@ struct Faces {
 }
 
 #[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
 struct Face {
     file: FilePath,
 }
@@ -251,7 +253,7 @@ impl Sky {
                 uv,
                 p: d,
                 n_s: d,
-                footprint: Default::default(),
+                ..Place::default()
             }),
             Self::Cube(faces) => {
                 let m = d.abs().max_element();
@@ -443,7 +445,7 @@ impl Slide {
             uv,
             p: uv.extend(0.0),
             n_s: DVec3::Z,
-            footprint: Default::default(),
+            ..Place::default()
         };
         let factor = distance / (z * z * z);
         Some((l, distance, self.intensity * self.slide.at(&place) * factor))

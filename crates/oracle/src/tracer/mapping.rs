@@ -17,6 +17,29 @@ pub(super) struct Place {
     pub(super) n_s: DVec3,
     /// Derivatives of all of this per sample; zero if they are not needed.
     pub(super) footprint: Footprint,
+    /// The second set of texture coordinates.
+    pub(super) second: DVec2,
+    /// The mesh tangent in world space, of any length, and the sign of the bitangent.
+    pub(super) tangent: Option<(DVec3, f64)>,
+    /// The vertex colour, R, G, B and alpha; 1 if there is none.
+    pub(super) color: [f64; 4],
+    /// The side on which undecided thresholds fall: 0, or -1 and 1 in perturbed runs.
+    pub(super) nudge: f64,
+}
+
+impl Default for Place {
+    fn default() -> Self {
+        Self {
+            uv: DVec2::ZERO,
+            p: DVec3::ZERO,
+            n_s: DVec3::ZERO,
+            footprint: Footprint::default(),
+            second: DVec2::ZERO,
+            tangent: None,
+            color: [1.0; 4],
+            nudge: 0.0,
+        }
+    }
 }
 
 /// A function on texture space.
@@ -47,12 +70,15 @@ pub(super) struct MappingConfig {
     projection: Option<String>,
     transform: Option<TransformSteps>,
     sharpness: Option<f64>,
+    uv_set: Option<u32>,
 }
 
 /// How a surface point becomes a point of texture space.
 #[derive(Clone, Copy)]
 pub(super) enum Projection {
     Uv,
+    /// By the second set of texture coordinates.
+    SecondUv,
     Solid,
     Planar,
     Spherical,
@@ -68,10 +94,16 @@ pub(super) struct Mapping {
 }
 
 impl Mapping {
-    pub(super) fn new(config: Option<MappingConfig>, usual: Projection) -> Self {
+    pub(super) fn new(config: Option<MappingConfig>, usual: Projection) -> Result<Self, String> {
         let config = config.unwrap_or_default();
-        Self {
+        let usual = match (usual, config.projection.as_deref(), config.uv_set) {
+            (_, _, None) | (Projection::Uv, None, Some(0)) | (_, Some("uv"), Some(0)) => usual,
+            (Projection::Uv, None, Some(1)) | (_, Some("uv"), Some(1)) => Projection::SecondUv,
+            _ => return Err("this `uv_set`".to_owned()),
+        };
+        Ok(Self {
             projection: match config.projection.as_deref() {
+                Some("uv") if config.uv_set == Some(1) => usual,
                 Some("uv") => Projection::Uv,
                 Some("solid") => Projection::Solid,
                 Some("planar") => Projection::Planar,
@@ -79,21 +111,24 @@ impl Mapping {
                 Some("cylindrical") => Projection::Cylindrical,
                 Some("cube") => Projection::Cube,
                 Some("triplanar") => Projection::Triplanar(config.sharpness.unwrap_or(4.0)),
-                _ => usual,
+                None => usual,
+                Some(other) => return Err(format!("the projection \"{other}\"")),
             },
             map: config
                 .transform
                 .map_or(DAffine3::IDENTITY, |steps| *steps.get().world_from_object()),
-        }
+        })
     }
 
     pub(super) fn look(&self, pattern: &dyn TextureFunction, spot: &Place) -> Rgb {
         let q = match self.projection {
             Projection::Uv => self.map.transform_point3(spot.uv.extend(0.0)),
+            Projection::SecondUv => self.map.transform_point3(spot.second.extend(0.0)),
             _ => self.map.transform_point3(spot.p),
         };
         let steps = match self.projection {
             Projection::Uv => spot.footprint.uv.map(|step| step.extend(0.0)),
+            Projection::SecondUv => [DVec3::ZERO; 2],
             _ => spot.footprint.p,
         };
         let steps = steps.map(|step| self.map.matrix3 * step);
@@ -115,7 +150,7 @@ impl Mapping {
             return pattern.at(here);
         }
         let steps = steps.map(|step| match self.projection {
-            Projection::Uv | Projection::Solid | Projection::Planar => step,
+            Projection::Uv | Projection::SecondUv | Projection::Solid | Projection::Planar => step,
             _ if step == DVec3::ZERO => step,
             _ => {
                 let away = NEAR * far / step.length();
@@ -136,7 +171,7 @@ impl Projection {
     fn point(self, q: DVec3, face: usize) -> DVec3 {
         let turn = around(q.x, q.y) / TAU;
         match self {
-            Self::Uv | Self::Solid | Self::Triplanar(_) => q,
+            Self::Uv | Self::SecondUv | Self::Solid | Self::Triplanar(_) => q,
             Self::Planar => DVec3::new(q.x, q.y, 0.0),
             Self::Spherical => {
                 let theta = q.x.hypot(q.y).atan2(q.z);

@@ -88,7 +88,12 @@ enum Kind {
     Sides([Box<Kind>; 2]),
     /// The opacity: 0 is a hole.
     Mask(Texture, Box<Kind>),
-    NormalMap(Texture, Tangent, Box<Kind>),
+    NormalMap {
+        map: Texture,
+        tangent: Tangent,
+        strength: f64,
+        inner: Box<Kind>,
+    },
     Bump {
         height: Texture,
         scale: f64,
@@ -105,16 +110,24 @@ enum Tangent {
     Along(DVec3),
     /// Around this axis.
     Around(DVec3),
+    /// The mesh tangent.
+    Mesh,
 }
 
 impl Tangent {
-    /// The tangent as a unit vector, if there is one.
-    fn at(&self, n_s: DVec3) -> Option<DVec3> {
-        let t = match self {
-            Self::Along(x) => *x - x.dot(n_s) * n_s,
-            Self::Around(axis) => axis.cross(n_s),
+    /// The tangent and the bitangent as unit vectors, if there are any.
+    fn at(&self, n_s: DVec3, spot: &Place) -> Option<[DVec3; 2]> {
+        let across = |x: DVec3| x - x.dot(n_s) * n_s;
+        let (t, sign) = match self {
+            Self::Along(x) => (across(*x), 1.0),
+            Self::Around(axis) => (axis.cross(n_s), 1.0),
+            Self::Mesh => {
+                let (along, sign) = spot.tangent?;
+                (across(along.try_normalize()?), sign)
+            }
         };
-        t.try_normalize()
+        let t = t.try_normalize()?;
+        Some([t, sign * n_s.cross(t)])
     }
 }
 
@@ -153,7 +166,7 @@ impl Kind {
         match self {
             Self::Mask(..) => true,
             Self::Emissive(_, inner) => inner.as_ref().is_some_and(|inner| inner.has_masks()),
-            Self::NormalMap(_, _, inner) | Self::Bump { inner, .. } | Self::BumpVectors(.., inner) => {
+            Self::NormalMap { inner, .. } | Self::Bump { inner, .. } | Self::BumpVectors(.., inner) => {
                 inner.has_masks()
             }
             Self::Mix(_, two) | Self::Sides(two) => two.iter().any(|one| one.has_masks()),
@@ -200,14 +213,15 @@ impl At<'_> {
         medium: MediumState,
     ) -> Vec<Differential> {
         let footprint = self.spot.footprint;
-        // The specular rays at offset points: left and right, above and below.
+        // The specular rays at offset points: left and right, above and below. The step changes
+        // (u, v), n_s and the point, but neither vertex colours nor mesh tangents.
         let neighbours = [0, 1].map(|side| {
             [-APART, APART].map(|away| {
                 let spot = Place {
                     uv: self.spot.uv + away * footprint.uv[side],
                     p: self.spot.p + away * footprint.p[side],
                     n_s: (self.spot.n_s + away * footprint.n_s[side]).normalize(),
-                    footprint,
+                    ..self.spot
                 };
                 let viewer = (self.viewer - away * arriving.direction[side]).normalize();
                 At::new(self.kind, spot, self.n_g, viewer).specular_rays(medium)
@@ -252,16 +266,25 @@ impl At<'_> {
     fn perturbed(&self) -> Option<At<'_>> {
         let n_s = self.n_s;
         let (inner, perturbed) = match self.kind {
-            Kind::NormalMap(map, tangent, inner) => {
+            Kind::NormalMap {
+                map,
+                tangent,
+                strength,
+                inner,
+            } => {
                 let [r, g, b] = map.at(&self.spot).to_array().map(|c| 2.0 * c - 1.0);
-                let t = tangent.at(n_s);
-                (inner, t.map(|t| r * t + g * n_s.cross(t) + b * n_s))
+                let axes = tangent.at(n_s, &self.spot);
+                let n = axes.map(|[t, across]| strength * (r * t + g * across) + b * n_s);
+                (inner, n)
             }
             Kind::BumpVectors(vectors, scale, tangent, inner) => {
                 let [r, g, b] = vectors.at(&self.spot).to_array().map(|c| 2.0 * c - 1.0);
                 let w = match tangent {
                     None => Some(DVec3::new(r, g, b)),
-                    Some(tangent) => tangent.at(n_s).map(|t| r * t + g * n_s.cross(t) + b * n_s),
+                    Some(tangent) => {
+                        let axes = tangent.at(n_s, &self.spot);
+                        axes.map(|[t, across]| r * t + g * across + b * n_s)
+                    }
                 };
                 (inner, w.map(|w| n_s + *scale * w))
             }
@@ -421,7 +444,7 @@ impl At<'_> {
             }
             Kind::Emissive(_, Some(inner)) => self.with(inner).specular_rays(medium),
             Kind::Sides(sides) => self.side(sides).specular_rays(medium),
-            Kind::NormalMap(..) | Kind::Bump { .. } | Kind::BumpVectors(..) => self
+            Kind::NormalMap { .. } | Kind::Bump { .. } | Kind::BumpVectors(..) => self
                 .perturbed()
                 .map_or_else(Vec::new, |perturbed| perturbed.specular_rays(medium)),
             Kind::Mask(opacity, inner) => {
@@ -501,7 +524,7 @@ impl At<'_> {
                 );
                 (w.map(|w| 1.0 - w) * a.0 + w * b.0, a.1.or(b.1))
             }
-            Kind::NormalMap(..) | Kind::Bump { .. } | Kind::BumpVectors(..) => self
+            Kind::NormalMap { .. } | Kind::Bump { .. } | Kind::BumpVectors(..) => self
                 .perturbed()
                 .map_or(nothing, |perturbed| perturbed.transmittance(filtered, medium)),
             Kind::Dielectric(interface) if filtered => (self.passes(interface), behind(interface)),

@@ -3,11 +3,13 @@
 use super::mapping::{MappingConfig, TextureFunction};
 use super::pyramid::{Level, Mean};
 use super::wrap::{Wrap, Wraps};
+use crate::gltf::{self, Gltf};
 use serde::Deserialize;
+use std::fmt::Display;
 use std::path::Path;
 use whitstone_core::config::{Color, FilePath};
 use whitstone_core::{DVec2, DVec3, Rgb};
-use whitstone_image::limits::{Limits, ReadError};
+use whitstone_image::limits::{Limits, ReadFault};
 use whitstone_image::texels::{self, Encoding, Texels};
 
 /// One number for both axes, or two numbers.
@@ -121,6 +123,7 @@ pub(super) struct PictureConfig {
     #[serde(default)]
     wrap: Wraps,
     channel: Option<String>,
+    image: Option<usize>,
     color_space: Option<String>,
     scale: Option<Pair>,
     offset: Option<Pair>,
@@ -160,7 +163,7 @@ impl Codes {
         Self::new(texels::read(base.join(Path::new(&file.path)), Limits::TEXTURE))
     }
 
-    fn new(texels: Result<Texels, ReadError>) -> Result<Self, String> {
+    fn new(texels: Result<Texels, impl Display>) -> Result<Self, String> {
         let texels = texels.map_err(|error| format!("this picture: {error}"))?;
         let most = match texels.encoding {
             Encoding::Srgb8 => Some(255.0),
@@ -177,16 +180,50 @@ impl Codes {
     }
 }
 
+impl Codes {
+    /// Image `index` of a glTF file: its colours, or its alpha channel, 1 without one.
+    fn of_gltf(path: &Path, index: usize, alpha: bool) -> Result<Self, String> {
+        let bytes = Gltf::read(path).and_then(|file| file.image(index));
+        let bytes = bytes.map_err(|error| format!("this picture: {error}"))?;
+        if alpha {
+            match texels::decode_alpha(&bytes, Limits::TEXTURE) {
+                Err(ReadFault::NoAlpha) => {}
+                codes => return Self::new(codes),
+            }
+        }
+        let mut codes = Self::new(texels::decode(&bytes, Limits::TEXTURE))?;
+        if codes.most.is_none() {
+            return Err("this picture: EXR in glTF".to_owned());
+        }
+        if alpha {
+            codes.values.fill([codes.most.unwrap_or(1.0); 3]);
+        }
+        Ok(codes)
+    }
+}
+
 impl Picture {
     pub(super) fn new(config: &PictureConfig, base: &Path) -> Result<Self, String> {
-        let alpha = config.channel.as_deref() == Some("alpha");
-        let codes = match alpha {
-            true => Codes::new(texels::read_alpha(
-                base.join(Path::new(&config.file.path)),
-                Limits::TEXTURE,
-            )),
-            false => Codes::read(&config.file, base),
-        }?;
+        let (alpha, channel) = match config.channel.as_deref() {
+            None | Some("color") => (false, None),
+            Some("alpha") => (true, None),
+            Some("red") => (false, Some(0)),
+            Some("green") => (false, Some(1)),
+            Some("blue") => (false, Some(2)),
+            Some(other) => return Err(format!("the channel \"{other}\" of images")),
+        };
+        let path = base.join(Path::new(&config.file.path));
+        let mut codes = match (gltf::is_gltf(&path), alpha) {
+            (true, _) => Codes::of_gltf(&path, config.image.unwrap_or(0), alpha)?,
+            (false, _) if config.image.is_some() => return Err("`image` of this file".to_owned()),
+            (false, true) => Codes::new(texels::read_alpha(path, Limits::TEXTURE))?,
+            (false, false) => Codes::read(&config.file, base)?,
+        };
+        if let Some(channel) = channel {
+            for texel in &mut codes.values {
+                *texel = [texel[channel]; 3];
+            }
+        }
         let lookup = Lookup {
             filter: config.filter.as_deref(),
             max_anisotropy: config.max_anisotropy,

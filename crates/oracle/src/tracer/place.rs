@@ -1,6 +1,7 @@
 //! Texture coordinates and shading normals of shapes: section 9 of the model.
 
 use super::mapping::around;
+use super::unknown_part;
 use crate::shapes::csg;
 use crate::shapes::heightfield::Heightfield;
 use crate::shapes::mesh::{self, Mesh};
@@ -68,18 +69,18 @@ impl Coordinates {
         Ok(match &*plugin.name {
             "heightfield" => {
                 let triangles = decode::<Heightfield>(keys)?.triangles().0;
-                Self::Triangles(Box::new(Mesh {
-                    normals: vec![None; triangles.len()],
-                    uvs: vec![None; triangles.len()],
-                    triangles,
-                }))
+                Self::Triangles(Box::new(Mesh::of(triangles, None, None)))
             }
             "patch" => Self::Parameters,
             "csg" => {
                 let operands = decode::<csg::Config>(keys)?.operands(description)?;
-                let operands = operands
-                    .iter()
-                    .map(|(plugin, map)| Ok((map.inverse(), Self::new(description, plugin)?)));
+                let operands = operands.iter().map(|(plugin, map)| {
+                    let operand = Self::new(description, plugin)?;
+                    if operand.has_attributes() {
+                        return Err(unknown_part(plugin, "attributes of meshes in a csg"));
+                    }
+                    Ok((map.inverse(), operand))
+                });
                 Self::Operands(operands.collect::<Result<_, SceneErrors>>()?)
             }
             "plane" => Self::Plane,
@@ -94,11 +95,9 @@ impl Coordinates {
                     uvs,
                 } = decode(keys)?;
                 let triangle = <[[f64; 3]; 3]>::try_from(vertices);
-                Self::Triangles(Box::new(Mesh {
-                    triangles: triangle.into_iter().collect(),
-                    normals: vec![normals],
-                    uvs: vec![Some(uvs.unwrap_or([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))],
-                }))
+                let uvs = uvs.unwrap_or([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]);
+                let triangles = triangle.into_iter().collect();
+                Self::Triangles(Box::new(Mesh::of(triangles, normals, Some(uvs))))
             }
             "polygon" => {
                 let vertices = decode::<Corners>(keys)?.vertices;
@@ -225,6 +224,60 @@ impl Coordinates {
     }
 }
 
+/// Further attributes of the vertices of a mesh, interpolated.
+#[derive(Clone, Copy)]
+pub(super) struct Attributes {
+    /// The second set of texture coordinates.
+    pub(super) second: DVec2,
+    pub(super) color: [f64; 4],
+    /// The mesh tangent in object space, and the sign of the bitangent.
+    pub(super) tangent: Option<(DVec3, f64)>,
+}
+
+impl Attributes {
+    /// Those of shapes that have none.
+    const NONE: Self = Self {
+        second: DVec2::ZERO,
+        color: [1.0; 4],
+        tangent: None,
+    };
+
+    /// Those of a triangle, weighted.
+    fn of(mesh: &Mesh, triangle: usize, weights: [f64; 3]) -> Self {
+        let second = mesh.seconds(triangle).map_or(DVec2::ZERO, |uvs| {
+            (0..3).map(|k| weights[k] * DVec2::from_array(uvs[k])).sum()
+        });
+        let color = mesh.colors(triangle).map_or([1.0; 4], |colors| {
+            [0, 1, 2, 3].map(|c| (0..3).map(|k| weights[k] * colors[k][c]).sum())
+        });
+        let tangent = mesh.tangents(triangle).map(|(along, sign)| {
+            let sum = (0..3).map(|k| weights[k] * DVec3::from_array(along[k])).sum();
+            (sum, sign)
+        });
+        Self {
+            second,
+            color,
+            tangent,
+        }
+    }
+}
+
+impl Coordinates {
+    /// The further attributes at a point.
+    pub(super) fn attributes(&self, p: DVec3, primitive: u32) -> Attributes {
+        let place = primitive as usize;
+        match self {
+            Self::Triangles(mesh) => Attributes::of(mesh, place, barycentric(&mesh.triangles[place], p)),
+            _ => Attributes::NONE,
+        }
+    }
+
+    /// Whether it is a mesh with further attributes.
+    fn has_attributes(&self) -> bool {
+        matches!(self, Self::Triangles(mesh) if !mesh.is_plain())
+    }
+}
+
 /// A vertex of the triangle that was hit.
 pub(super) struct Corner {
     /// Its barycentric coordinate at the point.
@@ -233,6 +286,7 @@ pub(super) struct Corner {
     /// Unit normal in the space that the map of normals leads to; `None` for the geometric one.
     pub(super) normal: Option<DVec3>,
     pub(super) uv: DVec2,
+    pub(super) attributes: Attributes,
 }
 
 impl Coordinates {
@@ -250,6 +304,11 @@ impl Coordinates {
             normal: mesh.normals[place]
                 .and_then(|corners| (*normals * DVec3::from_array(corners[k])).try_normalize()),
             uv: mesh.uvs[place].map_or(DVec2::ZERO, |uvs| uvs[k].into()),
+            attributes: Attributes::of(
+                mesh,
+                place,
+                [0, 1, 2].map(|other| if other == k { 1.0 } else { 0.0 }),
+            ),
         };
         (0..3).map(corner).collect()
     }

@@ -4,7 +4,7 @@ use super::coincident::{Meeting, Standing};
 use super::footprint::{Differential, Footprint, NEAR, Sides, slope};
 use super::mapping::Place;
 use super::material::{At, Material, bodies};
-use super::place::{Coordinates, Corner};
+use super::place::{Attributes, Coordinates, Corner};
 use super::{Unsure, unknown_part};
 use crate::interval::{Decided, Undecided};
 use crate::root::Root;
@@ -290,24 +290,35 @@ impl Scene {
             .collect()
     }
 
-    /// The material of a hit, seen from the direction `viewer`.
-    pub(super) fn material(&self, hit: &Hit, viewer: DVec3) -> At<'_> {
+    /// The material of a hit, seen from the direction `viewer`; `nudge` as in [`Place`].
+    pub(super) fn material(&self, hit: &Hit, viewer: DVec3, nudge: f64) -> At<'_> {
         let part = &self.parts[hit.shape];
         let p = part.object(hit.point);
         let interpolated = part.coordinates.normal(p, hit.primitive, &part.normals[0]);
+        let attributes = part.coordinates.attributes(p, hit.primitive);
         let place = Place {
             uv: part.coordinates.uv(p, hit.primitive, hit.parameters),
             p: hit.point,
             n_s: interpolated.map_or(hit.normal, |n| part.outwards(n)),
+            second: attributes.second,
+            color: attributes.color,
+            tangent: part.tangent(&attributes),
             footprint: Footprint::default(),
+            nudge,
         };
         part.material.at(place, hit.normal, viewer)
     }
 
     /// The same with the footprint of the ray.
-    pub(super) fn material_over(&self, hit: &Hit, ray: &Ray, differential: &Differential) -> At<'_> {
+    pub(super) fn material_over(
+        &self,
+        hit: &Hit,
+        ray: &Ray,
+        differential: &Differential,
+        nudge: f64,
+    ) -> At<'_> {
         let part = &self.parts[hit.shape];
-        let mut place = *self.material(hit, -ray.direction).place();
+        let mut place = *self.material(hit, -ray.direction, nudge).place();
         let p = differential.steps(ray, hit.t, hit.normal);
         let moved = p.map(|step| part.change(hit, &place, step));
         place.footprint = Footprint {
@@ -320,7 +331,7 @@ impl Scene {
 
     /// The vertices of the triangle that was hit: barycentric coordinate, position, and the
     /// material seen from `eye`. Empty for shapes without triangles.
-    pub(super) fn corners(&self, hit: &Hit, eye: DVec3) -> Vec<(f64, DVec3, At<'_>)> {
+    pub(super) fn corners(&self, hit: &Hit, eye: DVec3, nudge: f64) -> Vec<(f64, DVec3, At<'_>)> {
         let part = &self.parts[hit.shape];
         let p = part.object(hit.point);
         let corners = part.coordinates.corners(p, hit.primitive, &part.normals[0]);
@@ -330,7 +341,11 @@ impl Scene {
                 uv: corner.uv,
                 p,
                 n_s: corner.normal.map_or(hit.normal, |n| part.outwards(n)),
+                second: corner.attributes.second,
+                color: corner.attributes.color,
+                tangent: part.tangent(&corner.attributes),
                 footprint: Footprint::default(),
+                nudge,
             };
             let viewer = (eye - p).normalize();
             (corner.weight, p, part.material.at(place, hit.normal, viewer))
@@ -340,6 +355,16 @@ impl Scene {
 }
 
 impl Part {
+    /// The mesh tangent in world space, and the sign of the bitangent.
+    fn tangent(&self, attributes: &Attributes) -> Option<(DVec3, f64)> {
+        let (along, sign) = attributes.tangent?;
+        let placed = self.maps.iter().fold((along, sign), |(along, sign), map| {
+            let mirrors = map.matrix3.determinant() < 0.0;
+            (map.matrix3 * along, if mirrors { -sign } else { sign })
+        });
+        Some(placed)
+    }
+
     /// The derivatives of (u, v) and n_s along a step in the tangent plane.
     fn change(&self, hit: &Hit, here: &Place, step: DVec3) -> (DVec2, DVec3) {
         let length = step.length();

@@ -576,4 +576,40 @@ mod tests {
             assert!(parse_all(&whole[..length]).is_err(), "cut to {length} bytes");
         }
     }
+
+    #[test]
+    fn integer_colours_are_quotients_in_text_and_binary_bodies() {
+        let head = |format: &str| {
+            format!(
+                "ply\nformat {format} 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+                 property uchar red\nproperty uchar green\nproperty ushort blue\nelement face 1\n\
+                 property list uchar int vertex_indices\nend_header\n"
+            )
+        };
+        let text = head("ascii") + "0 0 0 255 51 65535\n1 0 0 0 0 0\n0 1 0 0 255 13107\n3 0 1 2\n";
+        let mut binary = head("binary_little_endian").into_bytes();
+        for (point, [r, g], b) in [
+            ([0.0f32, 0.0, 0.0], [255u8, 51], 65535u16),
+            ([1.0, 0.0, 0.0], [0, 0], 0),
+            ([0.0, 1.0, 0.0], [0, 255], 13107),
+        ] {
+            binary.extend(point.iter().flat_map(|x| x.to_le_bytes()));
+            binary.extend([r, g]);
+            binary.extend(b.to_le_bytes());
+        }
+        binary.push(3);
+        binary.extend([0i32, 1, 2].iter().flat_map(|x| x.to_le_bytes()));
+        for bytes in [text.as_bytes(), &binary] {
+            let object = parse_all(bytes).unwrap();
+            assert_eq!(object.attributes.colors[0], [1.0, 0.2, 1.0, 1.0]);
+            assert_eq!(object.attributes.colors[2], [0.0, 1.0, 0.2, 1.0]);
+        }
+        assert!(
+            parse(text.as_bytes(), false)
+                .unwrap()
+                .attributes
+                .colors
+                .is_empty()
+        );
+    }
 }

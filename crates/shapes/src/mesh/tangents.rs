@@ -4,7 +4,7 @@
 //! *Mathematics for 3D Game Programming and Computer Graphics*, section 7.8).
 
 use super::Triangles;
-use whitstone_core::DVec3;
+use whitstone_core::{DVec2, DVec3};
 
 /// Adds tangents to a mesh that has none. Without texture coordinates they are zero.
 pub(super) fn add(object: &mut Triangles) {
@@ -12,14 +12,12 @@ pub(super) fn add(object: &mut Triangles) {
         return;
     }
     let mut tangents = vec![DVec3::ZERO; object.positions.len()];
-    let mut handedness = Vec::with_capacity(object.triangles.len());
     for triangle in &object.triangles {
         let corners = triangle.map(|vertex| vertex as usize);
         let [a, b, c] = corners.map(|vertex| object.positions[vertex]);
         let [p, q, r] = corners.map(|vertex| object.uvs.get(vertex).copied().unwrap_or_default());
         let (first, second) = (q - p, r - p);
         let area = first.perp_dot(second);
-        handedness.push(if area < 0.0 { -1.0 } else { 1.0 });
         let along = (second.y * (b - a) - first.y * (c - a)) * area.signum();
         if area != 0.0
             && let Some(unit) = along.try_normalize()
@@ -30,13 +28,21 @@ pub(super) fn add(object: &mut Triangles) {
         }
     }
     object.attributes.tangents = tangents;
-    object.attributes.handedness = handedness;
+    object.attributes.handedness = handedness(&object.uvs, &object.triangles);
+}
+
+/// Whether the texture coordinates of each triangle run counter-clockwise (1) or clockwise (-1).
+pub(super) fn handedness(uvs: &[DVec2], triangles: &[[u32; 3]]) -> Vec<f64> {
+    let sign = |triangle: &[u32; 3]| {
+        let [p, q, r] = triangle.map(|vertex| uvs.get(vertex as usize).copied().unwrap_or_default());
+        if (q - p).perp_dot(r - p) < 0.0 { -1.0 } else { 1.0 }
+    };
+    triangles.iter().map(sign).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::DVec2;
 
     #[test]
     fn tangents_point_along_u_and_know_mirrored_coordinates() {

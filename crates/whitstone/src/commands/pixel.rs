@@ -12,7 +12,7 @@ use whitstone_render::Pipeline;
 use whitstone_validate::driver::SceneText;
 use whitstone_validate::environment::Environment;
 use whitstone_validate::tree::{self, Node, Pair};
-use whitstone_validate::{Live, Renderer, counted, flatten};
+use whitstone_validate::{Live, Renderer, counted, decode_textures, flatten};
 
 /// Time limit for one answer of the driver.
 const TIME_LIMIT: Duration = Duration::from_secs(300);
@@ -135,7 +135,8 @@ impl PixelArguments {
         let cache = scene.target.join("live");
         let mut live = Live::start(Renderer::MITSUBA, environment, cache, !scene.fresh, TIME_LIMIT)
             .map_err(|error| error.to_string())?;
-        let flattened = flatten(&scene.scene, &scene.overrides, registry)?;
+        let mut flattened = flatten(&scene.scene, &scene.overrides, registry)?;
+        decode_textures(&mut flattened, &scene.target.join("decoded"))?;
         let text = SceneText {
             text: &flattened.text,
             base: &flattened.base,

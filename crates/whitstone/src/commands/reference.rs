@@ -58,6 +58,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         };
         let key = scene_key(path, &options.scenes);
         let scene = super::SceneArguments {
+            camera: None,
             scene: path.clone(),
             overrides,
             max_memory: None,

@@ -8,6 +8,7 @@ use whitstone_core::{DVec3, SceneErrors};
 use whitstone_scene::Description;
 
 #[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub(crate) struct Config {
     height: TextureRef,
     scale: Option<f64>,

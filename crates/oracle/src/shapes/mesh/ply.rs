@@ -83,7 +83,16 @@ pub(super) fn read(bytes: &[u8]) -> Option<Mesh> {
             match &*element.name {
                 "vertex" => {
                     let uv = [["u", "v"], ["s", "t"], ["texture_u", "texture_v"]];
+                    let channels = ["red", "green", "blue", "alpha"].map(|name| {
+                        let property = element.properties.iter().find(|found| found.name == name);
+                        number(name)
+                            .zip(property)
+                            .map_or(1.0, |(value, property)| value / most(&property.kind))
+                    });
                     corners.push(Corner {
+                        vertex: corners.len(),
+                        color: Some(channels),
+                        second: None,
                         place: [number("x")?, number("y")?, number("z")?],
                         normal: super::all([number("nx"), number("ny"), number("nz")]),
                         uv: uv.into_iter().find_map(|[u, v]| Some([number(u)?, number(v)?])),
@@ -99,6 +108,19 @@ pub(super) fn read(bytes: &[u8]) -> Option<Mesh> {
         }
     }
     Some(mesh)
+}
+
+/// The largest number of an integer type, which a colour is divided by; 1 for other types.
+fn most(kind: &str) -> f64 {
+    match kind {
+        "char" | "int8" => f64::from(i8::MAX),
+        "uchar" | "uint8" => f64::from(u8::MAX),
+        "short" | "int16" => f64::from(i16::MAX),
+        "ushort" | "uint16" => f64::from(u16::MAX),
+        "int" | "int32" => f64::from(i32::MAX),
+        "uint" | "uint32" => f64::from(u32::MAX),
+        _ => 1.0,
+    }
 }
 
 struct Body<'a> {

@@ -70,6 +70,7 @@ impl Joined {
                 .map(|(corners, _)| Some(corners_of(&normals, corners)))
                 .collect(),
             uvs: self.faces.iter().map(|(_, uvs)| *uvs).collect(),
+            ..Mesh::default()
         }
     }
 }

@@ -104,11 +104,20 @@ struct Mask {
     material: MaterialRef,
 }
 
+/// A vector, or `"mesh"`.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum GivenTangent {
+    Vector([f64; 3]),
+    Name(String),
+}
+
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct NormalMap {
     map: TextureRef,
-    tangent: Option<[f64; 3]>,
+    strength: Option<f64>,
+    tangent: Option<GivenTangent>,
     axis: Option<[f64; 3]>,
     material: MaterialRef,
 }
@@ -242,9 +251,18 @@ impl Source<'_, '_> {
             }
             "normal_map" => {
                 let config: NormalMap = decode(&plugin.table)?;
-                let tangent = Tangent::new(config.tangent, config.axis);
-                let map = self.texture(Some(config.map), 0.0)?;
-                Kind::NormalMap(map, tangent, self.boxed(&config.material)?)
+                let tangent = match config.tangent {
+                    None => Tangent::new(None, config.axis),
+                    Some(GivenTangent::Vector(along)) => Tangent::new(Some(along), config.axis),
+                    Some(GivenTangent::Name(name)) if name == "mesh" => Tangent::Mesh,
+                    Some(GivenTangent::Name(_)) => return Err(unknown(plugin, "tangent of")),
+                };
+                Kind::NormalMap {
+                    map: self.texture(Some(config.map), 0.0)?,
+                    tangent,
+                    strength: config.strength.unwrap_or(1.0),
+                    inner: self.boxed(&config.material)?,
+                }
             }
             "bump" => {
                 let bump: Bump = decode(&plugin.table)?;

@@ -71,7 +71,18 @@ impl Words<'_> {
         for (name, property) in &element.properties {
             match &property.data_type {
                 PropertyType::Scalar(scalar) => {
-                    value.set_property(name, Property::Double(self.number(scalar)?));
+                    let number = self.number(scalar)?;
+                    // The number is in the range of its type. Real ones keep all their digits.
+                    let property = match scalar {
+                        ScalarType::Char => Property::Char(number as i8),
+                        ScalarType::UChar => Property::UChar(number as u8),
+                        ScalarType::Short => Property::Short(number as i16),
+                        ScalarType::UShort => Property::UShort(number as u16),
+                        ScalarType::Int => Property::Int(number as i32),
+                        ScalarType::UInt => Property::UInt(number as u32),
+                        ScalarType::Float | ScalarType::Double => Property::Double(number),
+                    };
+                    value.set_property(name, property);
                 }
                 PropertyType::List(count, scalar) => {
                     // No preallocation: the words of a line run out long before a wrong count is

@@ -1,0 +1,423 @@
+//! glTF files as scenes: what they import to, and hostile ones.
+//!
+//! Public files are read from `gltf/` in the folder that `WHITSTONE_TEST_DATA` names; tests whose
+//! files are absent print "skipped".
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use serde_json::{Value, json};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+use whitstone::core::Registry;
+use whitstone::scene::Sources;
+use whitstone_tests::{build, load};
+
+/// A pyramid and a strip with colours, a texture, a skin, morph targets, sparse and normalised
+/// accessors, a camera, a light, an instanced mesh: everything that has an index in one small file.
+fn rich() -> Value {
+    let mut buffer: Vec<u8> = Vec::new();
+    let mut views: Vec<Value> = Vec::new();
+    let mut add = |bytes: Vec<u8>| {
+        while !buffer.len().is_multiple_of(4) {
+            buffer.push(0);
+        }
+        views.push(json!({ "buffer": 0, "byteOffset": buffer.len(), "byteLength": bytes.len() }));
+        buffer.extend(bytes);
+        views.len() - 1
+    };
+    let floats = |values: &[f32]| {
+        values
+            .iter()
+            .flat_map(|value| value.to_le_bytes())
+            .collect::<Vec<u8>>()
+    };
+    let points = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0];
+    let position = add(floats(&points));
+    let normal = add(floats(&[0.0, 0.0, 1.0].repeat(4)));
+    let uv = add(vec![0, 0, 255, 0, 0, 255, 255, 255]);
+    let color = add(vec![
+        255, 0, 0, 255, 0, 255, 0, 255, 0, 0, 255, 255, 255, 255, 255, 128,
+    ]);
+    let index = add(vec![0, 1, 2, 2, 1, 3]);
+    let joints = add([0, 1, 0, 0].repeat(4));
+    let weights = add(floats(&[0.5, 0.5, 0.0, 0.0].repeat(4)));
+    let morph = add(floats(&[0.0, 0.0, 0.25].repeat(4)));
+    let bind = add(floats(
+        &[
+            1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0,
+        ]
+        .repeat(2),
+    ));
+    let sparse_index = add(vec![3]);
+    let sparse_value = add(floats(&[1.0, 1.0, 0.5]));
+    let moved = add(floats(&[0.0, 0.0, 0.0, 2.0, 0.0, 0.0]));
+    let png = add(fs::read(whitstone_tests::root().join("scenes/assets/corners.png")).unwrap());
+    let accessor = |view: usize, component: u32, count: u32, kind: &str| json!({ "bufferView": view, "componentType": component, "count": count, "type": kind });
+    let normalized = |view: usize, kind: &str| json!({ "bufferView": view, "componentType": 5121, "count": 4, "type": kind, "normalized": true });
+    json!({
+        "asset": { "version": "2.0" },
+        "scene": 0,
+        "scenes": [{ "nodes": [0, 1, 2, 3, 4, 6] }],
+        "nodes": [
+            { "mesh": 0, "translation": [-1.0, 0.0, 0.0], "weights": [0.5] },
+            { "mesh": 1, "skin": 0 },
+            { "camera": 0, "matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.5, 0.5, 4, 1] },
+            { "extensions": { "KHR_lights_punctual": { "light": 0 } }, "translation": [0.0, 0.0, 3.0] },
+            { "children": [5], "rotation": [0.0, 0.0, 0.0, 1.0], "scale": [1.0, 1.0, -1.0] },
+            { "translation": [0.0, 0.5, 0.0], "mesh": 1 },
+            { "mesh": 1, "extensions": { "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": 11 } } } },
+        ],
+        "cameras": [{ "type": "perspective", "perspective": { "yfov": 0.8, "znear": 0.01, "aspectRatio": 1.5 } }],
+        "extensionsUsed": ["KHR_lights_punctual", "EXT_mesh_gpu_instancing", "KHR_texture_transform"],
+        "extensions": { "KHR_lights_punctual": { "lights": [{ "type": "spot", "intensity": 20.0, "spot": { "outerConeAngle": 0.7 } }] } },
+        "meshes": [
+            { "primitives": [{
+                "attributes": { "POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2, "COLOR_0": 3 },
+                "indices": 4, "material": 0, "targets": [{ "POSITION": 7 }],
+            }] },
+            { "primitives": [
+                { "attributes": { "POSITION": 9, "JOINTS_0": 5, "WEIGHTS_0": 6, "TEXCOORD_0": 2 }, "mode": 5, "material": 1 },
+                { "attributes": { "POSITION": 10, "JOINTS_0": 5, "WEIGHTS_0": 6 }, "mode": 6 },
+            ] },
+        ],
+        "skins": [{ "joints": [4, 5], "inverseBindMatrices": 8 }],
+        "materials": [
+            {
+                "pbrMetallicRoughness": {
+                    "baseColorTexture": { "index": 0, "extensions": { "KHR_texture_transform": { "scale": [2.0, 2.0] } } },
+                    "metallicRoughnessTexture": { "index": 0 }, "roughnessFactor": 0.3, "metallicFactor": 0.5,
+                },
+                "normalTexture": { "index": 0, "scale": 0.5 }, "alphaMode": "BLEND",
+            },
+            {
+                "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } }, "alphaMode": "MASK", "alphaCutoff": 0.25,
+                "emissiveFactor": [0.1, 0.2, 0.3], "emissiveTexture": { "index": 0 },
+            },
+        ],
+        "textures": [{ "source": 0, "sampler": 0 }],
+        "samplers": [{ "magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33648 }],
+        "images": [{ "bufferView": png, "mimeType": "image/png" }],
+        "accessors": [
+            accessor(position, 5126, 4, "VEC3"),
+            accessor(normal, 5126, 4, "VEC3"),
+            normalized(uv, "VEC2"),
+            normalized(color, "VEC4"),
+            accessor(index, 5121, 6, "SCALAR"),
+            accessor(joints, 5121, 4, "VEC4"),
+            accessor(weights, 5126, 4, "VEC4"),
+            accessor(morph, 5126, 4, "VEC3"),
+            accessor(bind, 5126, 2, "MAT4"),
+            {
+                "bufferView": position, "componentType": 5126, "count": 4, "type": "VEC3",
+                "min": [0, 0, 0], "max": [1, 1, 0.5],
+                "sparse": {
+                    "count": 1,
+                    "indices": { "bufferView": sparse_index, "componentType": 5121 },
+                    "values": { "bufferView": sparse_value },
+                },
+            },
+            accessor(position, 5126, 4, "VEC3"),
+            accessor(moved, 5126, 2, "VEC3"),
+        ],
+        "bufferViews": views,
+        "buffers": [{
+            "byteLength": buffer.len(),
+            "uri": format!("data:application/octet-stream;base64,{}", STANDARD.encode(&buffer)),
+        }],
+    })
+}
+
+fn write(folder: &Path, name: &str, document: &Value) -> PathBuf {
+    let path = folder.join(name);
+    fs::write(&path, document.to_string()).unwrap();
+    path
+}
+
+/// The report of what is wrong with a file, if anything.
+fn wrong(path: &Path, registry: &Registry) -> Option<String> {
+    load(path, &["film={width=4,height=4}".to_owned()], registry).err()
+}
+
+#[test]
+fn a_file_with_everything_is_a_scene() {
+    let registry = whitstone::registry();
+    let folder = tempfile::tempdir().unwrap();
+    let path = write(folder.path(), "rich.gltf", &rich());
+    let sources = Sources::load(&path, &[], &registry).unwrap();
+    let pipeline = build(&sources, &registry).unwrap();
+    assert_eq!((pipeline.film.size.width, pipeline.film.size.height), (512, 341));
+    let names: Vec<&str> = sources.notes()[0]
+        .1
+        .iter()
+        .map(|note| note.feature.name)
+        .collect();
+    for expected in [
+        "skins",
+        "instances",
+        "EXT_mesh_gpu_instancing",
+        "KHR_lights_punctual",
+        "alpha mode MASK",
+        "alpha mode BLEND",
+        "tangents from texture coordinates",
+        "mip maps",
+        "no material",
+    ] {
+        assert!(names.contains(&expected), "{expected} is not among {names:?}");
+    }
+}
+
+#[test]
+fn errors_name_the_place_in_the_file() {
+    let registry = whitstone::registry();
+    let folder = tempfile::tempdir().unwrap();
+    for (pointer, value, expected) in [
+        (
+            "/accessors/0/bufferView",
+            json!(99),
+            "/accessors/0/bufferView: expected the index of an entry of `bufferViews`",
+        ),
+        ("/accessors/4/count", json!(7), "/accessors/4"),
+        ("/nodes/0/mesh", json!(7), "/nodes/0/mesh"),
+        ("/nodes/5/children", json!([4]), "cycle"),
+        ("/nodes/5/children", json!([0]), "no error"),
+        (
+            "/nodes/3/children",
+            json!([5]),
+            "/nodes/4/children/0: node 5 is already a child of node 3",
+        ),
+        (
+            "/meshes/0/primitives/0/attributes/NORMAL",
+            json!(2),
+            "/accessors/2/type: expected VEC3",
+        ),
+        (
+            "/accessors/4/componentType",
+            json!(5126),
+            "expected 5121, 5123 or 5125",
+        ),
+        (
+            "/buffers/0/uri",
+            json!("http://localhost/a.bin"),
+            "the scheme \"http\"",
+        ),
+        ("/buffers/0/uri", json!("../a.bin"), "leaves the folder"),
+        (
+            "/buffers/0/byteLength",
+            json!(1_u64 << 62),
+            "/buffers/0/byteLength",
+        ),
+        ("/accessors/0/count", json!(1_u64 << 62), "/accessors/0"),
+        (
+            "/materials/0/normalTexture/index",
+            json!(3),
+            "/materials/0/normalTexture/index",
+        ),
+        (
+            "/asset/version",
+            json!("1.0"),
+            "/asset/version: expected version 2.0",
+        ),
+        (
+            "/extensionsRequired",
+            json!(["KHR_draco_mesh_compression"]),
+            "/extensionsRequired/0",
+        ),
+        (
+            "/meshes/0/primitives/0/mode",
+            json!(9),
+            "/meshes/0/primitives/0/mode",
+        ),
+        ("/skins/0/joints/1", json!(70), "/skins/0/joints/1"),
+    ] {
+        let mut document = rich();
+        let (parent, key) = pointer.rsplit_once('/').unwrap();
+        match document.pointer_mut(parent).unwrap() {
+            Value::Object(map) => drop(map.insert(key.to_owned(), value)),
+            Value::Array(list) => list[key.parse::<usize>().unwrap()] = value,
+            other => panic!("{other} has no keys"),
+        }
+        let name = format!("{}.gltf", pointer.replace('/', "-"));
+        let path = write(folder.path(), &name, &document);
+        let report = wrong(&path, &registry).unwrap_or_else(|| "no error".to_owned());
+        assert!(report.contains(expected), "{pointer}: {report}");
+    }
+}
+
+/// The places of all numbers in a document.
+fn numbers(value: &Value, at: &str, found: &mut Vec<String>) {
+    match value {
+        Value::Number(_) => found.push(at.to_owned()),
+        Value::Array(items) => {
+            for (number, item) in items.iter().enumerate() {
+                numbers(item, &format!("{at}/{number}"), found);
+            }
+        }
+        Value::Object(map) => {
+            for (key, item) in map {
+                numbers(item, &format!("{at}/{key}"), found);
+            }
+        }
+        _ => {}
+    }
+}
+
+/// 10,000 documents in which one number is another one: no panic, and none takes long.
+#[test]
+fn files_with_one_changed_number_never_panic() {
+    let registry = whitstone::registry();
+    let folder = tempfile::tempdir().unwrap();
+    let original = rich();
+    let mut places = Vec::new();
+    numbers(&original, "", &mut places);
+    let values: Vec<Value> = [
+        json!(-1),
+        json!(0),
+        json!(1),
+        json!(2),
+        json!(3),
+        json!(4),
+        json!(5),
+        json!(7),
+        json!(11),
+        json!(12),
+        json!(13),
+        json!(17),
+        json!(100),
+        json!(255),
+        json!(256),
+        json!(5120),
+        json!(5121),
+        json!(5122),
+        json!(5123),
+        json!(5125),
+        json!(5126),
+        json!(65535),
+        json!(65536),
+        json!(1 << 27),
+        json!((1_u64 << 31) - 1),
+        json!(1_u64 << 31),
+        json!(u64::from(u32::MAX)),
+        json!(1_u64 << 32),
+        json!(1_u64 << 53),
+        json!(1_u64 << 62),
+        json!(u64::MAX),
+        json!(i64::MIN),
+        json!(0.5),
+        json!(-0.25),
+        json!(1e-30),
+        json!(1e30),
+        json!(1e300),
+        json!(-1e300),
+        json!(1e-300),
+        json!(f64::MIN_POSITIVE),
+        json!(3.4e38),
+        json!(6),
+        json!(8),
+        json!(9),
+        json!(10),
+        json!(16),
+        json!(20),
+        json!(32),
+        json!(48),
+        json!(64),
+        json!(127),
+        json!(128),
+        json!(1000),
+        json!(33071),
+        json!(9729),
+        json!(-2),
+        json!(3.5e38),
+        json!(9728),
+        json!(9984),
+        json!(33648),
+    ]
+    .to_vec();
+    let all = places.len() * values.len();
+    assert!(all >= 10_000, "{all}");
+    let step = all / 10_000;
+    let (mut tried, mut accepted, mut longest) = (0, 0, Duration::ZERO);
+    for number in (0..all).step_by(step) {
+        let (place, value) = (&places[number / values.len()], &values[number % values.len()]);
+        let mut document = original.clone();
+        *document.pointer_mut(place).unwrap() = value.clone();
+        // Another name each time: an opened document is known by its name, time and length.
+        let path = write(folder.path(), &format!("{number}.gltf"), &document);
+        let start = Instant::now();
+        let report = wrong(&path, &registry);
+        let took = start.elapsed();
+        assert!(took < Duration::from_secs(1), "{place} = {value} took {took:?}");
+        longest = longest.max(took);
+        fs::remove_file(&path).unwrap();
+        accepted += usize::from(report.is_none());
+        tried += 1;
+    }
+    println!("{tried} files, {accepted} accepted, at most {longest:?}");
+    assert!(tried >= 10_000 && accepted > tried / 20 && accepted < tried * 19 / 20);
+}
+
+/// The folder of public glTF files.
+fn public() -> Option<PathBuf> {
+    let folder = std::env::var_os("WHITSTONE_TEST_DATA").map(|data| Path::new(&data).join("gltf"));
+    let folder = folder.filter(|folder| folder.is_dir());
+    if folder.is_none() {
+        println!("skipped: WHITSTONE_TEST_DATA names no folder with glTF files");
+    }
+    folder
+}
+
+fn files_below(folder: &Path, found: &mut Vec<PathBuf>) {
+    let mut entries: Vec<PathBuf> = fs::read_dir(folder)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .map(|entry| entry.path())
+        .collect();
+    entries.sort();
+    for path in entries {
+        if path.is_dir() {
+            files_below(&path, found);
+        } else if path
+            .extension()
+            .is_some_and(|extension| extension == "gltf" || extension == "glb")
+        {
+            found.push(path);
+        }
+    }
+}
+
+#[test]
+fn public_models_are_scenes() {
+    let Some(folder) = public() else { return };
+    let registry = whitstone::registry();
+    let mut files = Vec::new();
+    files_below(&folder.join("sample-assets"), &mut files);
+    for path in &files {
+        if let Some(report) = wrong(path, &registry) {
+            panic!("{}: {report}", path.display());
+        }
+    }
+    println!("{} files", files.len());
+}
+
+/// Files that the official validator finds faulty, beside its reports: refused, or loaded where the
+/// fault touches nothing in use.
+#[test]
+fn faulty_public_files_do_no_harm() {
+    let Some(folder) = public() else { return };
+    let registry = whitstone::registry();
+    let mut files = Vec::new();
+    files_below(&folder.join("validator-negative"), &mut files);
+    for path in &files {
+        let start = Instant::now();
+        let report = wrong(path, &registry);
+        assert!(start.elapsed() < Duration::from_secs(1), "{}", path.display());
+        println!(
+            "{}: {}",
+            path.file_name().unwrap_or_default().to_string_lossy(),
+            report
+                .as_deref()
+                .map_or("loaded", |report| report.lines().next().unwrap_or_default())
+        );
+    }
+}

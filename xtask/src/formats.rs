@@ -1,0 +1,97 @@
+//! Generates `docs/formats.md` from the tables of the scene formats.
+
+use std::fmt::Write as _;
+use whitstone::core::{ExportScene, Feature, ImportOptions, Registry, SceneFormat, Treatment};
+
+/// The page.
+pub(crate) const PAGE: &str = "docs/formats.md";
+
+const INTRODUCTION: &str = "\
+# Scene formats
+
+Every command that takes a scene also takes a file of another program: the extension decides.
+
+```sh
+whitstone render model.glb -o model.png
+whitstone validate model.glb
+whitstone convert model.glb model.toml
+```
+
+`convert` prints a summary: what was kept, what was approximated and how, and what was dropped, with
+the names or places in the file. `--strict` refuses to drop anything; `--json` writes the summary
+for programs; without an output file nothing is written.
+
+A TOML scene imports such files as parts:
+
+```toml
+[[import]]
+file = \"model.glb\"
+transform = { translate = [0, 1, 0] }
+materials = { \"paint\" = \"red\" }
+```
+
+| key | meaning | default |
+|---|---|---|
+| `file` | the file to import; required | |
+| `transform` | transform of everything in it, in the form of a shape's | none |
+| `prefix` | prefix of the ids that it defines | the name of the file and a slash |
+| `scene`, `node`, `camera` | name or index of a part, where the format has several | the first |
+| `lights` | whether its lights are imported | `true` |
+| `materials` | materials of the scene instead of those of the file: name in the file = id | none |
+| `allow_outside` | whether it may read files outside of its folder | `false` |
+
+The imported camera counts only if the scene has none. Errors name the place in the file: a JSON
+pointer, or line and column. Files outside of the folder of the imported file, and addresses on a
+network, are refused.
+
+The tables below are those that the conversions use themselves.
+";
+
+/// The text of the page.
+pub(crate) fn page(registry: &Registry) -> String {
+    let mut text = INTRODUCTION.to_owned();
+    for format in registry.formats() {
+        let extensions: Vec<String> = format
+            .extensions()
+            .iter()
+            .map(|extension| format!("`.{extension}`"))
+            .collect();
+        let _ = writeln!(
+            text,
+            "\n## {} ({})\n\n{}.\n",
+            format.name(),
+            extensions.join(", "),
+            directions(format)
+        );
+        text.push_str("| feature | | how |\n|---|---|---|\n");
+        let mut features: Vec<&Feature> = format.features().iter().collect();
+        features.sort_by_key(|feature| feature.treatment);
+        for Feature { name, treatment, how } in features {
+            let what = match treatment {
+                Treatment::Kept => "kept",
+                Treatment::Approximated => "approximated",
+                Treatment::Dropped => "dropped",
+            };
+            let _ = writeln!(text, "| {name} | {what} | {how} |");
+        }
+    }
+    text
+}
+
+/// Whether a format is read and written. Formats answer for a file that does not exist.
+fn directions(format: &dyn SceneFormat) -> &'static str {
+    let folder = std::path::Path::new("no such folder");
+    let document = toml::Table::new();
+    let scene = ExportScene {
+        document: &document,
+        base: folder,
+    };
+    let reads = format.name() == "toml" || format.import(&folder.join("x"), &ImportOptions::all()).is_some();
+    let writes = format.export(&scene, &folder.join("x")).is_some();
+    match (reads, writes) {
+        (true, true) => "Read and written",
+        (true, false) => "Read",
+        (false, true) => "Written",
+        (false, false) => "Neither read nor written",
+    }
+}
