@@ -1,6 +1,8 @@
 """Shared by all tests: the models, runs of Whitstone, its images and its scenes."""
 
+import contextlib
 import os
+import resource
 import shutil
 import sys
 import tempfile
@@ -24,6 +26,7 @@ TOOLS = Path(os.environ.get("WHITSTONE_INDEPENDENT") or ROOT / "target" / "indep
 MODULES = TOOLS / "node_modules"
 BINARY = Path(os.environ.get("WHITSTONE") or ROOT / "target" / "release" / "whitstone").resolve()
 WIDTH, HEIGHT = 256, 192
+ADDRESSES = 8 * 2**30
 
 Json = Dict[str, Any]
 
@@ -75,10 +78,14 @@ class Run(NamedTuple):
 
 
 def whitstone(*arguments: str, limit: float = 60.0) -> Run:
-    """Runs Whitstone; kills it after `limit` seconds."""
+    """Runs Whitstone; kills it after `limit` seconds, and gives it 8 GiB of addresses at most, so
+    that a fault does not take the memory of other programs.
+    """
     with tempfile.TemporaryFile("w+", errors="replace") as log:
         start = time.monotonic()
         process = Popen([str(BINARY), *arguments], cwd=ROOT, stdin=DEVNULL, stdout=DEVNULL, stderr=log)
+        with contextlib.suppress(ProcessLookupError):
+            resource.prlimit(process.pid, resource.RLIMIT_AS, (ADDRESSES, ADDRESSES))
         while True:
             # wait4 has the memory of this process alone. It is an upper bound: Linux counts what
             # this interpreter had in memory when it started the process.
