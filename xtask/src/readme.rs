@@ -33,7 +33,7 @@ const SHEET: [&str; 6] = [
 const TILE: (usize, usize) = (288, 216);
 
 /// The showcase scenes that are shown next to their references.
-const TRIOS: [&str; 2] = ["classic", "room"];
+const TRIOS: [&str; 3] = ["classic", "room", "imported"];
 
 /// Pictures of the bounds of accelerators: name, configuration, deepest level.
 const BOUNDS: [(&str, &str, usize); 9] = [

@@ -1,8 +1,8 @@
 //! glTF 2.0.
 //!
 //! Meshes stay in their file: a shape names the file, the mesh and the primitive. Materials are
-//! translated by the rules of [`FEATURES`]; `material` has the formulas. An exported file also keeps
-//! the scene itself, which is imported unless another program has changed the file.
+//! translated by the rules of [`FEATURES`]; `material` has the formulas. An exported file also
+//! keeps the scene itself, which is imported unless another program has changed the file.
 
 mod camera;
 mod export;

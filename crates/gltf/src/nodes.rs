@@ -7,8 +7,8 @@ use whitstone_core::{DAffine3, DMat3, DVec3};
 /// Maximum depth of the tree of nodes.
 pub const MAX_NODE_DEPTH: usize = 256;
 
-/// The number with the fewest digits that rounds to this one in single precision: mostly that of the
-/// file, which the JSON types round.
+/// The number with the fewest digits that rounds to this one in single precision: mostly that of
+/// the file, which the JSON types round.
 pub fn shortest(value: f32) -> f64 {
     value.to_string().parse().unwrap_or(f64::NAN)
 }

@@ -19,7 +19,7 @@ pub(crate) use whitstone_gltf::shortest;
 use whitstone_gltf::{Document, Error, MAX_NODE_DEPTH, has_triangles, local_transform, parents};
 
 /// Maximum number of shapes and instances of an imported scene.
-const MAX_SHAPES: usize = 1_000_000;
+const MAX_SHAPES: usize = 100_000;
 
 /// Translates a file.
 pub(super) fn import(path: &Path, options: &ImportOptions) -> Result<Imported, FormatErrors> {
@@ -345,6 +345,12 @@ impl Importer<'_> {
             let index = index
                 .as_u64()
                 .ok_or_else(|| FormatError::at(place(), "expected the index of an accessor"))?;
+            // An accessor without a buffer view may have any count.
+            let accessor = self.document.root.accessors.get(index as usize);
+            if accessor.is_some_and(|accessor| accessor.count.0 > MAX_SHAPES as u64) {
+                let message = format!("has more than {MAX_SHAPES} instances");
+                return Err(FormatError::at(place(), message));
+            }
             let numbers = self
                 .document
                 .numbers(index as usize, &[kind], &place)

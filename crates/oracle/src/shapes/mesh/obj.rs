@@ -71,8 +71,8 @@ fn numbers<'a, const N: usize>(words: impl Iterator<Item = &'a str>) -> Option<[
     found.try_into().ok()
 }
 
-/// Resolves an index: counted from 1, or from the end if it is negative. Returns it, counted from 0,
-/// and the element.
+/// Resolves an index: counted from 1, or from the end if it is negative. Returns it, counted from
+/// 0, and the element.
 fn element<T: Copy>(all: &[T], word: &str) -> Option<(usize, T)> {
     let number: i64 = word.parse().ok()?;
     let place = if number < 0 {
