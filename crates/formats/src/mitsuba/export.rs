@@ -3,7 +3,7 @@
 mod material;
 mod node;
 mod shape;
-mod table;
+pub(crate) mod table;
 mod texture;
 mod view;
 

@@ -58,7 +58,7 @@ const IORS: [(&str, f64); 23] = [
 ];
 
 /// Metals of the material `conductor`, with eta and k.
-pub(super) const METALS: [(&str, [f64; 3], [f64; 3]); 10] = [
+pub(crate) const METALS: [(&str, [f64; 3], [f64; 3]); 10] = [
     ("Ag", [0.15528, 0.11673, 0.13839], [4.82835, 3.12222, 2.14690]),
     ("Al", [1.65750, 0.88040, 0.52124], [9.22381, 6.26950, 4.83700]),
     ("Au", [0.14304, 0.37531, 1.44205], [3.98300, 2.38556, 1.60336]),
@@ -486,7 +486,7 @@ impl<'a> Translator<'a> {
 }
 
 /// The reflectance of a metal at normal incidence.
-fn normal_reflectance(eta: [f64; 3], k: [f64; 3]) -> [f64; 3] {
+pub(crate) fn normal_reflectance(eta: [f64; 3], k: [f64; 3]) -> [f64; 3] {
     let channel = |i: usize| {
         let (eta, k) = (eta[i], k[i]);
         ((eta - 1.0).powi(2) + k * k) / ((eta + 1.0).powi(2) + k * k)
@@ -495,7 +495,7 @@ fn normal_reflectance(eta: [f64; 3], k: [f64; 3]) -> [f64; 3] {
 }
 
 /// A colour times a colour or texture.
-fn product(factor: [f64; 3], value: Value) -> Value {
+pub(crate) fn product(factor: [f64; 3], value: Value) -> Value {
     let by = |value: [f64; 3]| color([0, 1, 2].map(|i| factor[i] * value[i]));
     match value {
         Value::Float(value) => by([value; 3]),

@@ -6,11 +6,11 @@ use toml::{Table, Value};
 use whitstone_core::{DAffine3, DMat3, DVec3};
 
 /// A number.
-pub(super) fn number(table: &Table, key: &str) -> Option<f64> {
+pub(crate) fn number(table: &Table, key: &str) -> Option<f64> {
     table.get(key).and_then(as_number)
 }
 
-pub(super) fn as_number(value: &Value) -> Option<f64> {
+pub(crate) fn as_number(value: &Value) -> Option<f64> {
     match value {
         Value::Float(value) => Some(*value),
         Value::Integer(value) => Some(*value as f64),
@@ -18,26 +18,26 @@ pub(super) fn as_number(value: &Value) -> Option<f64> {
     }
 }
 
-pub(super) fn text<'t>(table: &'t Table, key: &str) -> Option<&'t str> {
+pub(crate) fn text<'t>(table: &'t Table, key: &str) -> Option<&'t str> {
     table.get(key).and_then(Value::as_str)
 }
 
 /// The type of a plugin's table.
-pub(super) fn kind(table: &Table) -> &str {
+pub(crate) fn kind(table: &Table) -> &str {
     text(table, "type").unwrap_or_default()
 }
 
-pub(super) fn numbers(value: &Value) -> Option<Vec<f64>> {
+pub(crate) fn numbers(value: &Value) -> Option<Vec<f64>> {
     value.as_array()?.iter().map(as_number).collect()
 }
 
-pub(super) fn vector(table: &Table, key: &str) -> Option<DVec3> {
+pub(crate) fn vector(table: &Table, key: &str) -> Option<DVec3> {
     let values = numbers(table.get(key)?)?;
     <[f64; 3]>::try_from(values).ok().map(DVec3::from)
 }
 
 /// One number or two.
-pub(super) fn pair(table: &Table, key: &str, default: f64) -> [f64; 2] {
+pub(crate) fn pair(table: &Table, key: &str, default: f64) -> [f64; 2] {
     match table.get(key) {
         None => [default; 2],
         Some(value) => match (as_number(value), numbers(value).as_deref()) {
@@ -49,30 +49,30 @@ pub(super) fn pair(table: &Table, key: &str, default: f64) -> [f64; 2] {
 }
 
 /// A colour: a number or three.
-pub(super) fn as_color(value: &Value) -> Option<[f64; 3]> {
+pub(crate) fn as_color(value: &Value) -> Option<[f64; 3]> {
     if let Some(grey) = as_number(value) {
         return Some([grey; 3]);
     }
     numbers(value)?.try_into().ok()
 }
 
-pub(super) fn color(table: &Table, key: &str, default: [f64; 3]) -> [f64; 3] {
+pub(crate) fn color(table: &Table, key: &str, default: [f64; 3]) -> [f64; 3] {
     table.get(key).and_then(as_color).unwrap_or(default)
 }
 
 /// The tables of a list.
-pub(super) fn tables<'t>(table: &'t Table, key: &str) -> Vec<&'t Table> {
+pub(crate) fn tables<'t>(table: &'t Table, key: &str) -> Vec<&'t Table> {
     let list = table.get(key).and_then(Value::as_array);
     list.into_iter().flatten().filter_map(Value::as_table).collect()
 }
 
 /// A table in a table; empty if there is none.
-pub(super) fn table<'t>(parent: &'t Table, key: &str) -> Option<&'t Table> {
+pub(crate) fn table<'t>(parent: &'t Table, key: &str) -> Option<&'t Table> {
     parent.get(key).and_then(Value::as_table)
 }
 
 /// The product of the steps of the key `transform`.
-pub(super) fn transform(table: &Table) -> DAffine3 {
+pub(crate) fn transform(table: &Table) -> DAffine3 {
     let steps: Vec<&Value> = match table.get("transform") {
         None => Vec::new(),
         Some(Value::Array(steps)) => steps.iter().collect(),
