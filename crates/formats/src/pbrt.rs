@@ -4,6 +4,7 @@
 //! parser where the documentation leaves something open.
 
 mod camera;
+mod export;
 mod light;
 mod material;
 mod params;
@@ -15,7 +16,9 @@ mod token;
 
 use crate::files::Folder;
 use std::path::Path;
-use whitstone_core::{Feature, FormatErrors, ImportOptions, Imported, SceneFormat, Treatment};
+use whitstone_core::{
+    ExportScene, Feature, FormatErrors, ImportOptions, Imported, Note, SceneFormat, Treatment,
+};
 
 /// pbrt-v4's scene files.
 pub struct Pbrt;
@@ -26,8 +29,9 @@ const fn feature(name: &'static str, treatment: Treatment, how: &'static str) ->
     Feature { name, treatment, how }
 }
 
-/// What happens to pbrt's directives, plugins and parameters when they are imported. Those that are
-/// not listed are errors.
+/// What happens to pbrt's directives, plugins and parameters when they are imported, and to the
+/// parts of a scene when they are exported: the latter begin with a bracket. Imported plugins and
+/// parameters that are not listed are errors.
 const FEATURES: &[Feature] = &[
     feature(
         "this format",
@@ -226,6 +230,168 @@ const FEATURES: &[Feature] = &[
     feature("encoding gamma", Approximated, "As sRGB."),
     feature("wrap black", Approximated, "clamp."),
     feature("mapping uv, planar, cylindrical", Kept, "The same mapping."),
+    feature("[film] aovs", Dropped, "The image has no additional channels."),
+    feature("[camera] near", Dropped, "pbrt's cameras have no near limit."),
+    feature(
+        "[camera] thin_lens",
+        Approximated,
+        "perspective with a lensradius, through random points of the lens.",
+    ),
+    feature("[sampler] adaptive", Approximated, "sobol with the most samples."),
+    feature(
+        "[integrator]",
+        Approximated,
+        "path with max_depth + 1 vertices, or 1: diffuse surfaces also light each other.",
+    ),
+    feature("[integrator] shadows", Approximated, "Shadows are opaque."),
+    feature("[[light]] falloff", Dropped, "pbrt's lights have a falloff."),
+    feature(
+        "[[light]] spot",
+        Approximated,
+        "spot, whose falloff is smooth in the cosine of the angle.",
+    ),
+    feature(
+        "[[light]] area",
+        Approximated,
+        "An area light, which lights from random points; without a visible surface its alpha is 0.",
+    ),
+    feature("[[light]] ambient", Dropped, "pbrt has no ambient light."),
+    feature("[[light]] projector", Dropped, "It is not written."),
+    feature(
+        "[[light]] background, environment",
+        Approximated,
+        "infinite: it lights from all directions.",
+    ),
+    feature(
+        "[[light]] environment with an image",
+        Dropped,
+        "pbrt's maps have an equal-area mapping.",
+    ),
+    feature("[[shape]] plane", Approximated, "A square of 200 km."),
+    feature(
+        "[[shape]] disk, polygon or plane with a texture",
+        Approximated,
+        "The texture has the coordinates of pbrt's shape.",
+    ),
+    feature(
+        "[[shape]] polygon that is not convex",
+        Dropped,
+        "Only convex polygons are written.",
+    ),
+    feature(
+        "[[shape]] mesh of another format",
+        Dropped,
+        "PLY files are copied, and OBJ files are written as PLY.",
+    ),
+    feature(
+        "[[shape]] mesh with subdivision or displacement",
+        Approximated,
+        "The mesh of the file.",
+    ),
+    feature(
+        "[[shape]] mesh with a skin or colors",
+        Approximated,
+        "The mesh of the file without them.",
+    ),
+    feature(
+        "[[shape]] mesh with flat shading",
+        Approximated,
+        "pbrt uses the normals of a PLY file.",
+    ),
+    feature(
+        "[[shape]] instance in a group",
+        Dropped,
+        "pbrt's objects cannot contain instances.",
+    ),
+    feature("[[shape]] of another type", Dropped, "pbrt has no such shape."),
+    feature(
+        "[material] mirror",
+        Approximated,
+        "A conductor with this reflectance at normal incidence.",
+    ),
+    feature(
+        "[material] glossy",
+        Approximated,
+        "A rough conductor of the same width.",
+    ),
+    feature(
+        "[material] phong, blinn_phong, whitted",
+        Approximated,
+        "diffuse with pi k_d, mixed with a conductor of k_refl; no highlight.",
+    ),
+    feature("[material] k_refr", Dropped, "Nothing is transmitted."),
+    feature(
+        "[material] texture of k_d",
+        Approximated,
+        "It is the albedo, without the factor pi.",
+    ),
+    feature(
+        "[material] texture of a highlight or reflection",
+        Dropped,
+        "The default of the parameter.",
+    ),
+    feature("[material] texture of a radiance", Dropped, "The radiance is 1."),
+    feature(
+        "[material] coloured weight",
+        Approximated,
+        "The mean of its channels.",
+    ),
+    feature("[material] tint", Dropped, "Metals and panes have no tint."),
+    feature("[material] absorption", Dropped, "Glass is clear."),
+    feature("[material] priority", Dropped, "pbrt's bodies must not overlap."),
+    feature("[material] two_sided", Dropped, "The front on both sides."),
+    feature(
+        "[material] normal_map, bump",
+        Dropped,
+        "The material without them.",
+    ),
+    feature(
+        "[material] mask in another material",
+        Dropped,
+        "Only whole shapes have an alpha.",
+    ),
+    feature(
+        "[material] emissive",
+        Approximated,
+        "An area light: it lights other surfaces also without an area light in the scene.",
+    ),
+    feature(
+        "[material] emissive in a group",
+        Dropped,
+        "pbrt's objects cannot contain lights.",
+    ),
+    feature(
+        "[texture] mapping",
+        Dropped,
+        "Only mappings by (u, v) and in a plane: the mean of a and b.",
+    ),
+    feature(
+        "[texture] of another type",
+        Dropped,
+        "The mean of a and b, or grey.",
+    ),
+    feature(
+        "[texture] image of another format",
+        Dropped,
+        "Grey: images of glTF files and WebP.",
+    ),
+    feature("[texture] image with a channel", Dropped, "Grey."),
+    feature(
+        "[texture] product",
+        Dropped,
+        "A texture times a number: other textures and the tint are not written.",
+    ),
+    feature(
+        "[texture] color_space",
+        Dropped,
+        "JPEG is sRGB and EXR is linear.",
+    ),
+    feature(
+        "[texture] wrap",
+        Approximated,
+        "That along u, or repeat instead of mirror.",
+    ),
+    feature("plugins of third parties", Dropped, "They are not known."),
 ];
 
 impl SceneFormat for Pbrt {
@@ -244,6 +410,10 @@ impl SceneFormat for Pbrt {
     fn import(&self, path: &Path, options: &ImportOptions) -> Option<Result<Imported, FormatErrors>> {
         let folder = Folder::of(path, options);
         Some(scene::Importer::new(&folder, options).import(path))
+    }
+
+    fn export(&self, scene: &ExportScene<'_>, path: &Path) -> Option<Result<Vec<Note>, FormatErrors>> {
+        Some(export::export(scene, path))
     }
 }
 

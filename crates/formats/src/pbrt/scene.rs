@@ -724,10 +724,10 @@ impl<'a> Importer<'a> {
             "Attribute" => self.attribute(at)?,
             "MediumInterface" => {
                 self.text("the name of a medium")?;
-                if let Some(token) = self.next()? {
-                    if !matches!(token.0, Token::Text(_)) {
-                        self.peeked = Some(token);
-                    }
+                if let Some(token) = self.next()?
+                    && !matches!(token.0, Token::Text(_))
+                {
+                    self.peeked = Some(token);
                 }
                 self.note("MakeNamedMedium, MediumInterface", at);
             }

@@ -435,10 +435,11 @@ impl Importer<'_> {
         for corners in patches {
             let [p00, p10, p01, p11] = corners.map(|corner| points[corner]);
             let size = (p11 - p00).length().max((p10 - p01).length());
-            let plain = uvs.as_ref().is_none_or(|uvs| {
-                corners.map(|corner| uvs[corner]) == [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]
-            });
-            pieces.other_uv |= !plain;
+            let uv = uvs.as_ref().map(|uvs| corners.map(|corner| uvs[corner]));
+            let plain = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]];
+            let swapped = [[0.0, 0.0], [0.0, 1.0], [1.0, 0.0], [1.0, 1.0]];
+            let is_swapped = uv == Some(swapped);
+            pieces.other_uv |= !is_swapped && uv.is_some_and(|uv| uv != plain);
             let (x, y) = ((p10 - p00) / 2.0, (p01 - p00) / 2.0);
             let Some(z) = x.cross(y).try_normalize() else {
                 self.error(args.at, "a bilinear patch without an area is not supported");
@@ -446,7 +447,11 @@ impl Importer<'_> {
             };
             let side = if self.state.reverse { -1.0 } else { 1.0 };
             if (p10 + p01 - p00 - p11).length() <= FLAT * size {
-                let matrix = DMat3::from_cols(x, y, z * side);
+                let matrix = if is_swapped {
+                    DMat3::from_cols(y, x, z * side)
+                } else {
+                    DMat3::from_cols(x, y, z * side)
+                };
                 let rectangle = map * DAffine3::from_mat3_translation(matrix, (p10 + p01) / 2.0);
                 let mut table = typed("rectangle", []);
                 self.place(&mut table, &rectangle, args.at);

@@ -622,3 +622,362 @@ fn hostile_files_end_soon() {
     errors(&"[".repeat(1 << 20));
     errors(&"Attribute \"shape\" \"float x\" 1 \"float x\" 2\n".repeat(1 << 12));
 }
+
+// Export.
+
+/// A document that is exported to a folder and imported again: the written text, the imported
+/// scene, and the notes of both.
+fn round_trip(
+    document: &Table,
+    base: &Path,
+    out: &Path,
+) -> Result<(String, Table, Vec<Note>), Vec<FormatError>> {
+    let scene = ExportScene { document, base };
+    let mut notes = Pbrt.export(&scene, out).unwrap().map_err(|errors| errors.0)?;
+    let text = fs::read_to_string(out).unwrap();
+    let imported = Pbrt
+        .import(out, &ImportOptions::all())
+        .unwrap()
+        .map_err(|errors| errors.0)?;
+    notes.extend(imported.notes);
+    Ok((text, imported.text.parse().unwrap(), notes))
+}
+
+/// The scene that comes back, and the names of all notes. A second round trip changes nothing.
+#[track_caller]
+fn back(text: &str) -> (Table, Vec<&'static str>) {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("a.ply"), PLY).unwrap();
+    fs::write(folder.path().join("a.png"), "").unwrap();
+    let obj = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1\nf 1/1 2/1 3/2 4/2\nf -4 -3 -2\n";
+    fs::write(folder.path().join("a.obj"), obj).unwrap();
+    let document: Table = text.parse().unwrap();
+    let out = folder.path().join("out.pbrt");
+    let (written, first, notes) = round_trip(&document, folder.path(), &out).unwrap();
+    let (_, second, _) = round_trip(&first, folder.path(), &folder.path().join("again.pbrt"))
+        .unwrap_or_else(|errors| panic!("{errors:?}\n{written}"));
+    same(&resolved(&first), &resolved(&second), &written);
+    (first, notes.iter().map(|note| note.feature.name).collect())
+}
+
+/// A scene in which the ids of materials and textures are replaced by what they stand for.
+fn resolved(scene: &Table) -> Value {
+    fn value(scene: &Table, inner: &Value, key: &str) -> Value {
+        match inner {
+            Value::String(id) if !matches!(key, "type" | "file" | "group") => ["material", "texture"]
+                .into_iter()
+                .find_map(|family| scene.get(family)?.get(id))
+                .map_or(inner.clone(), |table| value(scene, table, "")),
+            Value::Array(values) => {
+                Value::Array(values.iter().map(|inner| value(scene, inner, key)).collect())
+            }
+            Value::Table(table) => Value::Table(
+                table
+                    .iter()
+                    .map(|(key, inner)| (key.clone(), value(scene, inner, key)))
+                    .collect(),
+            ),
+            _ => inner.clone(),
+        }
+    }
+    let mut rest = scene.clone();
+    rest.remove("material");
+    rest.remove("texture");
+    value(scene, &Value::Table(rest), "")
+}
+
+/// Fails where two values differ by more than rounding.
+#[track_caller]
+fn same(a: &Value, b: &Value, what: &str) {
+    match (a, b) {
+        (Value::Float(a), Value::Float(b)) => {
+            assert!((a - b).abs() < 1e-9 * (1.0 + a.abs()), "{a} {b} {what}")
+        }
+        (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
+            for (a, b) in a.iter().zip(b) {
+                same(a, b, what);
+            }
+        }
+        (Value::Table(a), Value::Table(b)) if a.keys().eq(b.keys()) => {
+            for (key, a) in a {
+                same(a, &b[key], what);
+            }
+        }
+        _ => assert_eq!(a, b, "{what}"),
+    }
+}
+
+const CAMERA: &str = "[film]\nwidth = 30\nheight = 20\n[camera]\ntype = \"perspective\"\nfov = 60\n\
+                      look_at = { origin = [1, 2, 3], target = [1, 2, 2] }\n";
+
+#[test]
+fn views_come_back() {
+    let (scene, notes) = back(CAMERA);
+    assert_eq!(scene["film"]["width"].as_integer(), Some(30));
+    near(&scene["camera"]["look_at"]["origin"], &[1.0, 2.0, 3.0]);
+    near(&scene["camera"]["look_at"]["target"], &[1.0, 2.0, 2.0]);
+    near(&scene["camera"]["look_at"]["up"], &[0.0, 1.0, 0.0]);
+    assert_eq!(scene["camera"]["fov_axis"].as_str(), Some("smaller"));
+    let half = (scene["camera"]["fov"].as_float().unwrap() / 2.0)
+        .to_radians()
+        .tan();
+    assert!((half * 1.5 - 30_f64.to_radians().tan()).abs() < 1e-12);
+    assert_eq!(scene["sampler"]["type"].as_str(), Some("center"));
+    assert_eq!(scene["integrator"]["max_depth"].as_integer(), Some(6));
+    assert_eq!(notes, ["[integrator]", "Integrator"]);
+    let with = |camera: &str| {
+        back(&format!("[film]\nwidth = 30\nheight = 20\n{camera}\nlook_at = {{ origin = [3, 1, 0], target = [0, 0, 0], up = [0, 0, 1] }}\n")).0
+    };
+    let scene = with("[camera]\ntype = \"perspective\"\nwindow = { l = -1, r = 2, b = -3, t = 4, d = 2 }");
+    near(&scene["camera"]["window"]["r"], &[1.0]);
+    near(&scene["camera"]["window"]["b"], &[-1.5]);
+    let scene = with(
+        "[camera]\ntype = \"thin_lens\"\nfov = 20\nfov_axis = \"y\"\naperture = 0.25\nfocus_distance = 3",
+    );
+    near(&scene["camera"]["fov"], &[20.0]);
+    near(&scene["camera"]["aperture"], &[0.25]);
+    near(&scene["camera"]["focus_distance"], &[3.0]);
+    let scene = with("[camera]\ntype = \"orthographic\"\nwidth = 5");
+    near(&scene["camera"]["width"], &[5.0]);
+    let scene = with("[camera]\ntype = \"orthographic\"\nwindow = { l = -1, r = 2, b = -3, t = 4 }");
+    near(&scene["camera"]["window"]["t"], &[4.0]);
+    let scene = with("[camera]\ntype = \"environment\"");
+    let target = numbers(&scene["camera"]["look_at"]["target"]);
+    let length = 10_f64.sqrt();
+    assert!((target[0] - 3.0 + 3.0 / length).abs() < 1e-9 && (target[1] - 1.0 + 1.0 / length).abs() < 1e-9);
+    for (sampler, kind) in [
+        ("grid", "grid"),
+        ("stratified", "stratified"),
+        ("sobol", "sobol"),
+        ("adaptive", "sobol"),
+    ] {
+        let (scene, _) = back(&format!("{CAMERA}[sampler]\ntype = \"{sampler}\"\n"));
+        assert_eq!(scene["sampler"]["type"].as_str(), Some(kind));
+    }
+}
+
+#[test]
+fn lights_come_back() {
+    let (scene, notes) = back(&format!(
+        "{CAMERA}[[light]]\ntype = \"point\"\nposition = [1, 2, 3]\nintensity = [0.1, 0.2, 0.3]\n\
+         [[light]]\ntype = \"directional\"\ndirection = [1, -2, 3]\nirradiance = 3\n\
+         [[light]]\ntype = \"spot\"\nposition = [1, 2, 3]\ntarget = [0, 0, 0]\nintensity = 2\ncutoff_angle = 40\n\
+         [[light]]\ntype = \"environment\"\nradiance = 0.25\n\
+         [[light]]\ntype = \"ambient\"\nradiance = 0.25\n"
+    ));
+    let lights = scene["light"].as_array().unwrap();
+    assert_eq!(lights.len(), 4);
+    near(&lights[0]["intensity"], &[0.1, 0.2, 0.3]);
+    near(&lights[0]["position"], &[1.0, 2.0, 3.0]);
+    near(&lights[1]["direction"], &[1.0, -2.0, 3.0]);
+    near(&lights[1]["irradiance"], &[3.0]);
+    near(&lights[2]["beam_width"], &[30.0]);
+    near(&lights[3]["radiance"], &[0.25]);
+    assert!(notes.contains(&"[[light]] ambient"));
+}
+
+#[test]
+fn shapes_come_back() {
+    let transform =
+        "transform = [{ rotate = { axis = [1, 2, 3], degrees = 40 } }, { translate = [1, 2, 3] }]\n";
+    let (scene, notes) = back(&format!(
+        "{CAMERA}[[shape]]\ntype = \"sphere\"\nradius = 2\ncenter = [0, 0, 1]\n{transform}\
+         [[shape]]\ntype = \"rectangle\"\n{transform}[[shape]]\ntype = \"disk\"\n{transform}\
+         [[shape]]\ntype = \"triangle\"\nvertices = [[0, 0, 0], [1, 0, 0], [0, 0.1, 3]]\n{transform}\
+         [[shape]]\ntype = \"mesh\"\nfile = \"a.ply\"\n{transform}[[shape]]\ntype = \"mesh\"\nfile = \"a.obj\"\n\
+         [[shape]]\ntype = \"polygon\"\nvertices = [[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 3, 0]]\n\
+         [[shape]]\ntype = \"cylinder\"\nradius = 0.5\nz = [0, 2]\n\
+         [[shape]]\ntype = \"instance\"\ngroup = \"g\"\n{transform}\
+         [[shape]]\ntype = \"instance\"\ngroup = \"g\"\n\
+         [[shape]]\ntype = \"box\"\n[[shape]]\ntype = \"torus\"\n\
+         [[group.g.shape]]\ntype = \"disk\"\n{transform}material = {{ type = \"matte\" }}\n"
+    ));
+    let shapes = scene["shape"].as_array().unwrap();
+    let kinds: Vec<&str> = shapes
+        .iter()
+        .map(|shape| shape["type"].as_str().unwrap())
+        .collect();
+    let first = [
+        "sphere",
+        "rectangle",
+        "disk",
+        "triangle",
+        "mesh",
+        "mesh",
+        "polygon",
+        "cylinder",
+        "disk",
+        "disk",
+        "instance",
+        "instance",
+    ];
+    assert_eq!(kinds[..12], first);
+    assert_eq!(kinds[12..], ["rectangle"; 6]);
+    let axis = whitstone_core::DVec3::new(1.0, 2.0, 3.0);
+    let map = whitstone_core::DAffine3::from_translation(axis)
+        * whitstone_core::DAffine3::from_axis_angle(axis.normalize(), 40_f64.to_radians());
+    let expected = numbers(&crate::document::transform(&map));
+    for shape in [1, 2, 3, 4, 10] {
+        near(&shapes[shape]["transform"]["matrix"], &expected);
+    }
+    near(&scene["group"]["g"]["shape"][0]["transform"]["matrix"], &expected);
+    near(&shapes[0]["radius"], &[2.0]);
+    near(
+        &shapes[3]["vertices"],
+        &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.1, 3.0],
+    );
+    near(
+        &shapes[6]["vertices"],
+        &[0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 2.0, 1.0, 0.0, 0.0, 3.0, 0.0],
+    );
+    // The first face of the box is that of -x, with u along y, v along z.
+    near(
+        &shapes[12]["transform"]["matrix"],
+        &[0.0, 0.0, -1.0, -1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0],
+    );
+    assert_eq!(shapes[4]["file"].as_str(), Some("a.ply"));
+    assert_eq!(shapes[5]["file"].as_str(), Some("out-mesh2.ply"));
+    assert_eq!(notes, ["[integrator]", "[[shape]] of another type", "Integrator"]);
+}
+
+#[test]
+fn area_lights_come_back() {
+    let (scene, _) = back(&format!(
+        "{CAMERA}[[light]]\ntype = \"area\"\nradiance = 3\ntransform = {{ translate = [1, 0, 0] }}\n\
+         [[light]]\ntype = \"area\"\nshape = \"sphere\"\nradiance = [1, 2, 3]\ntransform = {{ scale = 2 }}\n\
+         [[light]]\ntype = \"area\"\nshape = \"mesh\"\nfile = \"a.ply\"\nradiance = 4\n\
+         [[shape]]\ntype = \"sphere\"\nradius = 2\nmaterial = {{ type = \"two_sided\", front = {{ type = \"emissive\", radiance = [1, 2, 3] }}, back = {{ type = \"matte\" }} }}\n"
+    ));
+    let lights = scene["light"].as_array().unwrap();
+    let kinds: Vec<&str> = lights
+        .iter()
+        .map(|light| light["shape"].as_str().unwrap())
+        .collect();
+    assert_eq!(kinds, ["sphere", "rectangle", "mesh"]);
+    near(&lights[0]["radiance"], &[1.0, 2.0, 3.0]);
+    near(&lights[1]["radiance"], &[3.0]);
+    assert_eq!(numbers(&lights[1]["transform"]["matrix"])[3], 1.0);
+    assert_eq!(lights[2]["file"].as_str(), Some("a.ply"));
+    assert_eq!(scene["shape"].as_array().unwrap().len(), 1);
+    assert_eq!(material(&scene, 0)["front"]["type"].as_str(), Some("emissive"));
+}
+
+#[test]
+fn materials_and_textures_come_back() {
+    let shape = |material: &str| format!("[[shape]]\ntype = \"sphere\"\nmaterial = {material}\n");
+    let materials = [
+        "{ type = \"matte\", reflectance = [0.1, 0.2, 0.3] }",
+        "{ type = \"dielectric\", interior_ior = 1.25 }",
+        "{ type = \"thin_dielectric\", interior_ior = 1.3 }",
+        "{ type = \"conductor\", metal = \"Au\" }",
+        "{ type = \"conductor\", eta = [1, 2, 3], k = 4 }",
+        "{ type = \"mix\", a = \"red\", b = { type = \"dielectric\" }, weight = 0.25 }",
+        "{ type = \"mask\", opacity = 0.5, material = \"red\" }",
+        "{ type = \"matte\", reflectance = \"image\" }",
+        "{ type = \"matte\", reflectance = { type = \"checker\", a = 0.1, b = [1, 0, 0], scale = [2, 4], offset = [0, 0.5] } }",
+        "{ type = \"matte\", reflectance = { type = \"checker3d\", a = 0.1, b = 1, scale = 4, offset = [0, 0.5, 0] } }",
+        "{ type = \"matte\", reflectance = { type = \"mix\", a = \"image\", b = 0.5, weight = 0.25 } }",
+        "{ type = \"matte\", reflectance = { type = \"product\", factors = [\"image\", 0.5] } }",
+        "{ type = \"matte\", reflectance = { type = \"image\", file = \"a.png\", mapping = { projection = \"planar\", transform = { scale = [2, 3, 6] } } } }",
+        "{ type = \"mirror\", reflectance = 0.5 }",
+        "\"a \\\"b\\\"\"",
+    ];
+    let shapes: String = materials.iter().map(|material| shape(material)).collect();
+    let (scene, notes) = back(&format!(
+        "{CAMERA}{shapes}[material.red]\ntype = \"matte\"\nreflectance = [1, 0, 0]\n\
+         [material.\"a \\\"b\\\"\"]\ntype = \"matte\"\nreflectance = 0.75\n\
+         [texture.image]\ntype = \"image\"\nfile = \"a.png\"\nwrap = \"clamp\"\nfilter = \"nearest\"\ncolor_space = \"linear\"\n"
+    ));
+    near(&material(&scene, 0)["reflectance"], &[0.1, 0.2, 0.3]);
+    near(&material(&scene, 1)["interior_ior"], &[1.25]);
+    near(&material(&scene, 2)["interior_ior"], &[1.3]);
+    assert_eq!(material(&scene, 3)["metal"].as_str(), Some("Au"));
+    near(&material(&scene, 4)["eta"], &[1.0, 2.0, 3.0]);
+    near(&material(&scene, 5)["weight"], &[0.25]);
+    assert_eq!(material(&scene, 5)["a"].as_str(), Some("red"));
+    near(&material(&scene, 6)["opacity"], &[0.5]);
+    let texture = |shape: usize| {
+        let id = material(&scene, shape)["reflectance"].as_str().unwrap();
+        &scene["texture"][id]
+    };
+    assert_eq!(texture(7)["wrap"].as_str(), Some("clamp"));
+    assert_eq!(texture(7)["filter"].as_str(), Some("nearest"));
+    assert_eq!(texture(7)["color_space"].as_str(), Some("linear"));
+    near(&texture(8)["scale"], &[2.0, 4.0]);
+    near(&texture(8)["offset"], &[0.0, 0.5]);
+    near(&texture(8)["b"], &[1.0, 0.0, 0.0]);
+    let solid = numbers(&texture(9)["mapping"]["transform"]["matrix"]);
+    assert_eq!([solid[0], solid[5], solid[7]], [4.0, 4.0, 0.5]);
+    near(&texture(10)["weight"], &[0.25]);
+    near(&texture(11)["factors"][1], &[0.5]);
+    let planar = numbers(&texture(12)["mapping"]["transform"]["matrix"]);
+    assert_eq!([planar[0], planar[5]], [2.0, 3.0]);
+    assert_eq!(material(&scene, 13)["type"].as_str(), Some("conductor"));
+    near(&material(&scene, 14)["reflectance"], &[0.75]);
+    assert_eq!(notes, ["[integrator]", "[material] mirror", "Integrator"]);
+}
+
+/// All scenes of the repository: export and import end without a panic.
+#[test]
+fn scenes_of_the_repository() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenes");
+    let mut pending = vec![root.clone()];
+    let mut paths = Vec::new();
+    while let Some(folder) = pending.pop() {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                pending.push(path);
+            } else if path.extension().is_some_and(|extension| extension == "toml") {
+                paths.push(path);
+            }
+        }
+    }
+    paths.sort();
+    let mut registry = whitstone_core::Registry::default();
+    crate::register(&mut registry);
+    let mut dropped = std::collections::BTreeMap::<&str, usize>::new();
+    let (mut read, mut whole, mut refused) = (0, 0, Vec::new());
+    for path in &paths {
+        let Ok(sources) = whitstone_scene::Sources::load(path, &[], &registry) else {
+            continue;
+        };
+        let Ok(description) = whitstone_scene::Description::parse(&sources).into_result() else {
+            continue;
+        };
+        let document: Table = description.flattened.text.parse().unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        read += 1;
+        match round_trip(
+            &document,
+            &description.flattened.base,
+            &folder.path().join("s.pbrt"),
+        ) {
+            Ok((_, _, notes)) => {
+                let lost: Vec<&Note> = notes
+                    .iter()
+                    .filter(|note| note.feature.treatment == Dropped)
+                    .collect();
+                whole += usize::from(lost.is_empty());
+                for note in lost {
+                    *dropped.entry(note.feature.name).or_default() += 1;
+                }
+            }
+            Err(errors) => {
+                assert!(!errors.is_empty());
+                let name = path.strip_prefix(&root).unwrap().display();
+                refused.push(format!("{name}: {}: {}", errors[0].place, errors[0].message));
+            }
+        }
+    }
+    println!(
+        "{read} of {} scenes exported, {whole} without a dropped note, {} refused:",
+        paths.len(),
+        refused.len()
+    );
+    println!("{}", refused.join("\n"));
+    for (name, count) in dropped {
+        println!("{count} scenes: {name}");
+    }
+    assert!(read > 100 && whole > 20 && refused.len() < read / 10);
+}
