@@ -13,6 +13,7 @@ mod mesh_file;
 mod mitsuba;
 mod obj;
 mod part;
+mod pbrt;
 mod table;
 mod toml_scene;
 
@@ -22,6 +23,7 @@ pub use gltf::Gltf;
 pub use mesh_file::{Ply, Stl};
 pub use mitsuba::{Mitsuba, MitsubaPython};
 pub use obj::Obj;
+pub use pbrt::Pbrt;
 pub use toml_scene::Toml;
 
 /// Adds all formats.
@@ -31,6 +33,7 @@ pub fn register(registry: &mut Registry) {
     registry.add_format(Mitsuba);
     registry.add_format(MitsubaPython);
     registry.add_format(Obj);
+    registry.add_format(Pbrt);
     registry.add_format(Ply);
     registry.add_format(Stl);
 }

@@ -3,11 +3,11 @@
 //! Source: Mitsuba 3.9.1 (`src/core/parser.cpp` and the plugins), and the driver in
 //! `references/mitsuba`, which renders each type of this program by Mitsuba's plugins.
 
-mod export;
+pub(crate) mod export;
 mod light;
-mod material;
+pub(crate) mod material;
 mod sensor;
-mod shape;
+pub(crate) mod shape;
 mod texture;
 mod translate;
 mod xml;

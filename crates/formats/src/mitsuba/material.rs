@@ -495,7 +495,7 @@ pub(crate) fn normal_reflectance(eta: [f64; 3], k: [f64; 3]) -> [f64; 3] {
 }
 
 /// A colour times a colour or texture.
-fn product(factor: [f64; 3], value: Value) -> Value {
+pub(crate) fn product(factor: [f64; 3], value: Value) -> Value {
     let by = |value: [f64; 3]| color([0, 1, 2].map(|i| factor[i] * value[i]));
     match value {
         Value::Float(value) => by([value; 3]),

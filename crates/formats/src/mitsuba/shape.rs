@@ -496,7 +496,7 @@ fn equal_and_perpendicular(columns: &[DVec3]) -> bool {
 }
 
 /// The nearby similarity, exact as the model requires it; none if there is none.
-fn similar(matrix: &DMat3) -> Option<DMat3> {
+pub(crate) fn similar(matrix: &DMat3) -> Option<DMat3> {
     if !equal_and_perpendicular(&[matrix.x_axis, matrix.y_axis, matrix.z_axis]) {
         return None;
     }
@@ -512,7 +512,7 @@ fn similar(matrix: &DMat3) -> Option<DMat3> {
 }
 
 /// The nearby matrix whose first two columns are equally long and perpendicular.
-fn similar_disk(matrix: &DMat3) -> Option<DMat3> {
+pub(crate) fn similar_disk(matrix: &DMat3) -> Option<DMat3> {
     if !equal_and_perpendicular(&[matrix.x_axis, matrix.y_axis]) {
         return None;
     }
