@@ -312,7 +312,7 @@ fn the_contents_determine_the_format() {
     assert!(
         error
             .to_string()
-            .ends_with("wrong.jpg: not a PNG, JPEG or EXR file"),
+            .ends_with("wrong.jpg: not a PNG, JPEG, WebP or EXR file"),
         "{error}"
     );
     std::fs::write(&path, "").unwrap();
