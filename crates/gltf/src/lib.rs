@@ -17,4 +17,4 @@ pub use container::MAX_JSON_BYTES;
 pub use document::{Document, Error};
 pub use gltf::json;
 pub use nodes::{MAX_NODE_DEPTH, local_transform, parents, rotation, shortest, world_transform};
-pub use primitive::{Primitive, Request, has_triangles};
+pub use primitive::{ComputeTangents, Primitive, Request, has_triangles};

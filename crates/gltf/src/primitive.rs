@@ -29,8 +29,11 @@ pub struct Request<'a> {
     /// Index of the skin.
     pub skin: Option<usize>,
     /// Computes the tangents of a primitive that has none, before the skin deforms it.
-    pub compute_tangents: Option<&'a dyn Fn(&Primitive) -> Vec<[f64; 4]>>,
+    pub compute_tangents: Option<&'a ComputeTangents>,
 }
+
+/// Computes tangents of a primitive: direction and sign for each vertex.
+pub type ComputeTangents = dyn Fn(&Primitive) -> Vec<[f64; 4]>;
 
 /// The triangles of a primitive. Attributes have an element for each vertex.
 #[derive(Clone, Debug, Default, PartialEq)]
