@@ -107,11 +107,20 @@ const BUMP: &str =
     "height = { type = \"noise\", scale = 2, a = 0, b = 1 }, scale = 0.2, material = { type = \"matte\" }";
 
 /// The rest of a texture's table; others have none.
-const TEXTURES: [(&str, &str); 8] = [
+const TEXTURES: [(&str, &str); 11] = [
     ("constant", "value = [0.3, 0.6, 0.5]"),
     ("checker", "scale = 4"),
     ("grid_lines", "width = 0.3, scale = 3"),
     ("image", "file = \"assets/corners.png\""),
+    (
+        "mix",
+        "a = [0.3, 0.6, 0.5], b = [0.8, 0.2, 0.1], weight = { type = \"checker\", scale = 4 }",
+    ),
+    (
+        "product",
+        "factors = [[0.9, 0.6, 0.5], { type = \"checker\", scale = 4 }]",
+    ),
+    ("threshold", "input = { type = \"checker\", scale = 4 }"),
     ("noise", "kind = \"fbm\", scale = 1.5"),
     ("worley", "scale = 1.5"),
     (
