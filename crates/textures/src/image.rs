@@ -433,7 +433,11 @@ mod tests {
                 "\"alpha\"",
                 "has no alpha channel",
             ),
-            ("file = \"a.png\"\nchannel = \"red\"", "\"red\"", "unknown value"),
+            (
+                "file = \"a.png\"\nchannel = \"violet\"",
+                "\"violet\"",
+                "unknown value",
+            ),
             (
                 "file = \"a.exr\"\nchannel = \"alpha\"",
                 "\"a.exr\"",
