@@ -4,6 +4,9 @@
 //! [`SceneFormat`](whitstone_core::SceneFormat), and a table of features that says what its
 //! conversions keep, approximate and drop.
 
+#[macro_use]
+mod features;
+
 pub mod document;
 mod files;
 pub mod fit;

@@ -18,9 +18,7 @@ use std::collections::HashMap;
 use std::f64::consts::PI;
 use std::path::Path;
 use toml::{Table, Value};
-use whitstone_core::{
-    Feature, FormatError, FormatErrors, ImportOptions, Imported, Notes, SceneFormat, Treatment,
-};
+use whitstone_core::{Feature, FormatError, FormatErrors, ImportOptions, Imported, Notes, SceneFormat};
 
 /// Largest OBJ file in bytes.
 const MAX_BYTES: u64 = 4 << 30;
@@ -30,165 +28,59 @@ const MAX_MTL_BYTES: u64 = 64 << 20;
 /// Wavefront OBJ.
 pub struct Obj;
 
-use Treatment::{Approximated, Dropped, Kept};
-
 /// What happens to the statements of OBJ and MTL.
-const FEATURES: &[Feature] = &[
-    feature(
-        "v, vt, vn, f",
-        Kept,
-        "The shape mesh reads them from the file itself.",
-    ),
-    feature("v with a colour", Kept, "The colours of vertices multiply Kd."),
-    feature("usemtl", Kept, "The faces of each material are one shape."),
-    feature(
-        "g, o",
-        Kept,
-        "Names of groups and objects have no effect on the image.",
-    ),
-    feature("mtllib", Kept, "Its materials are translated."),
-    feature(
-        "mtllib without a file",
-        Approximated,
-        "Materials that are not found are matte, with reflectance 0.5.",
-    ),
-    feature(
-        "usemtl without a material",
-        Approximated,
-        "A name that no MTL file defines is matte, with reflectance 0.5.",
-    ),
-    feature(
-        "Kd",
-        Kept,
-        "The albedo: a radiance of Kd E/pi for the irradiance E.",
-    ),
-    feature(
-        "Kd above 1",
-        Approximated,
-        "It is limited to 1 where there is no highlight.",
-    ),
-    feature(
-        "Ka",
-        Approximated,
-        "Surfaces reflect ambient light by Kd: many programs write a Ka without meaning.",
-    ),
-    feature(
-        "Ks, Ns",
-        Kept,
-        "The highlight of a blinn_phong with k_s = Ks/pi and the exponent Ns.",
-    ),
-    feature("Ns below 1", Approximated, "The exponent is at least 1."),
-    feature(
-        "Ke",
-        Approximated,
-        "The surface is seen with this radiance, but lights no other surface.",
-    ),
-    feature("Ni", Kept, "The index of refraction of a glass."),
-    feature("Tf", Approximated, "A glass is clear."),
-    feature("d, Tr", Kept, "A mask with this opacity; a glass ignores them."),
-    feature(
-        "d -halo",
-        Approximated,
-        "The opacity is the same from all directions.",
-    ),
-    feature("illum 0", Approximated, "A constant colour is matte instead."),
-    feature("illum 1, 2", Kept, "matte or blinn_phong."),
-    feature(
-        "illum 3, 8",
-        Approximated,
-        "whitted with k_refl = Ks; its highlight has Phong's form, with the exponent Ns/4.",
-    ),
-    feature(
-        "illum 4, 6, 7, 9",
-        Approximated,
-        "A dielectric with the index Ni, without Kd, Ks and Tf.",
-    ),
-    feature(
-        "illum 5",
-        Approximated,
-        "As illum 3: the reflection does not follow Fresnel's formula.",
-    ),
-    feature(
-        "illum 10",
-        Approximated,
-        "As illum 2: an invisible surface that catches shadows is visible.",
-    ),
-    feature("illum with another number", Approximated, "As illum 2."),
-    feature(
-        "map_Kd, map_Ks, map_Ke, map_d",
-        Kept,
-        "Images that multiply the value of the statement.",
-    ),
-    feature(
-        "norm",
-        Kept,
-        "normal_map with the tangents of the mesh; -bm is its strength.",
-    ),
-    feature(
-        "norm without texture coordinates",
-        Dropped,
-        "There are no tangents without them.",
-    ),
-    feature(
-        "-s, -o, -clamp, -imfchan",
-        Kept,
-        "scale, offset, wrap and channel of the image.",
-    ),
-    feature("-bm of a colour", Dropped, "Only a normal map has a strength."),
-    feature(
-        "bump",
-        Dropped,
-        "A height map by texture coordinates has no counterpart.",
-    ),
-    feature("map_Ka", Dropped, "Surfaces reflect ambient light by Kd."),
-    feature("map_Ns", Dropped, "An exponent is a number."),
-    feature(
-        "map_Tr",
-        Dropped,
-        "Programs disagree on its meaning; map_d is kept.",
-    ),
-    feature(
-        "disp",
-        Dropped,
-        "A displacement by texture coordinates is not translated.",
-    ),
-    feature("decal", Dropped, "There is no counterpart."),
-    feature("refl", Dropped, "Reflections are traced."),
-    feature("sharpness", Dropped, "It belongs to refl."),
-    feature("map_aat", Dropped, "The sampler of the scene smooths edges."),
-    feature("spectral, xyz", Dropped, "Only colours in RGB are read."),
-    feature(
-        "Pr, Pm, Ps, Pc, Pcr, aniso, anisor",
-        Dropped,
-        "The extension for physically based materials has no counterpart.",
-    ),
-    feature("-t", Dropped, "Turbulence of a texture has no counterpart."),
-    feature("-mm", Dropped, "Base and gain of a texture are not translated."),
-    feature("-boost", Dropped, "Images are not sharpened."),
-    feature("-texres", Dropped, "Images have the resolution of their file."),
-    feature(
-        "-blendu, -blendv",
-        Dropped,
-        "Images are filtered in both directions.",
-    ),
-    feature("-cc", Dropped, "Colours are not corrected."),
-    feature(
-        "s",
-        Dropped,
-        "Without vn the surface is flat: smoothing groups give no normals.",
-    ),
-    feature("p, l", Dropped, "Points and lines have no area."),
-    feature(
-        "curv, surf",
-        Dropped,
-        "Free-form curves and surfaces are not read.",
-    ),
-    feature("other statements", Dropped, "They are not known."),
-];
-
-const fn feature(name: &'static str, treatment: Treatment, how: &'static str) -> Feature {
-    Feature { name, treatment, how }
-}
+const FEATURES: &[Feature] = features! {
+    Kept "v, vt, vn, f": "The shape mesh reads them from the file itself.";
+    Kept "v with a colour": "The colours of vertices multiply Kd.";
+    Kept "usemtl": "The faces of each material are one shape.";
+    Kept "g, o": "Names of groups and objects have no effect on the image.";
+    Kept "mtllib": "Its materials are translated.";
+    Approximated "mtllib without a file": "Materials that are not found are matte, with reflectance 0.5.";
+    Approximated "usemtl without a material": "A name that no MTL file defines is matte, with reflectance 0.5.";
+    Kept "Kd": "The albedo: a radiance of Kd E/pi for the irradiance E.";
+    Approximated "Kd above 1": "It is limited to 1 where there is no highlight.";
+    Approximated "Ka": "Surfaces reflect ambient light by Kd: many programs write a Ka without meaning.";
+    Kept "Ks, Ns": "The highlight of a blinn_phong with k_s = Ks/pi and the exponent Ns.";
+    Approximated "Ns below 1": "The exponent is at least 1.";
+    Approximated "Ke": "The surface is seen with this radiance, but lights no other surface.";
+    Kept "Ni": "The index of refraction of a glass.";
+    Approximated "Tf": "A glass is clear.";
+    Kept "d, Tr": "A mask with this opacity; a glass ignores them.";
+    Approximated "d -halo": "The opacity is the same from all directions.";
+    Approximated "illum 0": "A constant colour is matte instead.";
+    Kept "illum 1, 2": "matte or blinn_phong.";
+    Approximated "illum 3, 8": "whitted with k_refl = Ks; its highlight has Phong's form, with the exponent Ns/4.";
+    Approximated "illum 4, 6, 7, 9": "A dielectric with the index Ni, without Kd, Ks and Tf.";
+    Approximated "illum 5": "As illum 3: the reflection does not follow Fresnel's formula.";
+    Approximated "illum 10": "As illum 2: an invisible surface that catches shadows is visible.";
+    Approximated "illum with another number": "As illum 2.";
+    Kept "map_Kd, map_Ks, map_Ke, map_d": "Images that multiply the value of the statement.";
+    Kept "norm": "normal_map with the tangents of the mesh; -bm is its strength.";
+    Dropped "norm without texture coordinates": "There are no tangents without them.";
+    Kept "-s, -o, -clamp, -imfchan": "scale, offset, wrap and channel of the image.";
+    Dropped "-bm of a colour": "Only a normal map has a strength.";
+    Dropped "bump": "A height map by texture coordinates has no counterpart.";
+    Dropped "map_Ka": "Surfaces reflect ambient light by Kd.";
+    Dropped "map_Ns": "An exponent is a number.";
+    Dropped "map_Tr": "Programs disagree on its meaning; map_d is kept.";
+    Dropped "disp": "A displacement by texture coordinates is not translated.";
+    Dropped "decal": "There is no counterpart.";
+    Dropped "refl": "Reflections are traced.";
+    Dropped "sharpness": "It belongs to refl.";
+    Dropped "map_aat": "The sampler of the scene smooths edges.";
+    Dropped "spectral, xyz": "Only colours in RGB are read.";
+    Dropped "Pr, Pm, Ps, Pc, Pcr, aniso, anisor": "The extension for physically based materials has no counterpart.";
+    Dropped "-t": "Turbulence of a texture has no counterpart.";
+    Dropped "-mm": "Base and gain of a texture are not translated.";
+    Dropped "-boost": "Images are not sharpened.";
+    Dropped "-texres": "Images have the resolution of their file.";
+    Dropped "-blendu, -blendv": "Images are filtered in both directions.";
+    Dropped "-cc": "Colours are not corrected.";
+    Dropped "s": "Without vn the surface is flat: smoothing groups give no normals.";
+    Dropped "p, l": "Points and lines have no area.";
+    Dropped "curv, surf": "Free-form curves and surfaces are not read.";
+    Dropped "other statements": "They are not known.";
+};
 
 impl SceneFormat for Obj {
     fn name(&self) -> &'static str {

@@ -25,15 +25,15 @@ pub trait SceneFormat: Send + Sync {
         None
     }
 
-    /// Writes a scene to a file, and meshes and textures beside it; `None` if the format is only
-    /// read.
+    /// Writes a scene to a file, and its meshes and textures to the same folder; `None` if the
+    /// format is only read.
     fn export(&self, scene: &ExportScene<'_>, path: &Path) -> Option<Result<Vec<Note>, FormatErrors>> {
         let _ = (scene, path);
         None
     }
 }
 
-/// What to import, and how. The default imports everything.
+/// What to import, and how; [`Self::all`] imports everything.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ImportOptions {
     /// Name of the format; by default the extension of the file decides.

@@ -1,11 +1,4 @@
 use whitstone_core::Feature;
-use whitstone_core::Treatment::{Approximated, Dropped, Kept};
-
-macro_rules! features {
-    ($($treatment:ident $name:literal: $how:literal;)*) => {
-        &[$(Feature { name: $name, treatment: $treatment, how: $how }),*]
-    };
-}
 
 /// What happens to each part of a glTF file.
 pub(crate) const FEATURES: &[Feature] = features! {

@@ -956,7 +956,7 @@ fn scenes_of_the_repository() {
             Ok((_, _, notes)) => {
                 let lost: Vec<&Note> = notes
                     .iter()
-                    .filter(|note| note.feature.treatment == Dropped)
+                    .filter(|note| note.feature.treatment == whitstone_core::Treatment::Dropped)
                     .collect();
                 whole += usize::from(lost.is_empty());
                 for note in lost {
