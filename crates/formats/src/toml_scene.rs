@@ -1,4 +1,4 @@
-//! Whitstone's own format: one TOML file, with the files that it names beside it.
+//! Whitstone's own format: one TOML file, and a folder with the files that it names.
 
 use crate::document::Document;
 use std::collections::BTreeMap;
@@ -14,7 +14,7 @@ pub struct Toml;
 const FEATURES: &[Feature] = &[Feature {
     name: "scenes",
     treatment: Treatment::Kept,
-    how: "One file; includes and imports are resolved, and the files that it names are copied beside it.",
+    how: "One file; includes and imports are resolved, and the files that it names are copied to a folder next to it.",
 }];
 
 impl SceneFormat for Toml {
@@ -46,7 +46,7 @@ fn export(scene: &ExportScene<'_>, path: &Path) -> Result<Vec<Note>, FormatError
     Ok(Vec::new())
 }
 
-/// The files of a scene, copied beside another one.
+/// The files of a scene, copied to the folder of another one.
 pub(crate) struct Copies<'a> {
     base: &'a Path,
     /// Folder of the written file.
@@ -196,7 +196,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn files_are_copied_beside_the_scene_once() {
+    fn files_are_copied_to_a_folder_of_the_scene_once() {
         let folder = tempfile::tempdir().unwrap();
         let (from, to) = (folder.path().join("from"), folder.path().join("to"));
         fs::create_dir_all(from.join("sub")).unwrap();

@@ -5,7 +5,7 @@
 //! |---|---|
 //! | [`planes`] | [`Image`]: named `f32` channels, row-major, top row first |
 //! | [`exr_io`] | OpenEXR in (any flat file) and out (float32, scan lines, ZIP) |
-//! | [`texels`] | texture files (PNG, JPEG, EXR) as raw normalised values |
+//! | [`texels`] | texture files (PNG, JPEG, WebP, EXR) as raw normalised values |
 //! | [`tone`] | exposure and the sRGB transfer functions |
 //! | [`png`] | 8-bit pictures for people |
 //! | [`limits`] | sizes that files may have; errors of reading |

@@ -82,7 +82,7 @@ struct Faces {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, expecting = "a face: a table with `file`")]
 struct Face {
-    /// A PNG, JPEG or EXR file, relative to the scene.
+    /// A PNG, JPEG, WebP or EXR file, relative to the scene.
     file: FilePath,
 }
 

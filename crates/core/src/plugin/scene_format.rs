@@ -5,7 +5,7 @@
 //! documentation of the format.
 
 use glam::DAffine3;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// A format of scene files, such as glTF.
@@ -122,7 +122,11 @@ pub struct Note {
 
 /// The notes of a conversion, one for each feature.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Notes(Vec<Note>);
+pub struct Notes {
+    notes: Vec<Note>,
+    /// Names of features and places that are noted: a file may have very many.
+    known: BTreeSet<(&'static str, String)>,
+}
 
 impl Notes {
     /// Adds an occurrence of the feature with this name, which must be in `features`.
@@ -132,10 +136,16 @@ impl Notes {
             .find(|feature| feature.name == name)
             .unwrap_or_else(|| unreachable!("the table of features lacks `{name}`"));
         let place = place.into();
-        match self.0.iter_mut().find(|note| std::ptr::eq(note.feature, feature)) {
-            Some(note) if note.places.contains(&place) => {}
+        if !self.known.insert((feature.name, place.clone())) {
+            return;
+        }
+        match self
+            .notes
+            .iter_mut()
+            .find(|note| note.feature.name == feature.name)
+        {
             Some(note) => note.places.push(place),
-            None => self.0.push(Note {
+            None => self.notes.push(Note {
                 feature,
                 places: vec![place],
             }),
@@ -144,8 +154,8 @@ impl Notes {
 
     /// The notes: what is dropped last, otherwise in the order of their first occurrence.
     pub fn into_sorted(mut self) -> Vec<Note> {
-        self.0.sort_by_key(|note| note.feature.treatment);
-        self.0
+        self.notes.sort_by_key(|note| note.feature.treatment);
+        self.notes
     }
 }
 

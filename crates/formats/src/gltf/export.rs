@@ -29,7 +29,7 @@ const MAX_NODES: usize = 200_000;
 /// Largest nesting of groups, by the model.
 const MAX_DEPTH: usize = 16;
 
-/// Writes a scene: as one file if its name ends in `.glb`, else as JSON with files beside it.
+/// Writes a scene: as one file if its name ends in `.glb`, else as JSON and separate files.
 pub(super) fn export(scene: &ExportScene<'_>, path: &Path) -> Result<Vec<Note>, FormatErrors> {
     let embedded = path
         .extension()
@@ -510,7 +510,7 @@ impl<'a> Exporter<'a> {
             return;
         }
         if self.embedded {
-            self.note("files beside a .glb", file);
+            self.note("files next to a .glb", file);
         }
         match self.copies.copy(file) {
             Ok(name) => {
@@ -572,7 +572,7 @@ fn uri(path: &str) -> String {
     uri
 }
 
-/// Writes the file, and its buffer beside it.
+/// Writes the file and, in the same folder, its buffer.
 fn write(path: &Path, embedded: bool, root: Root, buffer: Buffer, kept: Table) -> Result<(), FormatError> {
     let mut file = json!({
         "asset": {

@@ -27,7 +27,7 @@ pub(crate) const FEATURES: &[Feature] = features! {
     Kept "no camera": "A camera that shows the whole scene is added.";
     Kept "no lights": "A directional light, an ambient light and a grey background are added.";
     Kept "Whitstone scene": "`extras` of an exported file hold the whole scene, which is imported as it was; meshes of files have single precision.";
-    Kept "files beside a .glb": "EXR images, faces of skies, data of textures and shapes, and meshes that light, are subdivided or are operands are copied to a folder beside the file.";
+    Kept "files next to a .glb": "EXR images, faces of skies, data of textures and shapes, and meshes that are lights, subdivided, or operands: a folder next to the file holds copies.";
     Approximated "metallic-roughness": "A `whitted` material: diffuse, a highlight, and below a roughness of 0.5 mirror reflection.";
     Approximated "roughness texture": "The roughness factor alone is used.";
     Approximated "mip maps": "Trilinear filtering over the footprint of a sample.";

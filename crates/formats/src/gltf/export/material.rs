@@ -639,7 +639,7 @@ impl<'a> Exporter<'a> {
             [b'R', b'I', b'F', b'F', ..] => "image/webp",
             _ => return Err("is neither PNG, JPEG nor WebP".to_owned()),
         };
-        // Images of glTF files stay in the buffer, those in files of their own beside a .gltf.
+        // Images of glTF files stay in the buffer; a .gltf keeps image files as separate files.
         if of_gltf || self.embedded {
             let view = self.buffer.view(&bytes, None);
             return Ok(json!({ "bufferView": view, "mimeType": kind }));

@@ -18,7 +18,7 @@ struct Exported {
     notes: Vec<Note>,
 }
 
-/// Exports a scene with these files beside it.
+/// Exports a scene that names these files.
 fn export_with(text: &str, extension: &str, files: &[(&str, &[u8])]) -> Exported {
     let folder = tempfile::tempdir().unwrap();
     let base = folder.path().join("from");
@@ -533,7 +533,7 @@ fn meshes_that_change_keep_their_files() {
     );
     let files = [("a.stl", STL.as_bytes()), ("b.stl", STL.as_bytes())];
     let exported = export_with(&text, "glb", &files);
-    assert!(exported.noted("files beside a .glb"));
+    assert!(exported.noted("files next to a .glb"));
     assert!(exported.noted("[[shape]] mesh with displacement"));
     let again = exported.import();
     for (table, file) in [
