@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use whitstone::core::Registry;
 use whitstone::scene::Sources;
-use whitstone_tests::{build, load};
+use whitstone_tests::{build, load, program};
 
 /// A pyramid and a strip with colours, a texture, a skin, morph targets, sparse and normalised
 /// accessors, a camera, a light, an instanced mesh: everything that has an index in one small file.
@@ -242,6 +242,35 @@ fn errors_name_the_place_in_the_file() {
         let report = wrong(&path, &registry).unwrap_or_else(|| "no error".to_owned());
         assert!(report.contains(expected), "{pointer}: {report}");
     }
+}
+
+/// `convert` keeps its input, and a strict run that would drop something writes nothing.
+#[test]
+fn convert_overwrites_no_input_and_strict_runs_write_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = write(folder.path(), "rich.gltf", &rich());
+    let before = fs::read(&path).unwrap();
+    let convert = |to: &str, more: &[&str]| {
+        let output = program!()
+            .current_dir(folder.path())
+            .args(["convert", "rich.gltf", to])
+            .args(more)
+            .output()
+            .unwrap();
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        (output.status.code(), told)
+    };
+    let (code, told) = convert("rich.gltf", &[]);
+    assert_eq!(code, Some(2), "{told}");
+    assert!(told.contains("the scene reads this file"), "{told}");
+    assert_eq!(fs::read(&path).unwrap(), before);
+    // PBRT has no counterpart of some of this.
+    let (code, told) = convert("strict.pbrt", &["--strict"]);
+    assert_eq!(code, Some(2), "{told}");
+    assert!(told.contains("--strict forbids it"), "{told}");
+    assert_eq!(whitstone_tests::entries(folder.path()), ["rich.gltf"]);
+    let (code, told) = convert("rich.toml", &["--strict"]);
+    assert_eq!(code, Some(0), "{told}");
 }
 
 /// The places of all numbers in a document.

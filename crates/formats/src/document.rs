@@ -146,6 +146,45 @@ impl Ids {
     }
 }
 
+/// Shared tables of a document, such as its textures: equal ones are written once.
+#[derive(Debug, Default)]
+pub(crate) struct Shared {
+    ids: Ids,
+    /// Ids by the tables' text.
+    known: HashMap<String, String>,
+}
+
+impl Shared {
+    /// Tables whose ids begin with a prefix.
+    pub(crate) fn new(prefix: &str) -> Self {
+        Self {
+            ids: Ids::new(prefix),
+            known: HashMap::new(),
+        }
+    }
+
+    /// The id of a table, which is added to `list` if it is new; `name` is the id that it should
+    /// have.
+    pub(crate) fn id(&mut self, list: &mut Vec<(String, Table)>, name: &str, table: Table) -> String {
+        self.id_of(table.to_string(), list, name, table)
+    }
+
+    /// [`Self::id`], except that a table with another name is another table.
+    pub(crate) fn named_id(&mut self, list: &mut Vec<(String, Table)>, name: &str, table: Table) -> String {
+        self.id_of(format!("{name} {table}"), list, name, table)
+    }
+
+    fn id_of(&mut self, text: String, list: &mut Vec<(String, Table)>, name: &str, table: Table) -> String {
+        if let Some(id) = self.known.get(&text) {
+            return id.clone();
+        }
+        let id = self.ids.unique(name);
+        self.known.insert(text, id.clone());
+        list.push((id.clone(), table));
+        id
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -5,6 +5,12 @@ use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 use whitstone_core::{FormatError, ImportOptions};
 
+/// Writes a file whole or not at all.
+pub(crate) fn save(path: &Path, bytes: &[u8]) -> Result<(), FormatError> {
+    let written = whitstone_image::atomic::write_bytes(path, bytes);
+    written.map_err(|error| FormatError::anywhere(error.to_string()))
+}
+
 /// The folder of an imported file, and whether files outside of it may be read.
 #[derive(Clone, Debug)]
 pub(crate) struct Folder {

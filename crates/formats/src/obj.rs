@@ -9,7 +9,7 @@
 mod mtl;
 mod scan;
 
-use crate::document::{Document, Ids, color, numbers, typed};
+use crate::document::{Document, Ids, Shared, color, numbers, typed};
 use crate::files::{self, Folder, folder_of, shorten};
 use crate::mesh_file::MeshInfo;
 use crate::part::{self, Part};
@@ -113,8 +113,7 @@ fn import(path: &Path, options: &ImportOptions) -> Result<Imported, FormatErrors
         uvs: scan.uvs,
         colors: scan.colors,
         document: Document::default(),
-        texture_ids: Ids::new(&options.prefix),
-        textures: HashMap::new(),
+        textures: Shared::new(&options.prefix),
     };
     let materials = import.libraries(&scan.libraries);
     let mut ids = Ids::new(&options.prefix);
@@ -198,9 +197,7 @@ struct Import {
     /// Whether the file has vertex colours.
     colors: bool,
     document: Document,
-    texture_ids: Ids,
-    /// The ids of images that are already in the document, by their tables.
-    textures: HashMap<String, String>,
+    textures: Shared,
 }
 
 /// A material of an MTL file, with the folder that its images are relative to.
@@ -476,18 +473,13 @@ impl Import {
         if let Some(offset) = map.offset {
             set("offset", numbers(offset));
         }
-        let key = table.to_string();
-        let id = match self.textures.get(&key) {
-            Some(id) => id.clone(),
-            None => {
-                let stem = Path::new(&named.relative).file_stem().unwrap_or_default();
-                let id = self.texture_ids.unique(&stem.to_string_lossy());
-                self.document.textures.push((id.clone(), table));
-                self.textures.insert(key, id.clone());
-                id
-            }
-        };
-        Some(Value::String(id))
+        let stem = Path::new(&named.relative).file_stem().unwrap_or_default();
+        let list = &mut self.document.textures;
+        Some(Value::String(self.textures.id(
+            list,
+            &stem.to_string_lossy(),
+            table,
+        )))
     }
 }
 

@@ -1,11 +1,13 @@
 //! Whitstone's own format: one TOML file, and a folder with the files that it names.
 
 use crate::document::Document;
+use crate::files::save;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 use whitstone_core::{ExportScene, Feature, FormatError, FormatErrors, Note, SceneFormat, Treatment};
+use whitstone_image::atomic;
 
 /// TOML scenes, for export. They are read without a format.
 pub struct Toml;
@@ -42,7 +44,7 @@ fn export(scene: &ExportScene<'_>, path: &Path) -> Result<Vec<Note>, FormatError
         files.visit(value)?;
     }
     let text = Document::from_table(&table).to_toml();
-    fs::write(path, text).map_err(|error| FormatError::anywhere(format!("cannot be written: {error}")))?;
+    save(path, text.as_bytes())?;
     Ok(Vec::new())
 }
 
@@ -138,7 +140,9 @@ fn copy(from: &Path, to: &Path) -> Result<(), FormatError> {
     if let Some(folder) = to.parent() {
         fs::create_dir_all(folder).map_err(failed)?;
     }
-    fs::copy(from, to).map(drop).map_err(failed)
+    let mut source = fs::File::open(from).map_err(failed)?;
+    let written = atomic::write(to, |file| std::io::copy(&mut source, file).map(drop));
+    written.map_err(|error| FormatError::anywhere(error.to_string()))
 }
 
 impl Document {

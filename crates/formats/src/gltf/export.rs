@@ -10,6 +10,7 @@ mod node;
 mod view;
 
 use super::{FEATURES, kept};
+use crate::files::save;
 use crate::part::Part;
 use crate::table;
 use crate::toml_scene::Copies;
@@ -675,11 +676,6 @@ fn container(file: &serde_json::Value, mut bytes: Vec<u8>) -> Result<Vec<u8>, Fo
         out.extend_from_slice(chunk);
     }
     Ok(out)
-}
-
-fn save(path: &Path, bytes: &[u8]) -> Result<(), FormatError> {
-    let written = whitstone_image::atomic::write_bytes(path, bytes);
-    written.map_err(|error| FormatError::anywhere(error.to_string()))
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use super::kept::{self, Kept};
 use super::material::Translated;
 use super::{FEATURES, restore};
-use crate::document::{Document as Scene, Ids, table, transform};
+use crate::document::{Document as Scene, Ids, Shared, table, transform};
 use crate::part::Part;
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
@@ -35,10 +35,9 @@ pub(super) fn import(path: &Path, options: &ImportOptions) -> Result<Imported, F
         file,
         scene: Scene::default(),
         ids: Ids::new(&options.prefix),
-        texture_ids: Ids::new(&options.prefix),
         group_ids: Ids::new(&options.prefix),
         shape_ids: Ids::new(&options.prefix),
-        textures: HashMap::new(),
+        textures: Shared::new(&options.prefix),
         translated: HashMap::new(),
         notes: Notes::default(),
         errors: Vec::new(),
@@ -82,13 +81,10 @@ pub(crate) struct Importer<'a> {
     /// Name of the imported file.
     pub(crate) file: String,
     pub(crate) scene: Scene,
-    /// Ids of materials; those of textures, groups and shapes.
     pub(crate) ids: Ids,
-    texture_ids: Ids,
     group_ids: Ids,
     shape_ids: Ids,
-    /// Shared textures by their keys.
-    textures: HashMap<String, String>,
+    textures: Shared,
     /// Materials by index and by whether they have vertex colours.
     pub(crate) translated: HashMap<(Option<usize>, bool), Translated>,
     notes: Notes,
@@ -133,17 +129,7 @@ impl Importer<'_> {
 
     /// The id of a shared texture with these keys.
     pub(crate) fn shared_texture(&mut self, name: &str, keys: Table) -> Value {
-        let text = keys.to_string();
-        let id = match self.textures.get(&text) {
-            Some(id) => id.clone(),
-            None => {
-                let id = self.texture_ids.unique(name);
-                self.textures.insert(text, id.clone());
-                self.scene.textures.push((id.clone(), keys));
-                id
-            }
-        };
-        Value::String(id)
+        Value::String(self.textures.id(&mut self.scene.textures, name, keys))
     }
 
     fn run(&mut self) -> Result<(), FormatError> {

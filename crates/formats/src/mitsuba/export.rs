@@ -7,6 +7,7 @@ mod texture;
 mod view;
 
 use super::FEATURES;
+use crate::files::save;
 use crate::{files, table};
 use material::Sides;
 use node::{Item, Node};
@@ -47,13 +48,8 @@ pub(super) fn export(scene: &ExportScene<'_>, path: &Path, python: bool) -> Resu
     } else {
         exporter.root.to_xml()
     };
-    write(path, text.as_bytes())?;
+    save(path, text.as_bytes())?;
     Ok(exporter.notes.into_sorted())
-}
-
-fn write(path: &Path, bytes: &[u8]) -> Result<(), FormatError> {
-    let written = whitstone_image::atomic::write_bytes(path, bytes);
-    written.map_err(|error| FormatError::anywhere(error.to_string()))
 }
 
 /// The state of an export.
@@ -134,7 +130,7 @@ impl<'a> Exporter<'a> {
     fn write_mesh(&mut self, extension: &str, bytes: &[u8]) -> String {
         self.written += 1;
         let name = format!("{}-mesh{}.{extension}", self.stem, self.written);
-        if let Err(error) = write(&self.folder.join(&name), bytes) {
+        if let Err(error) = save(&self.folder.join(&name), bytes) {
             self.errors.push(error);
         }
         name

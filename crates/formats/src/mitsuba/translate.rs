@@ -2,7 +2,7 @@
 
 use super::FEATURES;
 use super::xml::{At, Data, Entry, Object, Scene};
-use crate::document::{Document, Ids, typed};
+use crate::document::{Document, Ids, Shared, typed};
 use crate::files::{Folder, Named, shorten};
 use crate::mesh_file::MeshInfo;
 use crate::part::{self, Part};
@@ -36,11 +36,9 @@ pub(super) struct Translator<'a> {
     open: Vec<usize>,
     /// Translated materials and textures, by object and look.
     pub(super) memo: HashMap<String, Value>,
-    material_ids: Ids,
-    texture_ids: Ids,
+    materials: Shared,
+    textures: Shared,
     pub(super) group_ids: Ids,
-    /// Ids of shared materials and textures, by their tables.
-    shared: HashMap<String, String>,
     /// Ids and bounds of groups, by their objects.
     pub(super) groups: HashMap<usize, (String, Part)>,
     pub(super) meshes: HashMap<PathBuf, MeshInfo>,
@@ -91,10 +89,9 @@ impl<'a> Translator<'a> {
             bounds: Part::EMPTY,
             open: Vec::new(),
             memo: HashMap::new(),
-            material_ids: Ids::new(&options.prefix),
-            texture_ids: Ids::new(&options.prefix),
+            materials: Shared::new(&options.prefix),
+            textures: Shared::new(&options.prefix),
             group_ids: Ids::new(&options.prefix),
-            shared: HashMap::new(),
             groups: HashMap::new(),
             meshes: HashMap::new(),
             contained: HashMap::new(),
@@ -402,26 +399,13 @@ impl<'a> Translator<'a> {
 
     /// The id of a shared material; equal ones become one.
     pub(super) fn share_material(&mut self, name: &str, table: Table) -> Value {
-        let key = format!("m{name} {table}");
-        if let Some(id) = self.shared.get(&key) {
-            return Value::String(id.clone());
-        }
-        let id = self.material_ids.unique(name);
-        self.shared.insert(key, id.clone());
-        self.document.materials.push((id.clone(), table));
-        Value::String(id)
+        let list = &mut self.document.materials;
+        Value::String(self.materials.named_id(list, name, table))
     }
 
     /// The id of a shared texture; equal ones become one.
     pub(super) fn share_texture(&mut self, name: &str, table: Table) -> Value {
-        let key = format!("t{table}");
-        if let Some(id) = self.shared.get(&key) {
-            return Value::String(id.clone());
-        }
-        let id = self.texture_ids.unique(name);
-        self.shared.insert(key, id.clone());
-        self.document.textures.push((id.clone(), table));
-        Value::String(id)
+        Value::String(self.textures.id(&mut self.document.textures, name, table))
     }
 
     // Parameters.

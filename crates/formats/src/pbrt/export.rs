@@ -5,6 +5,7 @@ mod shape;
 mod view;
 
 use super::FEATURES;
+use crate::files::save;
 use crate::table;
 use crate::toml_scene::Copies;
 use std::collections::{BTreeSet, HashMap};
@@ -41,13 +42,8 @@ pub(super) fn export(scene: &ExportScene<'_>, path: &Path) -> Result<Vec<Note>, 
     if !exporter.errors.is_empty() {
         return Err(FormatErrors(exporter.errors));
     }
-    write(path, exporter.out.as_bytes())?;
+    save(path, exporter.out.as_bytes())?;
     Ok(exporter.notes.into_sorted())
-}
-
-fn write(path: &Path, bytes: &[u8]) -> Result<(), FormatError> {
-    let written = whitstone_image::atomic::write_bytes(path, bytes);
-    written.map_err(|error| FormatError::anywhere(error.to_string()))
 }
 
 /// The state of an export.

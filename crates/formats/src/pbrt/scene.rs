@@ -5,7 +5,7 @@ use super::material::Look;
 use super::params::{Args, KINDS, Kind, Param, Values};
 use super::spectrum;
 use super::token::{At, Lexer, Token};
-use crate::document::{Document, Ids, transform};
+use crate::document::{Document, Ids, Shared, transform};
 use crate::files::{self, Folder, Named, shorten};
 use crate::part::{self, Part};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -155,9 +155,8 @@ pub(super) struct Importer<'a> {
     /// Tables of shared materials, by id.
     pub(super) tables: HashMap<String, Table>,
     pub(super) turned: HashMap<String, Value>,
-    shared: HashMap<String, String>,
-    material_ids: Ids,
-    texture_ids: Ids,
+    shared_materials: Shared,
+    shared_textures: Shared,
     group_ids: Ids,
     pub(super) meshes: HashMap<PathBuf, crate::mesh_file::MeshInfo>,
 }
@@ -202,9 +201,8 @@ impl<'a> Importer<'a> {
             replaced: BTreeSet::new(),
             tables: HashMap::new(),
             turned: HashMap::new(),
-            shared: HashMap::new(),
-            material_ids: Ids::new(&options.prefix),
-            texture_ids: Ids::new(&options.prefix),
+            shared_materials: Shared::new(&options.prefix),
+            shared_textures: Shared::new(&options.prefix),
             group_ids: Ids::new(&options.prefix),
             meshes: HashMap::new(),
         }
@@ -1065,26 +1063,15 @@ impl<'a> Importer<'a> {
 
     /// The id of a shared material; equal ones become one.
     pub(super) fn share_material(&mut self, name: &str, table: Table) -> Value {
-        let key = format!("m{table}");
-        if let Some(id) = self.shared.get(&key) {
-            return Value::String(id.clone());
-        }
-        let id = self.material_ids.unique(name);
-        self.shared.insert(key, id.clone());
-        self.tables.insert(id.clone(), table.clone());
-        self.document.materials.push((id.clone(), table));
+        let id = self
+            .shared_materials
+            .id(&mut self.document.materials, name, table.clone());
+        self.tables.insert(id.clone(), table);
         Value::String(id)
     }
 
     pub(super) fn share_texture(&mut self, name: &str, table: Table) -> Value {
-        let key = format!("t{table}");
-        if let Some(id) = self.shared.get(&key) {
-            return Value::String(id.clone());
-        }
-        let id = self.texture_ids.unique(name);
-        self.shared.insert(key, id.clone());
-        self.document.textures.push((id.clone(), table));
-        Value::String(id)
+        Value::String(self.shared_textures.id(&mut self.document.textures, name, table))
     }
 
     /// A place for messages.

@@ -1,6 +1,7 @@
 //! `convert`: translates scenes between formats.
 
-use crate::terminal::{self, Exit, Failure, write_json};
+use super::render::check_apart;
+use crate::terminal::{self, Exit, Failure, STDOUT, write_json};
 use clap::Args;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -95,6 +96,15 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         _ => Ok(()),
     };
     refuse(&notes)?;
+    let json = (arguments.json.as_ref()).filter(|path| *path != Path::new(STDOUT));
+    let outputs: Vec<&Path> = [arguments.output.as_ref(), json]
+        .into_iter()
+        .flatten()
+        .map(PathBuf::as_path)
+        .collect();
+    let inputs = sources.scene_files().map(Path::to_owned);
+    let inputs: Vec<PathBuf> = inputs.chain(description.flattened.files.clone()).collect();
+    check_apart(&outputs, &inputs)?;
     if let (Some(output), Some(writer)) = (&arguments.output, writer) {
         let document = description.flattened.text.parse::<toml::Table>();
         let document = document.map_err(|error| Failure::usage(error.to_string()))?;

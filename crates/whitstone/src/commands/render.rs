@@ -117,7 +117,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
 }
 
 /// Rejects an output that would overwrite another output or an input of the scene.
-fn check_apart(outputs: &[&Path], inputs: &[PathBuf]) -> Result<(), Failure> {
+pub(super) fn check_apart(outputs: &[&Path], inputs: &[PathBuf]) -> Result<(), Failure> {
     let identity = |path: &Path| path.canonicalize().or_else(|_| std::path::absolute(path)).ok();
     for (k, output) in outputs.iter().enumerate() {
         let same = |other: &&Path| identity(other) == identity(output);

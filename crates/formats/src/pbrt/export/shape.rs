@@ -1,6 +1,7 @@
 //! Shapes and their meshes.
 
-use super::{Area, Exporter, Pattern, floats, integers, list, parameter, quoted, rgb, table, text, write};
+use super::{Area, Exporter, Pattern, floats, integers, list, parameter, quoted, rgb, table, text};
+use crate::files::save;
 use crate::{files, mesh_file, obj};
 use std::collections::HashMap;
 use toml::{Table, Value};
@@ -242,7 +243,7 @@ impl<'a> Exporter<'a> {
             };
             let ply = ply_of_obj(&bytes, flat);
             let written = format!("{}-mesh{}.ply", self.stem, self.meshes.len() + 1);
-            if let Err(error) = write(&self.folder.join(&written), ply.as_bytes()) {
+            if let Err(error) = save(&self.folder.join(&written), ply.as_bytes()) {
                 self.errors.push(error);
             }
             written
