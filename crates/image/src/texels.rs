@@ -120,10 +120,10 @@ pub fn decode_alpha(bytes: &[u8], limits: Limits) -> Result<Texels, ReadFault> {
 /// # Errors
 /// As [`read`].
 pub fn to_png(bytes: &[u8], limits: Limits) -> Option<Result<Vec<u8>, ReadFault>> {
-    let jpeg = bytes.starts_with(JPEG);
-    if !jpeg && !is_webp(bytes) {
+    if !is_jpeg_or_webp(bytes) {
         return None;
     }
+    let jpeg = bytes.starts_with(JPEG);
     let convert = || {
         let source = Cursor::new(bytes);
         let decoded = if jpeg {
@@ -144,6 +144,11 @@ pub fn to_png(bytes: &[u8], limits: Limits) -> Option<Result<Vec<u8>, ReadFault>
         Ok(png)
     };
     Some(no_panic(convert))
+}
+
+/// Whether a file that begins with these bytes is a JPEG or WebP file; 12 bytes suffice.
+pub fn is_jpeg_or_webp(start: &[u8]) -> bool {
+    start.starts_with(JPEG) || is_webp(start)
 }
 
 fn is_webp(start: &[u8]) -> bool {

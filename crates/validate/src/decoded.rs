@@ -4,6 +4,7 @@
 //! channels free. A comparison of renderers would then compare decoders, so the reference receives
 //! the texels that our side has read, as PNG files.
 
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 use whitstone_gltf::Document;
@@ -97,7 +98,7 @@ fn image(table: &mut Table, base: &Path, folder: &Path, replaced: &mut Vec<Repla
     Ok(())
 }
 
-/// The bytes of an image file, or of an image in a glTF file.
+/// The bytes of a JPEG or WebP file, or of an image in a glTF file.
 fn bytes(path: &Path, index: i64) -> Option<Vec<u8>> {
     let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
     if extension == "gltf" || extension == "glb" {
@@ -110,7 +111,15 @@ fn bytes(path: &Path, index: i64) -> Option<Vec<u8>> {
     if !within.is_file() {
         return None;
     }
-    std::fs::read(path).ok()
+    // Other images, which may be large, are not read for this.
+    let mut file = std::fs::File::open(path).ok()?;
+    let mut bytes = Vec::new();
+    (&mut file).take(12).read_to_end(&mut bytes).ok()?;
+    if !texels::is_jpeg_or_webp(&bytes) {
+        return None;
+    }
+    file.read_to_end(&mut bytes).ok()?;
+    Some(bytes)
 }
 
 #[cfg(test)]
