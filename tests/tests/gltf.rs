@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
-use whitstone::core::Registry;
+use whitstone::core::{ImportOptions, Registry};
 use whitstone::scene::Sources;
 use whitstone_tests::{build, load, program};
 
@@ -241,6 +241,78 @@ fn errors_name_the_place_in_the_file() {
         let path = write(folder.path(), &name, &document);
         let report = wrong(&path, &registry).unwrap_or_else(|| "no error".to_owned());
         assert!(report.contains(expected), "{pointer}: {report}");
+    }
+}
+
+/// The scene that a file is imported to.
+fn imported(path: &Path, options: &ImportOptions, registry: &Registry) -> toml::Table {
+    let format = registry.format_of(path).unwrap();
+    let imported = format.import(path, options).unwrap().unwrap();
+    imported.text.parse().unwrap()
+}
+
+#[test]
+fn photometric_lights_are_divided_by_683() {
+    let registry = whitstone::registry();
+    let folder = tempfile::tempdir().unwrap();
+    let path = write(folder.path(), "rich.gltf", &rich());
+    let red = |options: &ImportOptions| {
+        let scene = imported(&path, options, &registry);
+        let intensity = &scene["light"][0]["intensity"];
+        intensity.as_float().or_else(|| intensity[0].as_float()).unwrap()
+    };
+    let raw = ImportOptions::all();
+    let photometric = ImportOptions {
+        photometric: true,
+        ..ImportOptions::all()
+    };
+    assert_eq!(red(&raw), 20.0);
+    assert_eq!(red(&photometric), 20.0 / 683.0);
+    // As a part of a scene.
+    let part = |keys: &str| {
+        let text = format!("[[import]]\nfile = \"rich.gltf\"\n{keys}\n");
+        let scene = folder.path().join("scene.toml");
+        fs::write(&scene, text).unwrap();
+        load(&scene, &[], &registry).unwrap().scene_hash
+    };
+    assert_ne!(part(""), part("photometric = true"));
+}
+
+#[test]
+fn nodes_that_are_not_visible_are_left_out() {
+    let registry = whitstone::registry();
+    let folder = tempfile::tempdir().unwrap();
+    let mut document = rich();
+    let shapes = |document: &Value| {
+        let path = write(folder.path(), "nodes.gltf", document);
+        imported(&path, &ImportOptions::all(), &registry)["shape"]
+            .as_array()
+            .unwrap()
+            .len()
+    };
+    let all = shapes(&document);
+    document["nodes"][0]["extensions"] = json!({ "KHR_node_visibility": { "visible": false } });
+    assert!(shapes(&document) < all);
+    document["nodes"][0]["extensions"] = json!({ "KHR_node_visibility": { "visible": true } });
+    assert_eq!(shapes(&document), all);
+}
+
+#[test]
+fn required_extensions_of_materials_are_no_error() {
+    let registry = whitstone::registry();
+    let folder = tempfile::tempdir().unwrap();
+    let mut document = rich();
+    document["extensionsRequired"] = json!(["KHR_materials_clearcoat", "KHR_node_visibility"]);
+    let path = write(folder.path(), "required.gltf", &document);
+    assert_eq!(wrong(&path, &registry), None);
+    for name in ["KHR_texture_basisu", "EXT_meshopt_compression", "VENDOR_anything"] {
+        document["extensionsRequired"] = json!([name]);
+        let path = write(folder.path(), "required.gltf", &document);
+        let told = wrong(&path, &registry).unwrap();
+        assert!(
+            told.contains("/extensionsRequired/0") && told.contains(name),
+            "{told}"
+        );
     }
 }
 

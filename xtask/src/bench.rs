@@ -6,6 +6,7 @@ mod chart;
 mod choice;
 mod data;
 mod fetch;
+mod import;
 mod lights;
 mod machine;
 mod picture;
@@ -43,6 +44,7 @@ pub(crate) struct Arguments {
 #[derive(Subcommand, Debug)]
 enum What {
     Accelerators(accelerators::Arguments),
+    Import(import::Arguments),
     Lights(lights::Arguments),
     Plugins(plugins::Arguments),
     Rasterizer(rasterizer::Arguments),
@@ -57,6 +59,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     match &arguments.what {
         None => picture::run(&arguments.picture, registry),
         Some(What::Accelerators(arguments)) => accelerators::run(arguments, registry),
+        Some(What::Import(arguments)) => import::run(arguments, registry),
         Some(What::Lights(arguments)) => lights::run(arguments, registry),
         Some(What::Plugins(arguments)) => plugins::run(arguments, registry),
         Some(What::Rasterizer(arguments)) => rasterizer::run(arguments, registry),

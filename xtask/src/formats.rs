@@ -9,12 +9,13 @@ pub(crate) const PAGE: &str = "docs/formats.md";
 const INTRODUCTION: &str = "\
 # Scene formats
 
-Every command that takes a scene also takes a file of another program: the extension decides.
+Every command that takes a scene also takes a file of another program; the extension decides.
 
 ```sh
 whitstone render model.glb -o model.png
 whitstone validate model.glb
 whitstone convert model.glb model.toml
+whitstone convert scene.toml scene.xml
 ```
 
 `convert` prints a summary: what was kept, what was approximated and how, and what was dropped, with
@@ -35,16 +36,22 @@ materials = { \"paint\" = \"red\" }
 | `file` | the file to import; required | |
 | `transform` | transform of everything in it, in the form of a shape's | none |
 | `prefix` | prefix of the ids that it defines | the name of the file and a slash |
-| `scene`, `node`, `camera` | name or index of a part, where the format has several | the first |
+| `scene` | name or index of the scene, where the format has several | that of the file, else the first |
+| `node` | name or index of the node to import, with everything below it | all nodes of the scene |
+| `camera` | name or index of the camera | the first |
 | `lights` | whether its lights are imported | `true` |
+| `photometric` | whether intensities in candela and lux are divided by 683 lm/W | `false`: the numbers are used as W/sr and W/m2 |
 | `materials` | materials of the scene instead of those of the file: name in the file = id | none |
 | `allow_outside` | whether it may read files outside of its folder | `false` |
 
 The imported camera counts only if the scene has none. Errors name the place in the file: a JSON
-pointer, or line and column. Files outside of the folder of the imported file, and addresses on a
-network, are refused.
+pointer in glTF, line and column in XML and pbrt, the line in OBJ and MTL. Files outside of the
+folder of the imported file, and addresses on a network, are refused.
 
-The tables below are those that the conversions use themselves.
+The tables below are those that the conversions use themselves. *Kept* means the same image,
+*approximated* a similar image, and *dropped* no effect. Plugins of Mitsuba and pbrt that are not
+listed are errors. Rows that begin with a bracket are about the export and name the tables of a TOML
+scene.
 ";
 
 /// The text of the page.
@@ -63,16 +70,27 @@ pub(crate) fn page(registry: &Registry) -> String {
             extensions.join(", "),
             directions(format)
         );
-        text.push_str("| feature | | how |\n|---|---|---|\n");
-        let mut features: Vec<&Feature> = format.features().iter().collect();
-        features.sort_by_key(|feature| feature.treatment);
-        for Feature { name, treatment, how } in features {
-            let what = match treatment {
-                Treatment::Kept => "kept",
-                Treatment::Approximated => "approximated",
-                Treatment::Dropped => "dropped",
-            };
-            let _ = writeln!(text, "| {name} | {what} | {how} |");
+        // What is about the export begins with a bracket.
+        let (exported, imported): (Vec<&Feature>, Vec<&Feature>) =
+            (format.features().iter()).partition(|feature| feature.name.starts_with('['));
+        let both = !exported.is_empty() && !imported.is_empty();
+        for (title, mut features) in [("Import", imported), ("Export", exported)] {
+            if features.is_empty() {
+                continue;
+            }
+            if both {
+                let _ = writeln!(text, "{}### {title}\n", if title == "Export" { "\n" } else { "" });
+            }
+            text.push_str("| feature | | how |\n|---|---|---|\n");
+            features.sort_by_key(|feature| feature.treatment);
+            for Feature { name, treatment, how } in features {
+                let what = match treatment {
+                    Treatment::Kept => "kept",
+                    Treatment::Approximated => "approximated",
+                    Treatment::Dropped => "dropped",
+                };
+                let _ = writeln!(text, "| {name} | {what} | {how} |");
+            }
         }
     }
     text

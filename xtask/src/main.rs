@@ -7,6 +7,7 @@ mod bench;
 mod dependencies;
 mod features;
 mod formats;
+mod gallery;
 mod links;
 mod oracle;
 mod pages;
@@ -45,6 +46,7 @@ enum Verb {
     /// Write the generated meshes and pictures of scenes/assets again
     Assets,
     Bench(bench::Arguments),
+    Gallery(gallery::Arguments),
     Oracle(oracle::Arguments),
     Readme(readme::Arguments),
     Slim(slim::Arguments),
@@ -67,6 +69,7 @@ fn main() -> ExitCode {
         Verb::Features => features::run(&registry),
         Verb::Assets => assets::write(),
         Verb::Bench(arguments) => bench::run(arguments, &registry),
+        Verb::Gallery(arguments) => gallery::run(arguments, &registry),
         Verb::Oracle(arguments) => oracle::run(arguments, &registry),
         Verb::Slim(arguments) => slim::run(arguments, &registry),
         Verb::Readme(arguments) => readme::run(arguments, &registry),

@@ -1,8 +1,8 @@
 //! An octree: a cube is divided into eight, recursively, as long as it holds many elements.
 //!
 //! - Build: Glassner, *Space subdivision for fast ray tracing*, 1984. An element that straddles
-//!   cells is referred to from each of them; triangles are tested against cells exactly
-//!   (`overlaps`).
+//!   cells is referred to from each of them; triangles themselves, not their boxes, are
+//!   tested against cells, up to a margin (`overlaps`).
 //! - Traversal: Revelles, Ureña, Lastra, *An efficient parametric algorithm for octree traversal*,
 //!   2000: top down. A child's ray interval follows from that of its parent and the three middle
 //!   planes, without box tests. Their automaton yields the single next child. Here, a ray is

@@ -133,8 +133,9 @@ impl Camera for ThinLens {
         self.lens.len() as u32
     }
 
-    /// The ray from a lens point through the point in focus. Both points are scaled to the window,
-    /// because the point in focus may not be representable for an oversized or very near window.
+    /// The ray from a lens point through the point in focus. Its direction is computed at the
+    /// distance of the window, because the point in focus may overflow for a large or very near
+    /// window.
     #[inline(always)]
     fn lens_ray(&self, raster: DVec2, point: u32) -> Ray {
         let point = self.lens[point as usize];

@@ -10,3 +10,13 @@ macro_rules! features {
         }),*]
     };
 }
+
+/// The part of a table that is about the export: its names begin with a bracket, as TOML tables do,
+/// and it comes last.
+pub(crate) const fn exported(features: &[whitstone_core::Feature]) -> &[whitstone_core::Feature] {
+    let mut first = 0;
+    while first < features.len() && features[first].name.as_bytes()[0] != b'[' {
+        first += 1;
+    }
+    features.split_at(first).1
+}

@@ -1,7 +1,7 @@
 //! Mitsuba 3's XML.
 //!
 //! Source: Mitsuba 3.9.1 (`src/core/parser.cpp` and the plugins), and the driver in
-//! `references/mitsuba`, which renders each type of this program by Mitsuba's plugins.
+//! `references/mitsuba`, which maps the plugins of Whitstone to Mitsuba's where Mitsuba has them.
 
 pub(crate) mod export;
 mod light;
@@ -26,7 +26,7 @@ pub struct Mitsuba;
 pub struct MitsubaPython;
 
 /// What happens to Mitsuba's plugins and parameters when they are imported, and to the parts of a
-/// scene when they are exported: the latter begin with a bracket. Imported plugins that are not
+/// scene when they are exported: the latter begin with a bracket and come last. Imported plugins that are not
 /// listed are errors.
 const FEATURES: &[Feature] = features! {
     Kept "default, alias, ref, include, path": "They are resolved.";
@@ -39,7 +39,7 @@ const FEATURES: &[Feature] = features! {
     Approximated "integrator volpath": "As path, without media.";
     Approximated "integrator aov": "Its nested integrator; no additional channels.";
     Approximated "unlimited max_depth": "16 bounces, without rays that contribute less than 0.001.";
-    Dropped "hide_emitters": "Lights behind the scene stay visible.";
+    Dropped "hide_emitters": "Emitters around the scene stay visible.";
     Kept "sensor perspective": "perspective; near_clip is its near limit.";
     Kept "sensor orthographic": "orthographic.";
     Kept "sensor thinlens": "thin_lens with 16 points of the lens.";
@@ -54,7 +54,7 @@ const FEATURES: &[Feature] = features! {
     Kept "emitter projector": "projector, with pi times the scale as intensity.";
     Approximated "emitter constant": "An environment that lights from 32 directions.";
     Approximated "emitter envmap": "An environment that lights from 32 directions; what is visible is the same.";
-    Approximated "envmap of unknown size": "The rows are not moved by half a texel.";
+    Approximated "envmap of unknown size": "The shift of Mitsuba's rows by half a texel is ignored, since it depends on the size.";
     Approximated "emitter area": "An area light of 16 points, and a shape that emits on one side.";
     Approximated "emitter area without a light": "The surface is visible, but lights no other surface.";
     Kept "shape sphere": "sphere.";
@@ -71,7 +71,7 @@ const FEATURES: &[Feature] = features! {
     Kept "bsdf dielectric": "dielectric.";
     Kept "bsdf thindielectric": "thin_dielectric.";
     Kept "bsdf conductor": "conductor, or mirror without a material.";
-    Approximated "bsdf roughconductor": "glossy with the reflectance at normal incidence: point lights give no highlight.";
+    Approximated "bsdf roughconductor": "glossy with the reflectance at normal incidence, which shows no highlights of point lights.";
     Approximated "bsdf roughdielectric": "dielectric: it is smooth.";
     Approximated "bsdf plastic": "whitted: the reflection is that at normal incidence.";
     Approximated "bsdf roughplastic": "blinn_phong: the highlight is that at normal incidence.";
@@ -79,10 +79,10 @@ const FEATURES: &[Feature] = features! {
     Kept "bsdf mask": "mask.";
     Kept "bsdf blendbsdf": "mix.";
     Kept "bsdf normalmap": "normal_map; on a mesh with its tangents.";
-    Dropped "normalmap without tangents": "On disks and in groups only meshes have tangents.";
+    Dropped "normalmap without tangents": "On a disk or in a group, only a mesh has tangents.";
     Dropped "bsdf bumpmap": "A height map by texture coordinates has no counterpart; its material is kept.";
     Kept "bsdf null": "A mask that is open.";
-    Dropped "specular_reflectance, specular_transmittance": "Glass is clear.";
+    Dropped "specular_reflectance, specular_transmittance of glass": "A dielectric has no tint; a thin one has none for reflection.";
     Approximated "texture of alpha": "The roughness is 0.1 everywhere.";
     Kept "texture bitmap": "image.";
     Kept "texture checkerboard": "checker.";
@@ -95,14 +95,14 @@ const FEATURES: &[Feature] = features! {
     Approximated "[integrator] whitted": "path: diffuse surfaces also light each other.";
     Approximated "[integrator] rasterizer": "direct.";
     Approximated "[integrator] shadows": "Shadows are opaque.";
-    Dropped "[[light]] falloff": "Mitsuba's lights have a falloff.";
+    Dropped "[[light]] falloff none": "Lights in Mitsuba always fall off with the squared distance.";
     Approximated "[[light]] projector with a coloured intensity": "The mean of its channels.";
     Approximated "[[light]] area": "An emitter on a visible surface, which lights from random points.";
     Dropped "[[light]] ambient": "Mitsuba has no ambient light.";
     Approximated "[[light]] background": "constant: it also lights diffuse surfaces.";
     Approximated "[[light]] environment": "envmap or constant: it lights from all directions, and its rows are stretched to the poles.";
     Dropped "[[light]] several environments": "Mitsuba has one: the first with an image.";
-    Dropped "[[light]] environment that is no plain image": "Only a color or an image without keys of its mapping is an envmap.";
+    Dropped "[[light]] environment that is no plain image": "Only a colour, or an image that is not turned or transformed, is written.";
     Approximated "[[shape]] plane with a texture": "The texture has the coordinates of a disk.";
     Dropped "[[shape]] cylinder that is stretched": "Mitsuba's cylinders have circular sections.";
     Dropped "[[shape]] mesh of another format": "Mitsuba reads OBJ and PLY.";
@@ -118,16 +118,16 @@ const FEATURES: &[Feature] = features! {
     Dropped "[material] priority": "Mitsuba's bodies must not overlap.";
     Approximated "[material] two_sided that lets light through": "The front on both sides.";
     Approximated "[material] normal_map": "normalmap with the tangents of Mitsuba's mesh.";
-    Dropped "[material] bump": "bump, and normal_map with a tangent of its own: the material without it.";
+    Dropped "[material] bump": "The material without it; the same for a normal_map that states its tangent.";
     Approximated "[material] emissive": "An area emitter: it emits on the outside only, and lights other surfaces also without an area light.";
     Dropped "[material] emissive in a group": "Mitsuba's groups cannot contain emitters.";
-    Dropped "[texture] mapping": "Only mappings by (u, v): the mean of a and b.";
-    Dropped "[texture] of another type": "The mean of a and b, or grey.";
+    Dropped "[texture] mapping": "A texture with another mapping than (u, v) is replaced by one colour: the mean of its keys `a` and `b`, or grey.";
+    Dropped "[texture] of another type": "It is replaced by one colour: the mean of its keys `a` and `b`, or grey.";
     Dropped "[texture] image with a channel": "Grey.";
     Dropped "[texture] color_space": "An EXR is linear.";
     Approximated "[texture] filter": "bilinear.";
     Approximated "[texture] wrap": "That along u in both directions.";
-    Dropped "plugins of third parties": "They are not known.";
+    Dropped "[*] plugins of third parties": "The exporter does not know them.";
 };
 
 impl SceneFormat for Mitsuba {
@@ -162,7 +162,7 @@ impl SceneFormat for MitsubaPython {
     }
 
     fn features(&self) -> &'static [Feature] {
-        FEATURES
+        crate::features::exported(FEATURES)
     }
 
     fn export(&self, scene: &ExportScene<'_>, path: &Path) -> Option<Result<Vec<Note>, FormatErrors>> {

@@ -45,11 +45,11 @@ const FEATURES: &[Feature] = features! {
     Approximated "Ke": "The surface is seen with this radiance, but lights no other surface.";
     Kept "Ni": "The index of refraction of a glass.";
     Approximated "Tf": "A glass is clear.";
-    Kept "d, Tr": "A mask with this opacity; a glass ignores them.";
+    Kept "d, Tr": "A mask with the opacity d, or 1 - Tr; a glass ignores them.";
     Approximated "d -halo": "The opacity is the same from all directions.";
     Approximated "illum 0": "A constant colour is matte instead.";
     Kept "illum 1, 2": "matte or blinn_phong.";
-    Approximated "illum 3, 8": "whitted with k_refl = Ks; its highlight has Phong's form, with the exponent Ns/4.";
+    Approximated "illum 3, 8": "whitted with k_refl = Ks, whose highlight has Phong's form with the exponent Ns/4; matte where Ks is 0.";
     Approximated "illum 4, 6, 7, 9": "A dielectric with the index Ni, without Kd, Ks and Tf.";
     Approximated "illum 5": "As illum 3: the reflection does not follow Fresnel's formula.";
     Approximated "illum 10": "As illum 2: an invisible surface that catches shadows is visible.";

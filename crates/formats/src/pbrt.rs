@@ -22,12 +22,12 @@ use whitstone_core::{ExportScene, Feature, FormatErrors, ImportOptions, Imported
 pub struct Pbrt;
 
 /// What happens to pbrt's directives, plugins and parameters when they are imported, and to the
-/// parts of a scene when they are exported: the latter begin with a bracket. Imported plugins and
+/// parts of a scene when they are exported: the latter begin with a bracket and come last. Imported plugins and
 /// parameters that are not listed are errors.
 const FEATURES: &[Feature] = features! {
     Kept "this format": "Experimental: what cannot be read is an error with its line and column.";
     Kept "directives": "Transforms, attributes, coordinate systems, Include, Import, Attribute and objects are resolved.";
-    Kept "left-handed camera": "A scene without Scale -1 1 1 before its camera is mirrored, so that the image is the same.";
+    Kept "left-handed camera": "pbrt is left-handed: the scene is mirrored, unless the file itself flips x before its camera.";
     Dropped "ActiveTransform, TransformTimes": "Nothing moves: transforms are those of the time at which the shutter opens.";
     Dropped "MakeNamedMedium, MediumInterface": "There are no participating media.";
     Dropped "Option forcediffuse": "Materials are as in the file.";
@@ -52,18 +52,18 @@ const FEATURES: &[Feature] = features! {
     Approximated "AreaLightSource": "An area light of 16 points, or one of each triangle of a mesh, and a shape that emits.";
     Approximated "twosided": "Both sides of spheres and meshes are visible, but only the outside lights.";
     Approximated "area light without a light": "The surface is visible, but lights no other surface.";
-    Dropped "area light on an interface": "As in pbrt, the shape is not visible and does not light.";
+    Kept "area light on an interface": "As in pbrt, the shape is not visible and does not light.";
     Kept "Shape sphere": "sphere; parts of it are errors.";
     Kept "Shape disk": "disk; parts of it are errors.";
     Kept "Shape cylinder": "cylinder without caps; parts of it are errors.";
-    Kept "Shape trianglemesh": "A triangle each, at most 64; larger ones are errors.";
+    Kept "Shape trianglemesh": "Each triangle becomes a shape. More than 64 triangles are an error: they belong into a PLY file.";
     Kept "Shape plymesh": "mesh.";
-    Kept "Shape bilinearmesh": "A rectangle or polygon each, at most 32; patches that are not flat are errors.";
+    Kept "Shape bilinearmesh": "Each patch becomes a rectangle or polygon, at most 32; patches that are not flat are errors.";
     Dropped "N of bilinearmesh": "The patches are flat.";
-    Approximated "(u, v) of a disk or patch": "Those of the model.";
+    Approximated "(u, v) of a disk or patch": "They follow Whitstone's definition instead of pbrt's.";
     Dropped "displacement of plymesh": "The mesh of the file.";
     Kept "ObjectBegin, ObjectInstance": "A group and instances.";
-    Kept "alpha": "mask; a light that is not visible with 0.";
+    Kept "alpha": "mask; an area light with the alpha 0 is not visible, but lights.";
     Dropped "alpha of a dielectric": "A material that refracts has no holes.";
     Kept "Material diffuse": "matte.";
     Kept "Material dielectric": "dielectric.";
@@ -75,7 +75,7 @@ const FEATURES: &[Feature] = features! {
     Approximated "Material coatedconductor": "The conductor without its coating.";
     Dropped "Material diffusetransmission": "matte: nothing is transmitted.";
     Dropped "roughness of dielectric": "It is smooth.";
-    Approximated "roughness of conductor": "glossy with the reflectance at normal incidence: point lights give no highlight.";
+    Approximated "roughness of conductor": "glossy with the reflectance at normal incidence, which shows no highlights of point lights.";
     Approximated "texture of roughness": "The roughness is 0.1 everywhere.";
     Approximated "texture of the reflectance of a conductor": "mirror: the reflectance is the same at all angles.";
     Dropped "displacement, normalmap of a material": "Normals are those of the shape.";
@@ -92,7 +92,7 @@ const FEATURES: &[Feature] = features! {
     Approximated "[sampler] adaptive": "sobol with the most samples.";
     Approximated "[integrator]": "path with max_depth + 1 vertices, or 1: diffuse surfaces also light each other.";
     Approximated "[integrator] shadows": "Shadows are opaque.";
-    Dropped "[[light]] falloff": "pbrt's lights have a falloff.";
+    Dropped "[[light]] falloff none": "Lights in pbrt always fall off with the squared distance.";
     Approximated "[[light]] spot": "spot, whose falloff is smooth in the cosine of the angle.";
     Approximated "[[light]] area": "An area light, which lights from random points; without a visible surface its alpha is 0.";
     Dropped "[[light]] ambient": "pbrt has no ambient light.";
@@ -124,14 +124,14 @@ const FEATURES: &[Feature] = features! {
     Dropped "[material] mask in another material": "Only whole shapes have an alpha.";
     Approximated "[material] emissive": "An area light: it lights other surfaces also without an area light in the scene.";
     Dropped "[material] emissive in a group": "pbrt's objects cannot contain lights.";
-    Dropped "[texture] mapping": "Only mappings by (u, v) and in a plane: the mean of a and b.";
-    Dropped "[texture] of another type": "The mean of a and b, or grey.";
+    Dropped "[texture] mapping": "A texture with another mapping than (u, v) or a plane's is replaced by one colour: the mean of its keys `a` and `b`, or grey.";
+    Dropped "[texture] of another type": "It is replaced by one colour: the mean of its keys `a` and `b`, or grey.";
     Dropped "[texture] image of another format": "Grey: images of glTF files and WebP.";
     Dropped "[texture] image with a channel": "Grey.";
     Dropped "[texture] product": "A texture times a number: other textures and the tint are not written.";
     Dropped "[texture] color_space": "JPEG is sRGB and EXR is linear.";
     Approximated "[texture] wrap": "That along u, or repeat instead of mirror.";
-    Dropped "plugins of third parties": "They are not known.";
+    Dropped "[*] plugins of third parties": "The exporter does not know them.";
 };
 
 impl SceneFormat for Pbrt {

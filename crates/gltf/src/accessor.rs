@@ -3,6 +3,7 @@
 use crate::document::{Document, Error};
 use crate::json::accessor::{ComponentType, Type};
 use crate::json::validation::Checked;
+use crate::usage::{self, Part};
 
 /// Maximum number of elements of an accessor without a buffer view, whose size nothing else bounds.
 const MAX_ZEROS: u64 = 1 << 27;
@@ -150,6 +151,7 @@ impl Document {
             );
             return Err(Error::at(at("/type"), message));
         }
+        usage::decoded(self, Part::Accessor(number));
         let layout = Layout {
             component: component.0,
             kind: *kind,

@@ -3,6 +3,7 @@
 use crate::container::unreadable;
 use crate::document::{Document, Error};
 use crate::json;
+use crate::usage::{self, Part};
 use base64::Engine;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use std::fs::File;
@@ -220,6 +221,7 @@ impl Document {
                 format!("there is no image {number}: the file has {all}"),
             )
         })?;
+        usage::decoded(self, Part::Image(number));
         let pointer = |key: &str| format!("/images/{number}{key}");
         match (&image.uri, image.buffer_view) {
             (None, Some(view)) => {

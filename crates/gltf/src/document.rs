@@ -45,22 +45,30 @@ impl fmt::Display for Error {
 
 impl std::error::Error for Error {}
 
-/// The extensions that may be required without an error. The others change vertices or textures in
-/// a way that this crate does not know, or are unknown.
-const UNDERSTOOD: [&str; 12] = [
+/// The extensions that may be required without an error, besides those of materials: they are
+/// understood, or their absence leaves the shape of everything as it is.
+const ACCEPTED: [&str; 17] = [
+    "EXT_lights_ies",
+    "EXT_lights_image_based",
     "EXT_mesh_gpu_instancing",
     "EXT_texture_webp",
+    "KHR_animation_pointer",
+    "KHR_audio_emitter",
+    "KHR_audio_graph",
+    "KHR_interactivity",
     "KHR_lights_punctual",
-    "KHR_materials_emissive_strength",
-    "KHR_materials_ior",
-    "KHR_materials_specular",
-    "KHR_materials_transmission",
-    "KHR_materials_unlit",
-    "KHR_materials_variants",
-    "KHR_materials_volume",
     "KHR_mesh_quantization",
+    "KHR_node_hoverability",
+    "KHR_node_selectability",
+    "KHR_node_visibility",
+    "KHR_physics_rigid_bodies",
     "KHR_texture_transform",
+    "KHR_xmp",
+    "KHR_xmp_json_ld",
 ];
+
+/// Extensions of materials, which at worst change how a surface looks.
+const OF_MATERIALS: [&str; 2] = ["KHR_materials_", "EXT_materials_"];
 
 /// Modification time and length: what identifies the contents of a file.
 type Stamp = (PathBuf, Option<SystemTime>, u64);
@@ -86,6 +94,7 @@ impl Document {
         }
         drop(last);
         let document = Arc::new(Self::parse(path, &mut file)?);
+        crate::usage::opened(path, &document);
         let mut last = LAST.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         *last = Some((stamp, document.clone()));
         Ok(document)
@@ -109,7 +118,9 @@ impl Document {
             ));
         }
         for (number, name) in root.extensions_required.iter().enumerate() {
-            if !UNDERSTOOD.contains(&name.as_str()) {
+            let accepted = ACCEPTED.contains(&name.as_str())
+                || OF_MATERIALS.iter().any(|prefix| name.starts_with(prefix));
+            if !accepted {
                 return Err(Error::at(
                     format!("/extensionsRequired/{number}"),
                     format!("the file requires the extension {name}, which is not supported"),
@@ -165,7 +176,8 @@ impl Document {
             .collect()
     }
 
-    pub(crate) fn folder(&self) -> &Path {
+    /// The folder that its URIs are relative to.
+    pub fn folder(&self) -> &Path {
         self.path.parent().unwrap_or(Path::new(""))
     }
 

@@ -11,6 +11,7 @@ mod container;
 mod document;
 mod nodes;
 mod primitive;
+mod usage;
 
 pub use accessor::Numbers;
 pub use container::MAX_JSON_BYTES;
@@ -18,3 +19,4 @@ pub use document::{Document, Error};
 pub use gltf::json;
 pub use nodes::{MAX_NODE_DEPTH, local_transform, parents, rotation, shortest, world_transform};
 pub use primitive::{ComputeTangents, Primitive, Request, has_triangles};
+pub use usage::{Usage, usage};

@@ -18,8 +18,8 @@ use whitstone_core::{
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// "opaque": surfaces hide lights, except through holes; "filtered": transparent surfaces only
-    /// attenuate light; "none": every light is visible.
+    /// "opaque": every surface blocks light, except at its holes; "filtered": light passes straight
+    /// through transparent surfaces, attenuated; "none": no shadows.
     #[serde(default)]
     shadows: ShadowMode,
 }

@@ -1,4 +1,5 @@
-//! The rays of a wave and the pending ones, and moving them between columns by lists of lanes.
+//! Storage for the rays of one wave (the next ray of each pixel) and for the rays that wait; copies
+//! rays between them, given lists of lanes.
 
 use whitstone_core::stream::{Colors, Ids, LANES, Lanes, RayStream, gather};
 use whitstone_core::{DVec3, RayDifferential, Rgb, simd};
@@ -52,7 +53,7 @@ impl List {
     }
 }
 
-/// The rays of one kind of branch, in the lanes of the surface points.
+/// One branch, reflected or transmitted, of each surface point: lane i belongs to point i.
 #[derive(Default)]
 pub(crate) struct Followed {
     pub(crate) rays: RayStream,

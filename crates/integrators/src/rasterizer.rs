@@ -31,8 +31,8 @@ use whitstone_core::{
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// "opaque": surfaces hide lights, except through holes; "filtered": transparent surfaces only
-    /// attenuate light; "none": every light is visible.
+    /// "opaque": every surface blocks light, except at its holes; "filtered": light passes straight
+    /// through transparent surfaces, attenuated; "none": no shadows.
     #[serde(default)]
     shadows: ShadowMode,
     /// Interpolation over a triangle: "phong" interpolates normals; "gouraud" interpolates colours
@@ -148,11 +148,15 @@ impl Integrator for Rasterizer {
             shape,
             error: SceneError::anywhere(message).with_help(help),
         };
-        let to_image = view
-            .camera
-            .projection()
-            .filter(|_| view.camera.lens_points() == 1);
-        let to_image = to_image.ok_or_else(|| {
+        if view.camera.lens_points() != 1 {
+            let help = "set lens_samples = 1, or use the camera \"perspective\" or the integrator \"appel\"";
+            return Err(refuse(
+                None,
+                "a lens with several points has no single projection",
+                help,
+            ));
+        }
+        let to_image = view.camera.projection().ok_or_else(|| {
             let help = "use the camera \"perspective\" or \"orthographic\", or the integrator \"appel\"";
             refuse(
                 None,

@@ -1,11 +1,11 @@
 //! Adaptive sampling: few samples in uniform pixels, more at edges.
 //!
 //! Whitted 1980, *An improved illumination model for shaded display*, section "Anti-aliasing": a
-//! pixel is sampled more finely if its samples differ. The criterion is the range of the samples,
-//! scaled to an estimate of the error of their mean (Mitchell 1987, *Generating antialiased images
-//! at low sampling densities*, uses their contrast). The range of neighbouring pixels counts as
-//! well, because an edge may pass between the samples of a pixel. The points are those of `sobol`,
-//! so that later samples complement earlier ones.
+//! pixel is sampled more finely if its samples differ. A pixel doubles its n samples while
+//! max(0.3 r / n^(3/4), 0.15 q / n) exceeds the threshold, where r is the range of its samples, and
+//! q the largest range of the first samples of its neighbours: an edge may pass between the samples
+//! of a pixel. (Mitchell 1987, *Generating antialiased images at low sampling densities*, uses the
+//! contrast.) The points are those of `sobol`, so that later samples complement earlier ones.
 //!
 //! - Twin: the Mitsuba driver, which traces the same positions in the same rounds.
 //! - Example: `scenes/samplers/adaptive.toml`.

@@ -30,6 +30,8 @@ struct Keys {
     camera: Option<Selection>,
     lights: Option<bool>,
     #[serde(default)]
+    photometric: bool,
+    #[serde(default)]
     materials: BTreeMap<String, String>,
     #[serde(default)]
     allow_outside: bool,
@@ -115,6 +117,7 @@ fn import(mut table: Spanned<DeTable<'_>>, number: usize) -> Result<Import, Scen
             camera: keys.camera.map(Selection::text),
             part: true,
             lights: keys.lights.unwrap_or(true),
+            photometric: keys.photometric,
             materials: keys.materials,
             allow_outside: keys.allow_outside,
         },

@@ -143,6 +143,11 @@ fn import() -> Value {
                 "type": "boolean",
                 "default": true,
             },
+            "photometric": {
+                "description": "Whether intensities in candela and lux are converted by 683 lm/W; otherwise the numbers are used as W/sr and W/m2.",
+                "type": "boolean",
+                "default": false,
+            },
             "materials": {
                 "description": "Ids of materials to use instead of those of the file, by their names there.",
                 "type": "object",

@@ -70,8 +70,9 @@ impl Plugin<Shapes> for Paraboloid {
             tip: DVec3::NEG_Z,
         };
         paraboloid.build(transform, |transform| {
-            // Along a direction w, the disk at height z extends to radius sqrt(z) |w_xy| + z w_z.
-            // This height maximises it.
+            // Along w and -w, the circle at height z reaches radius sqrt(z) |w_xy| + z w_z and
+            // radius sqrt(z) |w_xy| - z w_z. One of the two has its maximum at this height, limited
+            // to the ends; the other has it at an end, which is in the bounds anyway.
             let matrix = transform.world_from_object().matrix3;
             let farthest = (0..3).map(|axis| {
                 let w = matrix.row(axis);

@@ -56,6 +56,7 @@ impl Plugin<Shapes> for Sphere {
     fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<LoweredShape, SceneErrors> {
         let scale = transform.similarity_scale().ok_or_else(|| {
             SceneError::anywhere("the transform of a sphere must scale equally in all directions")
+                .with_help("use the shape \"ellipsoid\"")
         })?;
         let radius = config.radius.get() * scale;
         check_radius(radius)?;

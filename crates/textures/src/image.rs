@@ -1,7 +1,7 @@
-//! An image file, or its alpha channel.
+//! An image file, or one of its channels.
 //!
 //! Alpha is coverage (Porter and Duff, *Compositing digital images*, 1984). Colours are neither
-//! multiplied nor divided by it. A `mask` multiplies them, so it needs a file whose colours are not
+//! multiplied nor divided by it. A `mask` multiplies them by the opacity, so it needs a file whose colours are not
 //! premultiplied: PNG files are not, EXR files mostly are. `scenes/showcase/cutout.toml` uses it
 //! for leaves.
 //!
@@ -119,7 +119,7 @@ impl Plugin<Textures> for Image {
         let texels = if is_gltf {
             from_gltf(&path, index.unwrap_or(0), alpha.is_some()).map_err(refuse)?
         } else if let Some(index) = &config.image {
-            let message = "only .gltf and .glb files have this key";
+            let message = "is only allowed if `file` is a .gltf or .glb file";
             return Err(SceneError::at(index.span(), message).into());
         } else {
             let texels = match alpha {

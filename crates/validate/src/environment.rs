@@ -12,6 +12,9 @@ use thiserror::Error;
 use whitstone_core::Registry;
 use whitstone_image::atomic;
 
+/// The folder with the drivers and the stored references, relative to the current one.
+pub const REFERENCES: &str = "references";
+
 /// Time limit for the installation: Mitsuba is a download of about 100 MB.
 const INSTALL_LIMIT: Duration = Duration::from_secs(900);
 

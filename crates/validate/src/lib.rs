@@ -17,6 +17,7 @@ pub mod opinion;
 mod oracle;
 mod pixels;
 mod place;
+mod povray_format;
 mod protocol;
 pub mod reduce;
 mod reference;
@@ -34,11 +35,13 @@ mod variants;
 mod verdict;
 
 pub use decoded::decode_textures;
+pub use environment::REFERENCES;
 pub use key::{find_scenes, quoted, scene_key};
 pub use live::{Live, LiveError, hash_sources};
 pub use noisy::Noisy;
 pub use opinion::{Ask, OraclePolicy};
 pub use pixels::Pictures;
+pub use povray_format::PovRayFormat;
 pub use renderer::Renderer;
 pub use result::{
     CaseResult, Check, LayerResult, Provenance, Reference, Results, SkippedScene, Status, Summary,

@@ -1,9 +1,9 @@
 //! The verdict on a case: which renderer is right, and how certain that is.
 //!
-//! - *pass*: the two agree, or the reference itself takes our values where its own result is
-//!   undecided;
-//! - *confirmed*: the reference is too inaccurate in this scene, and the oracle confirms our value
-//!   in every pixel that was queried;
+//! - *pass*: the two agree, and the pixels over tolerance are explained by the reference's own
+//!   variation or confirmed by the oracle;
+//! - *confirmed*: the reference is shown to be inexact in this scene, and the oracle contradicts our
+//!   value in no pixel that it was asked about;
 //! - *fail*: the oracle contradicts our value in at least one pixel;
 //! - *undecided*: the two differ and neither reference nor oracle can decide; the reason is given.
 //!

@@ -44,6 +44,10 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     whitstone_samplers::register(registry)?;
     whitstone_integrators::register(registry)?;
     whitstone_formats::register(registry);
+    #[cfg(feature = "cli")]
+    registry.add_format(whitstone_validate::PovRayFormat {
+        references: whitstone_validate::REFERENCES.into(),
+    });
     Ok(())
 }
 

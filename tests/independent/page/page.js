@@ -219,13 +219,56 @@ async function render(job) {
   return result;
 }
 
+// A model with its own materials, and with the given lights if it has none: linear RGBA, bottom row
+// first.
+async function lit(job) {
+  const gltf = await new GLTFLoader().loadAsync(job.model);
+  const { width, height } = job;
+  const { direction, irradiance, ambient, background } = job.lights;
+  const scene = new THREE.Scene();
+  scene.add(gltf.scene);
+  scene.updateMatrixWorld(true);
+  let hasLights = false;
+  gltf.scene.traverse((object) => {
+    object.frustumCulled = false;
+    hasLights ||= object.isLight;
+  });
+  if (!hasLights && direction) {
+    const sun = new THREE.DirectionalLight(0xffffff, irradiance);
+    sun.position.copy(vector(direction)).negate();
+    // A white matte surface reflects an irradiance of pi times the radiance of ambient light.
+    scene.add(sun, new THREE.AmbientLight(0xffffff, Math.PI * (ambient ?? 0)));
+  }
+  // The limits of depth follow from the bounds.
+  const bounds = new THREE.Box3().setFromObject(scene).getBoundingSphere(new THREE.Sphere());
+  const distance = bounds.center.distanceTo(vector(job.camera.origin));
+  const far = distance + 1.01 * bounds.radius;
+  const near = Math.max(distance - 1.01 * bounds.radius, far * 1e-4);
+  const camera = cameraOf({ ...job, camera: { ...job.camera, near, far } }, 0, 0);
+  const target = new THREE.WebGLRenderTarget(width, height, {
+    type: THREE.FloatType,
+    format: THREE.RGBAFormat,
+    samples: 4,
+  });
+  renderer.setClearColor(new THREE.Color(background, background, background), 1);
+  renderer.setRenderTarget(target);
+  renderer.clear();
+  renderer.render(scene, camera);
+  const result = new Float32Array(4 * width * height);
+  renderer.readRenderTargetPixels(target, 0, 0, width, height, result);
+  renderer.setRenderTarget(null);
+  renderer.setClearColor(0, 0);
+  target.dispose();
+  return result;
+}
+
 async function main() {
   for (;;) {
     const job = await (await fetch("/job")).json();
     if (job === null) continue;
     let body, failed = false;
     try {
-      body = (await render(job)).buffer;
+      body = (await (job.lit ? lit(job) : render(job))).buffer;
     } catch (error) {
       [body, failed] = [String(error?.stack ?? error), true];
     }

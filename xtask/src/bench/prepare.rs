@@ -52,7 +52,7 @@ pub(super) fn prepare(folder: &Path, meshes: &[String], registry: &Registry) -> 
         if !file.is_file() {
             let mesh = match generated(&name) {
                 Some(mesh) => mesh,
-                None => read(&fetch::source(folder, &name).unwrap_or(path.to_owned()), registry)?,
+                None => read_mesh(&fetch::source(folder, &name).unwrap_or(path.to_owned()), registry)?,
             };
             data::write_mesh(&file, &mesh)?;
         }
@@ -65,7 +65,8 @@ pub(super) fn prepare(folder: &Path, meshes: &[String], registry: &Registry) -> 
 }
 
 /// Reads a mesh file, with the shape plugin for its format.
-fn read(path: &Path, registry: &Registry) -> Result<TriangleMesh, String> {
+/// A mesh of a file; of a glTF file the first primitive of the first mesh.
+pub(super) fn read_mesh(path: &Path, registry: &Registry) -> Result<TriangleMesh, String> {
     let path = path
         .canonicalize()
         .map_err(|error| format!("{}: {error}", path.display()))?;
@@ -80,7 +81,7 @@ fn read(path: &Path, registry: &Registry) -> Result<TriangleMesh, String> {
     }
 }
 
-fn generated(name: &str) -> Option<TriangleMesh> {
+pub(super) fn generated(name: &str) -> Option<TriangleMesh> {
     match name {
         "knot" => Some(grid(1400, 48, |u, v| tube(knot, u, v, 0.35))),
         "terrain" => Some(grid(660, 660, |u, v| {

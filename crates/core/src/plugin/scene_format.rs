@@ -53,6 +53,9 @@ pub struct ImportOptions {
     pub part: bool,
     /// Whether the lights of the file are imported.
     pub lights: bool,
+    /// Whether intensities of lights in photometric units (candela, lux) are converted to
+    /// radiometric ones by 683 lm/W. Otherwise the numbers are used as they are.
+    pub photometric: bool,
     /// Materials to use instead of those of the file: name in the file to id in the scene.
     pub materials: BTreeMap<String, String>,
     /// Whether files outside of the folder of the imported file may be read.
@@ -107,7 +110,7 @@ pub enum Treatment {
     Kept,
     /// A similar image.
     Approximated,
-    /// No effect on the result.
+    /// No effect on the image.
     Dropped,
 }
 
@@ -159,14 +162,14 @@ impl Notes {
     }
 }
 
-/// Errors of a conversion, all of them at once.
+/// Errors of a conversion: as many at once as can be found.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FormatErrors(pub Vec<FormatError>);
 
 /// An error of a conversion.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FormatError {
-    /// The place: a JSON pointer, or line and column; empty for the file as a whole.
+    /// The place: a JSON pointer, a line, or line and column; empty for the file as a whole.
     pub place: String,
     /// The error.
     pub message: String,

@@ -511,7 +511,7 @@ impl<'a> Exporter<'a> {
             return;
         }
         if self.embedded {
-            self.note("files next to a .glb", file);
+            self.note("[scene] files next to a .glb", file);
         }
         match self.copies.copy(file) {
             Ok(name) => {

@@ -5,6 +5,7 @@ pub(crate) const FEATURES: &[Feature] = features! {
     Kept "scenes and nodes": "One scene is imported, by default that of `scene`; matrices and translation, rotation, scale; negative scales.";
     Kept "instances": "A mesh that several nodes use becomes a group with instances.";
     Kept "EXT_mesh_gpu_instancing": "Each instance becomes an instance of a group.";
+    Kept "invisible nodes": "Nodes that KHR_node_visibility hides are left out, with everything below them.";
     Kept "accessors": "All component types, normalised, interleaved, sparse and zero-filled ones.";
     Kept "KHR_mesh_quantization": "Integers are converted to double precision.";
     Kept "triangles, strips and fans": "In the order of the specification.";
@@ -15,7 +16,7 @@ pub(crate) const FEATURES: &[Feature] = features! {
     Kept "morph targets": "With the weights of the node or of the mesh.";
     Kept "skins": "In the pose of the nodes in the file.";
     Kept "perspective and orthographic cameras": "The aspect ratio determines the shape of the film; `znear` is the near limit.";
-    Kept "KHR_lights_punctual": "Numbers as they are: candela as W/sr, lux as W/m2.";
+    Kept "KHR_lights_punctual": "Numbers as they are: candela as W/sr, lux as W/m2; with `photometric` divided by 683 lm/W.";
     Kept "KHR_texture_transform": "As the transform of the texture's mapping.";
     Kept "EXT_texture_webp": "The WebP image is used.";
     Kept "KHR_materials_unlit": "An emissive material.";
@@ -26,8 +27,9 @@ pub(crate) const FEATURES: &[Feature] = features! {
     Kept "no material": "The default material of the specification.";
     Kept "no camera": "A camera that shows the whole scene is added.";
     Kept "no lights": "A directional light, an ambient light and a grey background are added.";
-    Kept "Whitstone scene": "`extras` of an exported file hold the whole scene, which is imported as it was; meshes of files have single precision.";
-    Kept "files next to a .glb": "EXR images, faces of skies, data of textures and shapes, and meshes that are lights, subdivided, or operands: a folder next to the file holds copies.";
+    Kept "Whitstone scene": "The scene that `extras` of an exported file hold is imported as it was, except that the meshes of files have single precision.";
+    Kept "[scene]": "`extras` of the file hold the whole scene for Whitstone.";
+    Kept "[scene] files next to a .glb": "What glTF cannot embed, such as EXR images, faces of a sky, and meshes that are lights or operands, is copied to a folder next to the file.";
     Approximated "metallic-roughness": "A `whitted` material: diffuse, a highlight, and below a roughness of 0.5 mirror reflection.";
     Approximated "roughness texture": "The roughness factor alone is used.";
     Approximated "mip maps": "Trilinear filtering over the footprint of a sample.";
@@ -47,7 +49,7 @@ pub(crate) const FEATURES: &[Feature] = features! {
     Approximated "[camera] thin_lens": "Other programs see a pinhole camera; it is kept for Whitstone.";
     Approximated "[camera] near_kind": "Other programs have a plane as near limit; it is kept for Whitstone.";
     Approximated "[camera] window that is not centred": "Other programs see a centred window of the same size; it is kept for Whitstone.";
-    Approximated "[[light]] falloff": "Other programs have lights with falloff; it is kept for Whitstone.";
+    Approximated "[[light]] falloff none": "In other programs lights fall off with the squared distance; it is kept for Whitstone.";
     Approximated "[material] phong, blinn_phong, whitted": "The base colour is pi k_d, at most 1, plus k_refl; the exponent becomes a roughness; it is kept for Whitstone.";
     Approximated "[material] glossy": "A metal of the same width of reflection; it is kept for Whitstone.";
     Approximated "[material] conductor": "A metal with the reflectance at normal incidence; it is kept for Whitstone.";

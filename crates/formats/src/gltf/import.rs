@@ -213,7 +213,7 @@ impl Importer<'_> {
                 let nodes = root.scenes[scene].nodes.iter().map(|node| node.value());
                 (nodes.collect(), format!("/scenes/{scene}/nodes"))
             }
-            // Without scenes all nodes without parents.
+            // If the file has no scenes: all root nodes.
             None => {
                 let free = (0..parents.len()).filter(|node| parents[*node].is_none());
                 (free.collect(), "/nodes".to_owned())
@@ -229,6 +229,12 @@ impl Importer<'_> {
         }
         let document = self.document;
         let node = &document.root.nodes[number];
+        let extension = |name: &str| node.extensions.as_ref().and_then(|all| all.others.get(name));
+        let visible = extension("KHR_node_visibility").and_then(|extension| extension.get("visible"));
+        if visible == Some(&whitstone_gltf::json::Value::Bool(false)) {
+            self.note("invisible nodes", &pointer);
+            return Ok(());
+        }
         if let Some(mesh) = node.mesh {
             self.place(node, mesh.value(), world, &pointer)?;
         }
@@ -253,7 +259,7 @@ impl Importer<'_> {
                 self.add_light(light.light.value(), &world, &pointer)?;
             }
             for name in extensions.others.keys() {
-                if name != "EXT_mesh_gpu_instancing" {
+                if !["EXT_mesh_gpu_instancing", "KHR_node_visibility"].contains(&name.as_str()) {
                     self.note("unknown extensions", &format!("{pointer}/extensions/{name}"));
                 }
             }
@@ -373,7 +379,7 @@ impl Importer<'_> {
 
     /// Writes the shapes of all meshes: directly, or as instances of a group.
     fn meshes(&mut self) -> Result<(), FormatError> {
-        // In the order of the first nodes, not of the meshes.
+        // In the order of the meshes, not of the nodes.
         let uses = std::mem::take(&mut self.uses);
         for (key, places) in uses {
             let shapes = self.primitives(&key, &places[0].pointer)?;
@@ -453,7 +459,7 @@ impl Importer<'_> {
                 ("primitive", Value::Integer(number as i64)),
                 ("material", Value::String(material.id)),
             ]);
-            // Sets that the primitive lacks are (0, 0), as without any.
+            // Sets at the end that the primitive lacks are left out: a missing set reads as (0, 0).
             let mut sets = material.uv_sets;
             while sets.last().is_some_and(|set| !has(Semantic::TexCoords(*set))) {
                 sets.pop();

@@ -8,6 +8,10 @@ use whitstone_gltf::Document;
 use whitstone_gltf::json::extensions::scene::khr_lights_punctual::Type;
 use whitstone_gltf::json::validation::Checked;
 
+/// The luminous efficacy of monochromatic light of 540 THz, in lm/W, which defines the candela (BIPM,
+/// *The International System of Units*, 9th edition, 2019, section 2.3.1).
+const LUMENS_PER_WATT: f64 = 683.0;
+
 impl Importer<'_> {
     /// Adds a light that stands at a place.
     pub(crate) fn add_light(
@@ -27,7 +31,10 @@ impl Importer<'_> {
             let message = "expected \"directional\", \"point\" or \"spot\"";
             return Err(FormatError::at(format!("{at}/type"), message));
         };
-        let strength = shortest(light.intensity);
+        let mut strength = shortest(light.intensity);
+        if self.options.photometric {
+            strength /= LUMENS_PER_WATT;
+        }
         let power = color(light.color.map(|part| (shortest(part) * strength).max(0.0)));
         let Some(forward) = (-world.matrix3.z_axis).try_normalize() else {
             self.note("nodes without volume", place);

@@ -68,6 +68,12 @@ impl Importer<'_> {
         let pointer = || format!("/textures/{}/source", used.texture);
         Document::item(&root.images, source, "images", pointer).map_err(self.told())?;
 
+        if let Some(file) = self.document.image_file(source)
+            && let Err(error) = self.document.folder().join(&file).metadata()
+        {
+            let message = format!("cannot read \"{}\": {error}", file.display());
+            return Err(FormatError::at(format!("/images/{source}/uri"), message));
+        }
         let mut keys = table([("type", Value::String("image".into()))]);
         match self.document.image_file(source) {
             // Alpha is 1 in an image without it, which only the rule for glTF says.

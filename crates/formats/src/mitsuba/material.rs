@@ -152,7 +152,7 @@ impl<'a> Translator<'a> {
                 let (interior, exterior) = self.iors(&mut fields, "bk7");
                 if fields.has("specular_reflectance") {
                     fields.take("specular_reflectance");
-                    self.note("specular_reflectance, specular_transmittance", at);
+                    self.note("specular_reflectance, specular_transmittance of glass", at);
                 }
                 let tint = self.texture_or_color(&mut fields, "specular_transmittance", [1.0; 3], look);
                 typed(
@@ -309,7 +309,10 @@ impl<'a> Translator<'a> {
         for name in ["specular_reflectance", "specular_transmittance"] {
             if fields.has(name) {
                 fields.take(name);
-                self.note("specular_reflectance, specular_transmittance", fields.at());
+                self.note(
+                    "specular_reflectance, specular_transmittance of glass",
+                    fields.at(),
+                );
             }
         }
         let (inside, outside) = if look.flip {

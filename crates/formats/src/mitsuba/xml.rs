@@ -15,7 +15,7 @@ const MAX_BYTES: u64 = 16 << 20;
 const MAX_TOTAL_BYTES: u64 = 64 << 20;
 /// Largest number of files.
 const MAX_FILES: usize = 256;
-/// Files that include each other, the main file counted.
+/// Maximum depth of includes, counting the main file.
 const MAX_INCLUDE_DEPTH: usize = 8;
 /// Elements inside each other.
 const MAX_DEPTH: usize = 64;
@@ -212,7 +212,7 @@ impl Loader<'_> {
         }
         if self.open.len() >= MAX_INCLUDE_DEPTH {
             return Err(here(format!(
-                "files include each other more than {} deep",
+                "includes are nested more than {} levels deep",
                 MAX_INCLUDE_DEPTH - 1
             )));
         }
@@ -515,7 +515,7 @@ impl Loader<'_> {
         Ok(())
     }
 
-    /// A file that an `include` names: next to the file with the element, else as other files.
+    /// A file that an `include` names: relative to the including file, else in the search paths.
     fn included(&self, element: Element<'_, '_>, written: &str) -> Result<Named, FormatError> {
         let inside = folder_of(&self.scene.files[element.file].name);
         let near = self.folder.find(inside, written);
@@ -557,7 +557,7 @@ impl Loader<'_> {
     fn spectrum(&self, element: Element<'_, '_>) -> Result<f64, FormatError> {
         let written = self.attribute(element, "value")?;
         let Some(written) = written.filter(|written| !written.contains(':')) else {
-            let error = self.error(element.at(), "spectra by wavelengths are not read");
+            let error = self.error(element.at(), "wavelength-dependent spectra are not supported");
             return Err(error.with_help("write <rgb> or a single number"));
         };
         self.number(element, &written)
@@ -762,7 +762,7 @@ fn check(text: &str) -> Result<(), (usize, String)> {
         } else if rest.starts_with("<?") {
             skip_to("?>")
         } else if rest.starts_with("<!") {
-            let message = "document types, and so entities of one's own, are not read";
+            let message = "<!DOCTYPE> and entities of the file are not supported";
             return Err((start, message.to_owned()));
         } else if rest.starts_with("</") {
             depth = depth.saturating_sub(1);
@@ -934,7 +934,7 @@ mod tests {
             ),
             (
                 "<spectrum name='s' value='400:1, 700:1'/>",
-                "spectra by wavelengths are not read",
+                "wavelength-dependent spectra are not supported",
             ),
             (
                 "<float name='f' value='1'><float/></float>",
@@ -953,7 +953,7 @@ mod tests {
             error,
             (
                 "1:1".into(),
-                "document types, and so entities of one's own, are not read".into()
+                "<!DOCTYPE> and entities of the file are not supported".into()
             )
         );
         let deep = "<bsdf type='a'>".repeat(100_000);
@@ -989,7 +989,7 @@ mod tests {
             error,
             (
                 "7.xml:1:24".into(),
-                "files include each other more than 7 deep".into()
+                "includes are nested more than 7 levels deep".into()
             )
         );
         // Each parameter doubles the one before.

@@ -191,7 +191,7 @@ impl<'a> Exporter<'a> {
         let position = table::vector(light, "position").unwrap_or(DVec3::ZERO);
         let kind = table::kind(light);
         if table::text(light, "falloff") == Some("none") {
-            return self.note("[[light]] falloff", name);
+            return self.note("[[light]] falloff none", name);
         }
         let value = |key: &str| table::color(light, key, [1.0; 3]);
         let text = match kind {

@@ -16,6 +16,9 @@ const NEAR: f64 = 64.0 * f64::EPSILON;
 /// Up to this many neighbours of a shape are stored separately.
 const FEW: usize = 16;
 
+/// Maximum number of pairs of shapes whose bounds are compared.
+const MAX_COMPARED: usize = 1_000_000_000;
+
 /// A part of the surface of a shape.
 pub(super) struct Part<'a> {
     /// Number of the shape; for a shape in a group, that of the instance.
@@ -73,28 +76,39 @@ struct Body {
 /// The bounds of the other shapes nearby.
 #[derive(Default)]
 struct Others {
+    /// At most [`FEW`]; one around all if there are more.
     boxes: Vec<Aabb>,
     planes: Vec<(DVec3, DVec3)>,
+    /// Set if there are more than [`FEW`] shapes.
+    one_box: bool,
+    /// Set if there are more than [`FEW`] planes, which are not stored then.
+    everywhere: bool,
 }
 
 impl Others {
     fn is_empty(&self) -> bool {
-        self.boxes.is_empty() && self.planes.is_empty()
+        self.boxes.is_empty() && self.planes.is_empty() && !self.everywhere
     }
 
-    /// Replaces many boxes by their common bounding box.
-    fn simplify(&mut self) {
-        if self.boxes.len() > FEW {
-            let whole = self
-                .boxes
-                .iter()
-                .fold(Aabb::EMPTY, |whole, aabb| whole.union(*aabb));
-            self.boxes = vec![whole];
+    fn add(&mut self, body: &Body) {
+        if body.planes.is_empty() {
+            self.boxes.push(body.aabb);
+            if self.one_box || self.boxes.len() > FEW {
+                let whole = self.boxes.drain(..).fold(Aabb::EMPTY, Aabb::union);
+                self.boxes.push(whole);
+                self.one_box = true;
+            }
+        } else if self.everywhere || self.planes.len() + body.planes.len() > FEW {
+            self.planes.clear();
+            self.everywhere = true;
+        } else {
+            self.planes.extend_from_slice(&body.planes);
         }
     }
 
     fn near(&self, aabb: &Aabb) -> bool {
-        self.boxes.iter().any(|other| overlap(other, aabb))
+        self.everywhere
+            || self.boxes.iter().any(|other| overlap(other, aabb))
             || self.planes.iter().any(|plane| crosses(*plane, aabb))
     }
 }
@@ -141,7 +155,7 @@ pub(super) fn collect(geometry: &Geometry) -> Result<Parts<'_>, String> {
             bodies.push(Body { number, aabb, planes });
         }
     }
-    let others = neighbours(&mut bodies);
+    let others = neighbours(&mut bodies)?;
     let mut collected = Collected {
         parts: Vec::new(),
         visited: 0,
@@ -149,11 +163,10 @@ pub(super) fn collect(geometry: &Geometry) -> Result<Parts<'_>, String> {
     };
     let mut sizes = vec![0; shapes.len()];
     let mut counted = 0;
-    for (body, mut others) in bodies.iter().zip(others) {
+    for (body, others) in bodies.iter().zip(others) {
         if others.is_empty() {
             continue;
         }
-        others.simplify();
         sizes[body.number] = size(&shapes[body.number], &mut counted);
         collected.add(body.number, &shapes[body.number], None, &others)?;
     }
@@ -189,8 +202,8 @@ fn size(shape: &LoweredShape, visited: &mut usize) -> usize {
     }
 }
 
-/// The nearby shapes of each body. Sorts the bodies along x.
-fn neighbours(bodies: &mut [Body]) -> Vec<Others> {
+/// The nearby shapes of each body, or why they were not searched. Sorts the bodies along x.
+fn neighbours(bodies: &mut [Body]) -> Result<Vec<Others>, String> {
     bodies.sort_by(|a, b| {
         a.aabb
             .min
@@ -200,12 +213,19 @@ fn neighbours(bodies: &mut [Body]) -> Vec<Others> {
     });
     let mut others: Vec<Others> = bodies.iter().map(|_| Others::default()).collect();
     let mut open: Vec<usize> = Vec::new();
+    let mut compared = 0;
     for (k, body) in bodies.iter().enumerate() {
         let near = NEAR * reach(&body.aabb).min(f64::MAX);
         open.retain(|other| {
             let other = &bodies[*other].aabb;
             other.max.x + near + NEAR * reach(other).min(f64::MAX) >= body.aabb.min.x
         });
+        compared += open.len();
+        if compared > MAX_COMPARED {
+            return Err(format!(
+                "more than {MAX_COMPARED} pairs of shapes overlap along the x axis"
+            ));
+        }
         for other in open.iter().copied() {
             let (one, two) = (body, &bodies[other]);
             let meet = match (one.planes.is_empty(), two.planes.is_empty()) {
@@ -215,19 +235,13 @@ fn neighbours(bodies: &mut [Body]) -> Vec<Others> {
                 (false, false) => true,
             };
             if meet {
-                for (k, other) in [(k, other), (other, k)] {
-                    let Body { aabb, planes, .. } = &bodies[other];
-                    if planes.is_empty() {
-                        others[k].boxes.push(*aabb);
-                    } else {
-                        others[k].planes.extend_from_slice(planes);
-                    }
-                }
+                others[k].add(two);
+                others[other].add(one);
             }
         }
         open.push(k);
     }
-    others
+    Ok(others)
 }
 
 struct Collected<'a> {

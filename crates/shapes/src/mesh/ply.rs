@@ -1,19 +1,16 @@
 //! PLY: the elements `vertex` and `face`; other elements and properties are skipped.
 //!
-//! A library reads the header and binary bodies; `text` reads text bodies.
+//! Greg Turk, *The PLY polygon file format*, 1994. Bodies are text, one element per line, or binary;
+//! see `body`.
 
-mod text;
+mod body;
 
 use super::{FileError, Triangles, fan, shorten};
-use ply_rs_bw::parser::{ParseError, Parser, Reader};
-use ply_rs_bw::ply::{
-    ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult, PropertyType,
-};
+use body::{Binary, Body, Text};
 use std::collections::HashSet;
-use text::Lines;
 use whitstone_core::{DVec2, DVec3};
 
-/// Accepted names of each vertex number, in the order of [`Vertex::values`].
+/// Accepted names of each vertex number, in the order of the values of a vertex.
 const NAMES: [&[&str]; 12] = [
     &["x"],
     &["y"],
@@ -34,288 +31,376 @@ const UV: [usize; 2] = [6, 7];
 /// The first of the colour channels. Integers are quotients of the largest number of their type.
 const COLOR: usize = 8;
 
-struct Vertex {
-    values: [f64; 12],
+/// Accepted names of the list of a face's corners.
+const CORNERS: [&str; 2] = ["vertex_indices", "vertex_index"];
+
+/// A type of number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Scalar {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    F32,
+    F64,
 }
 
-struct Face {
-    /// `None` if a vertex index is negative or not an integer.
-    corners: Option<Vec<u32>>,
+impl Scalar {
+    fn named(name: &str) -> Option<Self> {
+        Some(match name {
+            "char" | "int8" => Self::I8,
+            "uchar" | "uint8" => Self::U8,
+            "short" | "int16" => Self::I16,
+            "ushort" | "uint16" => Self::U16,
+            "int" | "int32" => Self::I32,
+            "uint" | "uint32" => Self::U32,
+            "float" | "float32" => Self::F32,
+            "double" | "float64" => Self::F64,
+            _ => return None,
+        })
+    }
+
+    /// Size in bytes.
+    fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
+
+    fn is_real(self) -> bool {
+        matches!(self, Self::F32 | Self::F64)
+    }
+
+    /// The largest number of an integer type; 1 for real ones.
+    fn largest(self) -> f64 {
+        match self {
+            Self::I8 => i8::MAX.into(),
+            Self::U8 => u8::MAX.into(),
+            Self::I16 => i16::MAX.into(),
+            Self::U16 => u16::MAX.into(),
+            Self::I32 => i32::MAX.into(),
+            Self::U32 => u32::MAX.into(),
+            Self::F32 | Self::F64 => 1.0,
+        }
+    }
 }
 
-/// An element that is skipped.
-struct Ignored;
+/// A property: a number, or a list with the type of its length.
+#[derive(Debug)]
+struct Property {
+    name: String,
+    length: Option<Scalar>,
+    scalar: Scalar,
+}
+
+/// A kind of element.
+#[derive(Debug)]
+struct Element {
+    name: String,
+    count: u64,
+    properties: Vec<Property>,
+}
+
+impl Element {
+    /// Size in bytes in a binary body; with lists, the smallest possible one.
+    fn least_size(&self) -> usize {
+        let size = |property: &Property| property.length.unwrap_or(property.scalar).size();
+        self.properties.iter().map(size).sum()
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Format {
+    Text,
+    LittleEndian,
+    BigEndian,
+}
+
+#[derive(Debug)]
+struct Header {
+    format: Format,
+    elements: Vec<Element>,
+    /// Number of lines.
+    lines: usize,
+    /// Length in bytes.
+    length: usize,
+}
 
 /// Reads a file, with vertex colours if `colors`.
 pub(super) fn parse(bytes: &[u8], colors: bool) -> Result<Triangles, FileError> {
-    let header_lines = check_header_lines(bytes)?;
-    let mut reader = Reader::new(bytes);
-    let header = Parser::<Ignored>::new()
-        .read_header(&mut reader)
-        .map_err(|error| explain(&error, error.line()))?;
-    check_header(&header)?;
-    let mut body = match header.encoding {
-        Encoding::Ascii => Body::Text(Lines::new(reader.into_inner(), header_lines)),
-        _ => Body::Binary(reader),
-    };
-    let (mut vertices, mut faces) = (Vec::new(), Vec::new());
-    for (name, element) in &header.elements {
-        match name.as_str() {
-            "vertex" => vertices = body.elements::<Vertex>(element, &header)?,
-            "face" => faces = body.elements::<Face>(element, &header)?,
-            _ => drop(body.elements::<Ignored>(element, &header)?),
+    let header = Header::read(bytes)?;
+    header.check()?;
+    let body = &bytes[header.length..];
+    match header.format {
+        Format::Text => read(&header, Text::new(body, header.lines), colors),
+        Format::LittleEndian => read(&header, Binary::<false>::new(body), colors),
+        Format::BigEndian => read(&header, Binary::<true>::new(body), colors),
+    }
+}
+
+fn read(header: &Header, mut body: impl Body, colors: bool) -> Result<Triangles, FileError> {
+    let mut object = Triangles::default();
+    let vertices = header.element("vertex").map_or(0, |vertex| vertex.count);
+    for element in &header.elements {
+        // Memory stays proportional to the file, whatever count the header states.
+        let most = element.count.min(body.most(element)) as usize;
+        match element.name.as_str() {
+            "vertex" => read_vertices(element, &mut body, colors, most, &mut object)?,
+            "face" => {
+                object.triangles.reserve(most);
+                read_faces(element, &mut body, vertices, &mut object)?;
+            }
+            _ => {
+                for number in 0..element.count {
+                    body.begin(element, number)?;
+                    for property in &element.properties {
+                        let length = match property.length {
+                            Some(length) => body.length(length)?,
+                            None => 1,
+                        };
+                        for _ in 0..length {
+                            body.number(property.scalar)?;
+                        }
+                    }
+                    body.end(element)?;
+                }
+            }
         }
-    }
-    let has = |values: &[usize]| {
-        let properties = &header.elements["vertex"].properties;
-        values
-            .iter()
-            .all(|&value| NAMES[value].iter().any(|name| properties.contains_key(*name)))
-    };
-    if !has(&POSITION) {
-        return Err(FileError::anywhere("expected vertex properties x, y and z"));
-    }
-    for (vertex, number) in vertices.iter().zip(0..) {
-        if !vertex.values.iter().all(|value| value.is_finite()) {
-            let message = format!("expected finite numbers, but those of vertex {number} are not");
-            return Err(FileError::anywhere(message));
-        }
-    }
-    let vector = |[x, y, z]: [usize; 3]| {
-        vertices
-            .iter()
-            .map(move |v| DVec3::new(v.values[x], v.values[y], v.values[z]))
-            .collect()
-    };
-    let mut object = Triangles {
-        positions: vector(POSITION),
-        ..Triangles::default()
-    };
-    if has(&NORMAL) {
-        object.normals = vector(NORMAL);
-    }
-    if has(&UV) {
-        let [u, v] = UV;
-        object.uvs = vertices
-            .iter()
-            .map(|vertex| DVec2::new(vertex.values[u], vertex.values[v]))
-            .collect();
-    }
-    if colors && (COLOR..NAMES.len()).any(|value| has(&[value])) {
-        let color = |vertex: &Vertex| {
-            let [.., r, g, b, a] = vertex.values;
-            [r, g, b, a].map(|part| part.max(0.0))
-        };
-        object.attributes.colors = vertices.iter().map(color).collect();
-    }
-    let count = vertices.len();
-    for (face, number) in faces.iter().zip(0..) {
-        let corners = face
-            .corners
-            .as_deref()
-            .filter(|corners| corners.len() >= 3 && corners.iter().all(|&corner| (corner as usize) < count));
-        let corners = corners.ok_or_else(|| {
-            FileError::anywhere(format!(
-                "expected each face to name at least 3 of the {count} vertices by number, but face {number} \
-                 does not"
-            ))
-        })?;
-        object.triangles.extend(fan(corners));
     }
     Ok(object)
 }
 
-/// Finds errors that the parser would miss or report in the terms of its grammar; returns the
-/// number of header lines.
-fn check_header_lines(bytes: &[u8]) -> Result<usize, FileError> {
-    let grammar = Parser::<Ignored>::new();
-    let mut elements: HashSet<&str> = HashSet::new();
-    let mut properties: HashSet<&str> = HashSet::new();
-    let mut has_format = false;
-    for (line, number) in bytes.split_inclusive(|&byte| byte == b'\n').zip(1..) {
-        let line = std::str::from_utf8(line).ok();
-        let words: Vec<&str> = line.unwrap_or_default().split_ascii_whitespace().collect();
-        let is_good = line.is_some_and(|line| grammar.read_header_line(line).is_ok());
-        if number == 1 && !(is_good && words == ["ply"]) {
-            return Err(FileError::at(
-                1,
-                "expected a PLY file, which begins with a line \"ply\"",
-            ));
-        }
-        let Some(line) = line else {
-            return Err(FileError::at(number, "expected UTF-8 text"));
+fn read_vertices(
+    element: &Element,
+    body: &mut impl Body,
+    colors: bool,
+    most: usize,
+    object: &mut Triangles,
+) -> Result<(), FileError> {
+    // The value that each property sets, and what it is divided by.
+    let values = element.properties.iter().map(|property| {
+        let value = NAMES.iter().position(|names| names.contains(&&*property.name));
+        let divisor = match value {
+            Some(COLOR..) => property.scalar.largest(),
+            _ => 1.0,
         };
-        if !is_good {
-            let message = format!(
-                "expected a line of a PLY header (format, comment, obj_info, element, property or end_header), \
-                 found \"{}\"",
-                shorten(line.trim_ascii())
-            );
-            return Err(FileError::at(number, message));
-        }
-        match words[..] {
-            ["end_header"] if !has_format => {
-                return Err(FileError::at(number, "expected a line \"format\" in the header"));
-            }
-            ["end_header"] => return Ok(number),
-            ["format", ..] if has_format => {
-                return Err(FileError::at(
-                    number,
-                    "expected one line \"format\", found another",
-                ));
-            }
-            ["format", ..] => has_format = true,
-            ["element", name, ..] => {
-                properties.clear();
-                if !elements.insert(name) {
-                    let message = format!("expected one element `{}`, found another", shorten(name));
-                    return Err(FileError::at(number, message));
-                }
-            }
-            ["property", ..] if elements.is_empty() => {
-                return Err(FileError::at(number, "expected an element before its properties"));
-            }
-            ["property", .., name] if !properties.insert(name) => {
-                let message = format!("expected one property `{}`, found another", shorten(name));
-                return Err(FileError::at(number, message));
-            }
-            _ => {}
-        }
+        (property.scalar, value, divisor)
+    });
+    let values: Vec<(Scalar, Option<usize>, f64)> = values.collect();
+    let has = |wanted: usize| values.iter().any(|(_, value, _)| *value == Some(wanted));
+    if !POSITION.into_iter().all(has) {
+        return Err(FileError::anywhere("expected vertex properties x, y and z"));
     }
-    Err(FileError::anywhere("expected a line \"end_header\", found none"))
-}
-
-/// Checks the parsed header for errors that are not visible in single lines.
-fn check_header(header: &Header) -> Result<(), FileError> {
-    let Some(vertex) = header.elements.get("vertex") else {
-        return Err(FileError::anywhere("expected an element `vertex`"));
-    };
-    let Some(face) = header.elements.get("face") else {
-        return Err(FileError::anywhere("expected an element `face`"));
-    };
-    let list = |name: &str| matches!(face.properties.get(name), Some(p) if is_list(&p.data_type));
-    if !list("vertex_indices") && !list("vertex_index") {
-        return Err(FileError::anywhere(
-            "expected a list property `vertex_indices` of `face`",
-        ));
-    }
-    for (value, names) in NAMES.iter().enumerate() {
-        let listed = |name: &&str| {
-            vertex
-                .properties
-                .get(*name)
-                .is_some_and(|p| is_list(&p.data_type))
-        };
-        if names.iter().any(listed) {
-            let message = format!(
-                "expected a number for the vertex property `{}`, found a list",
-                NAMES[value][0]
-            );
+    let has_normal = NORMAL.into_iter().all(has);
+    let has_uv = UV.into_iter().all(has);
+    let has_color = colors && (COLOR..NAMES.len()).any(has);
+    object.positions.reserve(most);
+    object.normals.reserve(if has_normal { most } else { 0 });
+    object.uvs.reserve(if has_uv { most } else { 0 });
+    let mut vertex = [0.0; NAMES.len()];
+    vertex[COLOR..].fill(1.0);
+    for number in 0..element.count {
+        body.begin(element, number)?;
+        for (scalar, value, divisor) in &values {
+            let number = body.number(*scalar)?;
+            if let Some(value) = value {
+                vertex[*value] = number / divisor;
+            }
+        }
+        body.end(element)?;
+        let [x, y, z, nx, ny, nz, u, v, r, g, b, a] = vertex;
+        if !vertex.iter().all(|value| value.is_finite()) {
+            let message = format!("expected finite numbers, but those of vertex {number} are not");
             return Err(FileError::anywhere(message));
         }
-    }
-    // An element without properties takes no bytes, so any count of them would fit into any file.
-    for (name, element) in &header.elements {
-        if element.properties.is_empty() && element.count > 0 {
-            return Err(FileError::anywhere(format!(
-                "expected properties of the element `{name}`"
-            )));
+        object.positions.push(DVec3::new(x, y, z));
+        if has_normal {
+            object.normals.push(DVec3::new(nx, ny, nz));
+        }
+        if has_uv {
+            object.uvs.push(DVec2::new(u, v));
+        }
+        if has_color {
+            let color = [r, g, b, a].map(|part| part.max(0.0));
+            object.attributes.colors.push(color);
         }
     }
     Ok(())
 }
 
-fn is_list(data_type: &PropertyType) -> bool {
-    matches!(data_type, PropertyType::List(..))
-}
-
-/// The data after the header. Memory use stays proportional to the file, whatever element count the
-/// header states.
-enum Body<'a> {
-    Text(Lines<'a>),
-    Binary(Reader<&'a [u8]>),
-}
-
-impl Body<'_> {
-    /// Reads all elements of one kind.
-    fn elements<E: PropertyAccess>(
-        &mut self,
-        element: &ElementDef,
-        header: &Header,
-    ) -> Result<Vec<E>, FileError> {
-        match self {
-            Self::Text(lines) => lines.elements(element),
-            // The parser counts elements as lines.
-            Self::Binary(reader) => Parser::new()
-                .read_payload_for_element(reader, element, header)
-                .map_err(|error| explain(&error, None)),
+fn read_faces(
+    element: &Element,
+    body: &mut impl Body,
+    vertices: u64,
+    object: &mut Triangles,
+) -> Result<(), FileError> {
+    let mut corners: Vec<u32> = Vec::new();
+    for number in 0..element.count {
+        body.begin(element, number)?;
+        let mut is_good = true;
+        for property in &element.properties {
+            let is_corners = CORNERS.contains(&&*property.name);
+            let Some(length) = property.length else {
+                body.number(property.scalar)?;
+                continue;
+            };
+            if is_corners {
+                corners.clear();
+                is_good = !property.scalar.is_real();
+            }
+            // No preallocation: the file ends long before a wrong length is reached.
+            for _ in 0..body.length(length)? {
+                let corner = body.number(property.scalar)?;
+                if is_corners {
+                    is_good &= corner >= 0.0 && corner < vertices as f64;
+                    corners.push(corner as u32);
+                }
+            }
         }
-    }
-}
-
-fn explain(error: &ParseError, line: Option<usize>) -> FileError {
-    let text = error.to_string();
-    // The text is "Line 7: message", then tabbed lines with the offending text, which may be very
-    // long, and details.
-    let without_line = text
-        .split_once(": ")
-        .filter(|(start, _)| start.starts_with("Line "));
-    let text = without_line.map_or(text.as_str(), |(_, rest)| rest);
-    let told: Vec<&str> = text
-        .lines()
-        .filter(|line| !line.trim_start().starts_with("String: "))
-        .map(str::trim)
-        .collect();
-    let message: String = told.join(" ").chars().take(300).collect();
-    FileError { line, message }
-}
-
-impl PropertyAccess for Vertex {
-    fn new() -> Self {
-        let mut values = [0.0; 12];
-        values[COLOR..].fill(1.0);
-        Self { values }
-    }
-
-    fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
-        let Some(value) = NAMES.iter().position(|names| names.contains(&name)) else {
-            return PropertyAccessResult::Ignored;
-        };
-        let (number, largest): (f64, f64) = match property {
-            Property::Char(x) => (x.into(), i8::MAX.into()),
-            Property::UChar(x) => (x.into(), u8::MAX.into()),
-            Property::Short(x) => (x.into(), i16::MAX.into()),
-            Property::UShort(x) => (x.into(), u16::MAX.into()),
-            Property::Int(x) => (x.into(), i32::MAX.into()),
-            Property::UInt(x) => (x.into(), u32::MAX.into()),
-            Property::Float(x) => (x.into(), 1.0),
-            Property::Double(x) => (x, 1.0),
-            _ => return PropertyAccessResult::UnsupportedType,
-        };
-        self.values[value] = if value < COLOR { number } else { number / largest };
-        PropertyAccessResult::Set
-    }
-}
-
-impl PropertyAccess for Face {
-    fn new() -> Self {
-        Self { corners: None }
-    }
-
-    fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
-        if !matches!(name, "vertex_indices" | "vertex_index") {
-            return PropertyAccessResult::Ignored;
+        body.end(element)?;
+        if !is_good || corners.len() < 3 {
+            return Err(FileError::anywhere(format!(
+                "expected each face to name at least 3 of the {vertices} vertices by number, but face {number} \
+                 does not"
+            )));
         }
-        self.corners = property.to_u32_list();
-        PropertyAccessResult::Set
+        object.triangles.extend(fan(&corners));
+    }
+    Ok(())
+}
+
+impl Header {
+    fn read(bytes: &[u8]) -> Result<Self, FileError> {
+        let mut header = Self {
+            format: Format::Text,
+            elements: Vec::new(),
+            lines: 0,
+            length: 0,
+        };
+        let mut properties: HashSet<String> = HashSet::new();
+        let mut has_format = false;
+        for (line, number) in bytes.split_inclusive(|&byte| byte == b'\n').zip(1..) {
+            header.lines = number;
+            header.length += line.len();
+            // Comments may be in any encoding.
+            let line = String::from_utf8_lossy(&line[..line.len().min(MAX_LINE)]);
+            let words: Vec<&str> = line.split_ascii_whitespace().collect();
+            if number == 1 && words != ["ply"] {
+                let message = "expected a PLY file, which begins with a line \"ply\"";
+                return Err(FileError::at(1, message));
+            }
+            let wrong = || {
+                let message = format!(
+                    "expected a line of a PLY header (format, comment, obj_info, element, property or end_header), \
+                     found \"{}\"",
+                    shorten(line.trim_ascii())
+                );
+                FileError::at(number, message)
+            };
+            match words[..] {
+                ["ply"] if number == 1 => {}
+                ["comment" | "obj_info", ..] => {}
+                ["end_header"] if !has_format => {
+                    return Err(FileError::at(number, "expected a line \"format\" in the header"));
+                }
+                ["end_header"] => return Ok(header),
+                ["format", ..] if has_format => {
+                    let message = "expected one line \"format\", found another";
+                    return Err(FileError::at(number, message));
+                }
+                ["format", format, _] => {
+                    has_format = true;
+                    header.format = match format {
+                        "ascii" => Format::Text,
+                        "binary_little_endian" => Format::LittleEndian,
+                        "binary_big_endian" => Format::BigEndian,
+                        _ => return Err(wrong()),
+                    };
+                }
+                ["element", name, count] => {
+                    if header.element(name).is_some() {
+                        let message = format!("expected one element `{}`, found another", shorten(name));
+                        return Err(FileError::at(number, message));
+                    }
+                    properties.clear();
+                    header.elements.push(Element {
+                        name: name.to_owned(),
+                        count: count.parse().map_err(|_| wrong())?,
+                        properties: Vec::new(),
+                    });
+                }
+                ["property", ref kind @ .., name] => {
+                    let scalar = |name: &str| Scalar::named(name).ok_or_else(wrong);
+                    let (length, scalar) = match kind {
+                        [kind] => (None, scalar(kind)?),
+                        ["list", length, kind] => (Some(scalar(length)?), scalar(kind)?),
+                        _ => return Err(wrong()),
+                    };
+                    let Some(element) = header.elements.last_mut() else {
+                        let message = "expected an element before its properties";
+                        return Err(FileError::at(number, message));
+                    };
+                    if !properties.insert(name.to_owned()) {
+                        let message = format!("expected one property `{}`, found another", shorten(name));
+                        return Err(FileError::at(number, message));
+                    }
+                    element.properties.push(Property {
+                        name: name.to_owned(),
+                        length,
+                        scalar,
+                    });
+                }
+                _ => return Err(wrong()),
+            }
+        }
+        Err(FileError::anywhere("expected a line \"end_header\", found none"))
+    }
+
+    fn element(&self, name: &str) -> Option<&Element> {
+        self.elements.iter().find(|element| element.name == name)
+    }
+
+    /// Checks what is not visible in single lines.
+    fn check(&self) -> Result<(), FileError> {
+        let missing = |name: &str| FileError::anywhere(format!("expected an element `{name}`"));
+        let vertex = self.element("vertex").ok_or_else(|| missing("vertex"))?;
+        let face = self.element("face").ok_or_else(|| missing("face"))?;
+        let is_corners =
+            |property: &Property| CORNERS.contains(&&*property.name) && property.length.is_some();
+        if !face.properties.iter().any(is_corners) {
+            let message = "expected a list property `vertex_indices` of `face`";
+            return Err(FileError::anywhere(message));
+        }
+        for property in &vertex.properties {
+            if property.length.is_some() {
+                let message = format!(
+                    "expected a number for the vertex property `{}`, found a list",
+                    shorten(&property.name)
+                );
+                return Err(FileError::anywhere(message));
+            }
+        }
+        // An element without properties takes no bytes, so any count of them would fit into any
+        // file.
+        for element in &self.elements {
+            if element.properties.is_empty() && element.count > 0 {
+                return Err(FileError::anywhere(format!(
+                    "expected properties of the element `{}`",
+                    shorten(&element.name)
+                )));
+            }
+        }
+        Ok(())
     }
 }
 
-impl PropertyAccess for Ignored {
-    fn new() -> Self {
-        Self
-    }
-}
+/// Longest part of a header line that is read, in bytes.
+const MAX_LINE: usize = 4096;
 
 #[cfg(test)]
 mod tests {

@@ -43,6 +43,10 @@ pub struct Arguments {
     /// Camera, by name or index [default: the first]
     #[arg(long, value_name = "NAME")]
     camera: Option<String>,
+    /// Convert the intensities of lights from candela and lux, by 683 lm/W [default: the numbers are
+    /// used as W/sr and W/m2]
+    #[arg(long)]
+    photometric: bool,
     /// Read files outside of the folder of the input
     #[arg(long)]
     allow_outside: bool,
@@ -62,6 +66,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         scene: arguments.scene.clone(),
         node: arguments.node.clone(),
         camera: arguments.camera.clone(),
+        photometric: arguments.photometric,
         allow_outside: arguments.allow_outside,
         ..ImportOptions::all()
     };

@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::sync::Arc;
 use whitstone_core::{Counters, Geometry, Registry, SurfaceAttributes};
+use whitstone_gltf::Usage;
 use whitstone_render::{Cost, Pipeline, RenderOptions};
 
 /// Show what Whitstone builds for a scene and what it omits; with --pixel, print the ray tree of a
@@ -233,6 +234,15 @@ fn print_pipeline(pipeline: &Pipeline, names: &Names) {
     for part in &pipeline.omitted {
         println!("  {}: {}", part.what, part.why);
     }
+    for (file, Usage { bytes, decoded }) in whitstone_gltf::usage() {
+        let saved = bytes.saturating_sub(decoded);
+        if saved > 0 {
+            println!(
+                "  {saved} of {bytes} bytes of accessors and images: nothing reads them in {}",
+                file.display()
+            );
+        }
+    }
 }
 
 fn report(pipeline: &Pipeline, names: &Names, tree: Option<&PixelTree>, counted: Option<Counters>) -> Value {
@@ -292,6 +302,9 @@ fn report(pipeline: &Pipeline, names: &Names, tree: Option<&PixelTree>, counted:
         "build_s": pipeline.build_seconds,
         "scene_hash": pipeline.scene_hash,
         "omitted": omitted.collect::<Vec<_>>(),
+        "gltf": whitstone_gltf::usage().iter().map(|(file, usage)| json!({
+            "file": file, "bytes": usage.bytes, "decoded": usage.decoded,
+        })).collect::<Vec<_>>(),
         "coincident": pipeline.coincident.iter().map(|pair| json!({
             "shapes": pair.shapes,
             "form": pair.form,

@@ -10,13 +10,12 @@ use whitstone_core::Registry;
 use whitstone_validate::driver::Versions;
 use whitstone_validate::matrix::{self, Row, Tally};
 use whitstone_validate::{
-    Ask, CaseResult, Mode, Options, OraclePolicy, Provenance, Renderer, Results, SkippedScene, Status,
-    Summary, Validator, counted, find_scenes, quoted,
+    Ask, CaseResult, Mode, Options, OraclePolicy, Provenance, REFERENCES, Renderer, Results, SkippedScene,
+    Status, Summary, Validator, counted, find_scenes, quoted,
 };
 
 const SCENES: &str = "scenes";
 const TARGET: &str = "target/whitstone";
-const REFERENCES: &str = "references";
 /// In seconds.
 const TIME_LIMIT: u64 = 300;
 

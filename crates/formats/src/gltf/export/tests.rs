@@ -533,7 +533,7 @@ fn meshes_that_change_keep_their_files() {
     );
     let files = [("a.stl", STL.as_bytes()), ("b.stl", STL.as_bytes())];
     let exported = export_with(&text, "glb", &files);
-    assert!(exported.noted("files next to a .glb"));
+    assert!(exported.noted("[scene] files next to a .glb"));
     assert!(exported.noted("[[shape]] mesh with displacement"));
     let again = exported.import();
     for (table, file) in [

@@ -154,7 +154,7 @@ impl<'a> Exporter<'a> {
                 }
             };
             if table::text(light, "falloff") == Some("none") {
-                self.note("[[light]] falloff", &name);
+                self.note("[[light]] falloff none", &name);
             }
             let power = table::color(light, key, [0.0; 3]);
             let largest = power.into_iter().fold(0.0, f64::max);

@@ -189,7 +189,7 @@ fn what_has_no_counterpart_is_noted() {
         ),
         (
             "[[light]]\ntype = 'point'\nposition = [0, 0, 0]\nintensity = 1\nfalloff = 'none'".to_owned(),
-            "[[light]] falloff",
+            "[[light]] falloff none",
         ),
         (
             "[[shape]]\ntype = 'torus'".to_owned(),

@@ -248,7 +248,7 @@ impl<'a> Exporter<'a> {
         let target = table::vector(light, "target").unwrap_or(position + DVec3::Z);
         match table::kind(light) {
             "point" | "spot" if falloff => {
-                self.note("[[light]] falloff", name);
+                self.note("[[light]] falloff none", name);
                 None
             }
             "point" => Some(

@@ -1,0 +1,203 @@
+//! The bodies of PLY files, as numbers in the order of the header.
+
+use super::{Element, Scalar};
+use crate::mesh::{FileError, shorten};
+use std::str::SplitAsciiWhitespace;
+
+/// A body, from its beginning to its end.
+pub(super) trait Body {
+    /// The most elements of this kind that the rest can hold.
+    fn most(&self, element: &Element) -> u64;
+
+    /// Begins an element, given its number among those of its kind.
+    fn begin(&mut self, element: &Element, number: u64) -> Result<(), FileError>;
+
+    /// The next number.
+    fn number(&mut self, scalar: Scalar) -> Result<f64, FileError>;
+
+    /// The next number as the length of a list.
+    fn length(&mut self, scalar: Scalar) -> Result<u32, FileError>;
+
+    /// Ends an element.
+    fn end(&mut self, element: &Element) -> Result<(), FileError>;
+}
+
+/// A binary body.
+pub(super) struct Binary<'a, const BIG: bool> {
+    rest: &'a [u8],
+    /// The element that is being read, for messages.
+    place: String,
+    number: u64,
+}
+
+impl<'a, const BIG: bool> Binary<'a, BIG> {
+    pub(super) fn new(body: &'a [u8]) -> Self {
+        Self {
+            rest: body,
+            place: String::new(),
+            number: 0,
+        }
+    }
+
+    #[inline(always)]
+    fn take<const N: usize>(&mut self) -> Result<[u8; N], FileError> {
+        let Some((bytes, rest)) = self.rest.split_first_chunk::<N>() else {
+            let message = format!("the file ends in the element {} of `{}`", self.number, self.place);
+            return Err(FileError::anywhere(message));
+        };
+        self.rest = rest;
+        Ok(*bytes)
+    }
+}
+
+macro_rules! take {
+    ($from:expr, $type:ty) => {{
+        let bytes = $from.take()?;
+        f64::from(match BIG {
+            true => <$type>::from_be_bytes(bytes),
+            false => <$type>::from_le_bytes(bytes),
+        })
+    }};
+}
+
+impl<const BIG: bool> Body for Binary<'_, BIG> {
+    fn most(&self, element: &Element) -> u64 {
+        (self.rest.len() / element.least_size().max(1)) as u64
+    }
+
+    fn begin(&mut self, element: &Element, number: u64) -> Result<(), FileError> {
+        if number == 0 {
+            self.place = shorten(&element.name).into_owned();
+        }
+        self.number = number;
+        Ok(())
+    }
+
+    #[inline(always)]
+    fn number(&mut self, scalar: Scalar) -> Result<f64, FileError> {
+        Ok(match scalar {
+            Scalar::I8 => take!(self, i8),
+            Scalar::U8 => take!(self, u8),
+            Scalar::I16 => take!(self, i16),
+            Scalar::U16 => take!(self, u16),
+            Scalar::I32 => take!(self, i32),
+            Scalar::U32 => take!(self, u32),
+            Scalar::F32 => take!(self, f32),
+            Scalar::F64 => take!(self, f64),
+        })
+    }
+
+    #[inline(always)]
+    fn length(&mut self, scalar: Scalar) -> Result<u32, FileError> {
+        let length = self.number(scalar)?;
+        length_of(length).ok_or_else(|| {
+            let message = format!(
+                "expected the length of a list in the element {} of `{}`, found {length}",
+                self.number, self.place
+            );
+            FileError::anywhere(message)
+        })
+    }
+
+    fn end(&mut self, _: &Element) -> Result<(), FileError> {
+        Ok(())
+    }
+}
+
+/// A text body: one element per line, and blank lines anywhere.
+///
+/// Numbers are read as exporters write them, such as `.5` and `1.`, and in double precision whatever
+/// type the header states.
+pub(super) struct Text<'a> {
+    rest: Option<&'a [u8]>,
+    words: SplitAsciiWhitespace<'a>,
+    /// Number of the current line.
+    line: usize,
+}
+
+impl<'a> Text<'a> {
+    pub(super) fn new(body: &'a [u8], header_lines: usize) -> Self {
+        Self {
+            rest: Some(body),
+            words: "".split_ascii_whitespace(),
+            line: header_lines,
+        }
+    }
+
+    fn fault(&self, message: impl Into<String>) -> FileError {
+        FileError::at(self.line, message)
+    }
+}
+
+impl Body for Text<'_> {
+    fn most(&self, element: &Element) -> u64 {
+        // A number and a blank take two bytes.
+        let rest = self.rest.map_or(0, <[u8]>::len);
+        (rest / (2 * element.properties.len()).max(1)) as u64
+    }
+
+    fn begin(&mut self, element: &Element, number: u64) -> Result<(), FileError> {
+        while let Some(rest) = self.rest {
+            let end = rest.iter().position(|&byte| byte == b'\n');
+            let (line, after) = end.map_or((rest, None), |end| (&rest[..end], Some(&rest[end + 1..])));
+            self.rest = after;
+            self.line += 1;
+            let line = line.trim_ascii();
+            if !line.is_empty() {
+                let line = std::str::from_utf8(line).map_err(|_| self.fault("expected UTF-8 text"))?;
+                self.words = line.split_ascii_whitespace();
+                return Ok(());
+            }
+        }
+        Err(FileError::anywhere(format!(
+            "expected {} of the element `{}`, one a line, found {number}",
+            element.count,
+            shorten(&element.name)
+        )))
+    }
+
+    fn number(&mut self, scalar: Scalar) -> Result<f64, FileError> {
+        let (expected, range) = match scalar {
+            Scalar::I8 => ("a whole number from -128 to 127", -128.0..=127.0),
+            Scalar::U8 => ("a whole number from 0 to 255", 0.0..=255.0),
+            Scalar::I16 => ("a whole number from -32768 to 32767", -32768.0..=32767.0),
+            Scalar::U16 => ("a whole number from 0 to 65535", 0.0..=65535.0),
+            Scalar::I32 => (
+                "a whole number of 32 bits",
+                f64::from(i32::MIN)..=f64::from(i32::MAX),
+            ),
+            Scalar::U32 => ("a whole number of 32 bits from 0", 0.0..=f64::from(u32::MAX)),
+            Scalar::F32 | Scalar::F64 => ("a finite number", f64::MIN..=f64::MAX),
+        };
+        let found = match self.words.next() {
+            None => "the end of the line".to_owned(),
+            Some(word) => match word.parse::<f64>() {
+                Ok(x) if range.contains(&x) && (scalar.is_real() || x.fract() == 0.0) => return Ok(x),
+                _ => format!("\"{}\"", shorten(word)),
+            },
+        };
+        Err(self.fault(format!("expected {expected}, found {found}")))
+    }
+
+    fn length(&mut self, scalar: Scalar) -> Result<u32, FileError> {
+        let length = self.number(scalar)?;
+        length_of(length).ok_or_else(|| self.fault(format!("expected the length of a list, found {length}")))
+    }
+
+    fn end(&mut self, element: &Element) -> Result<(), FileError> {
+        match self.words.next() {
+            None => Ok(()),
+            Some(word) => Err(self.fault(format!(
+                "expected nothing behind the properties of the element `{}`, found \"{}\"",
+                shorten(&element.name),
+                shorten(word)
+            ))),
+        }
+    }
+}
+
+/// The length of a list, if it can be one.
+fn length_of(number: f64) -> Option<u32> {
+    let whole = number.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&number);
+    whole.then_some(number as u32)
+}

@@ -1,0 +1,166 @@
+//! POV-Ray's scene description language as a format that is written.
+//!
+//! The driver of POV-Ray translates the scene; this module applies the changes without which POV-Ray
+//! cannot render it, and writes the text.
+
+use crate::driver::{Driver, DriverError};
+use crate::environment::Environment;
+use crate::renderer::{Adaptation, Renderer};
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use toml::{Table, Value};
+use whitstone_core::{ExportScene, Feature, FormatError, FormatErrors, Note, Notes, SceneFormat, Treatment};
+use whitstone_image::atomic;
+
+/// POV-Ray's scenes; only written.
+pub struct PovRayFormat {
+    /// The folder with the drivers of the references.
+    pub references: PathBuf,
+}
+
+/// Time limit for the translation of a scene.
+const LIMIT: Duration = Duration::from_secs(600);
+
+const KEPT: &str = "[scene]";
+const AOVS: &str = "[film] aovs";
+const DEPTH: &str = "[integrator] at_max_depth";
+const CUTOFF: &str = "[integrator] min_contribution";
+const SAMPLES: &str = "[sampler]";
+const CHANNELS: &str = "[texture] of three channels";
+
+const FEATURES: &[Feature] = &[
+    Feature {
+        name: KEPT,
+        treatment: Treatment::Kept,
+        how: "The driver of POV-Ray writes what it can express; the rest is an error.",
+    },
+    Feature {
+        name: DEPTH,
+        treatment: Treatment::Approximated,
+        how: "POV-Ray shows black beyond its depth limit.",
+    },
+    Feature {
+        name: CUTOFF,
+        treatment: Treatment::Approximated,
+        how: "No faint rays are left out: POV-Ray's rule is another one.",
+    },
+    Feature {
+        name: SAMPLES,
+        treatment: Treatment::Approximated,
+        how: "One sample in the middle of each pixel; POV-Ray's option +A smooths edges.",
+    },
+    Feature {
+        name: CHANNELS,
+        treatment: Treatment::Approximated,
+        how: "A file for each channel, such as scene-red.pov.",
+    },
+    Feature {
+        name: AOVS,
+        treatment: Treatment::Dropped,
+        how: "POV-Ray has no layers other than the radiance.",
+    },
+];
+
+impl SceneFormat for PovRayFormat {
+    fn name(&self) -> &'static str {
+        "povray"
+    }
+
+    fn extensions(&self) -> &'static [&'static str] {
+        &["pov"]
+    }
+
+    fn features(&self) -> &'static [Feature] {
+        FEATURES
+    }
+
+    fn export(&self, scene: &ExportScene<'_>, path: &Path) -> Option<Result<Vec<Note>, FormatErrors>> {
+        Some(self.write(scene, path))
+    }
+}
+
+impl PovRayFormat {
+    fn write(&self, scene: &ExportScene<'_>, path: &Path) -> Result<Vec<Note>, FormatErrors> {
+        let mut document = scene.document.clone();
+        let mut notes = Notes::default();
+        notes.add(FEATURES, KEPT, path.display().to_string());
+        for Adaptation { change, .. } in Renderer::POVRAY.adaptations(&document) {
+            let feature = match change.split(['=', '.']).collect::<Vec<_>>()[..] {
+                ["film", ..] => AOVS,
+                ["integrator", "min_contribution", ..] => CUTOFF,
+                _ => DEPTH,
+            };
+            notes.add(FEATURES, feature, change.clone());
+            set(&mut document, &change);
+        }
+        if document.remove("sampler").is_some() {
+            notes.add(FEATURES, SAMPLES, "sampler");
+        }
+        let text = toml::to_string(&document).map_err(wrong)?;
+        let texts = self.translate(&text, scene.base)?;
+        if let [text] = &texts[..] {
+            save(path, text)?;
+        } else {
+            let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+            for (text, channel) in texts.iter().zip(["red", "green", "blue"]) {
+                let path = path.with_file_name(format!("{stem}-{channel}.pov"));
+                notes.add(FEATURES, CHANNELS, path.display().to_string());
+                save(&path, text)?;
+            }
+        }
+        Ok(notes.into_sorted())
+    }
+
+    /// The scene in POV-Ray's language: one text, or one for each channel.
+    fn translate(&self, text: &str, base: &Path) -> Result<Vec<String>, FormatErrors> {
+        let environment = Environment::of_povray(&self.references).map_err(wrong)?;
+        let mut driver = Driver::start(&environment, LIMIT).map_err(wrong)?;
+        let answer = driver.request(&json!({ "op": "write", "scene": text, "base": base }));
+        let answer = match answer {
+            Err(DriverError::Unsupported(problems) | DriverError::Refused(problems)) => {
+                let error = |line: &str| match line.split_once(": ") {
+                    Some((place, problem)) if !place.contains(' ') => FormatError::at(place, problem),
+                    _ => FormatError::anywhere(line),
+                };
+                return Err(FormatErrors(problems.lines().map(error).collect()));
+            }
+            other => other.map_err(wrong)?,
+        };
+        let texts: Option<Vec<String>> = answer["scenes"].as_array().and_then(|scenes| {
+            let text = |scene: &serde_json::Value| scene.as_str().map(str::to_owned);
+            scenes.iter().map(text).collect()
+        });
+        texts.ok_or_else(|| FormatError::anywhere("the driver of POV-Ray gave no scene").into())
+    }
+}
+
+fn wrong(error: impl std::fmt::Display) -> FormatErrors {
+    FormatError::anywhere(error.to_string()).into()
+}
+
+fn save(path: &Path, text: &str) -> Result<(), FormatErrors> {
+    atomic::write_bytes(path, text.as_bytes()).map_err(wrong)
+}
+
+/// Applies a change of the form `table.key=value` or `table=value`.
+fn set(document: &mut Table, change: &str) {
+    let Some((path, value)) = change.split_once('=') else {
+        return;
+    };
+    let parsed = format!("value = {value}").parse::<Table>();
+    let Some(value) = parsed.ok().and_then(|mut table| table.remove("value")) else {
+        return;
+    };
+    match path.split_once('.') {
+        None => drop(document.insert(path.to_owned(), value)),
+        Some((table, key)) => {
+            let table = document
+                .entry(table)
+                .or_insert_with(|| Value::Table(Table::new()));
+            if let Value::Table(table) = table {
+                table.insert(key.to_owned(), value);
+            }
+        }
+    }
+}
