@@ -19,6 +19,7 @@ mod part;
 mod pbrt;
 mod table;
 mod toml_scene;
+mod triangles;
 
 use whitstone_core::Registry;
 

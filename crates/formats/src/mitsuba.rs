@@ -105,8 +105,8 @@ const FEATURES: &[Feature] = features! {
     Dropped "[[light]] environment that is no plain image": "Only a colour, or an image that is not turned or transformed, is written.";
     Approximated "[[shape]] plane with a texture": "The texture has the coordinates of a disk.";
     Dropped "[[shape]] cylinder that is stretched": "Mitsuba's cylinders have circular sections.";
-    Dropped "[[shape]] mesh of another format": "Mitsuba reads OBJ and PLY.";
-    Approximated "[[shape]] mesh with subdivision or displacement": "The mesh of the file.";
+    Kept "[[shape]] triangles": "Meshes of glTF and STL, subdivided meshes and height fields are written as PLY.";
+    Approximated "[[shape]] mesh with displacement": "The mesh without it.";
     Dropped "[[shape]] instance in a group": "Mitsuba's groups cannot contain instances.";
     Dropped "[[shape]] of another type": "Mitsuba has no such shape.";
     Approximated "[material] phong, blinn_phong, whitted": "diffuse with pi k_d, blended with a mirror of k_refl; no highlight.";

@@ -102,10 +102,9 @@ const FEATURES: &[Feature] = features! {
     Approximated "[[shape]] plane": "A square of 200 km.";
     Approximated "[[shape]] disk, polygon or plane with a texture": "The texture has the coordinates of pbrt's shape.";
     Dropped "[[shape]] polygon that is not convex": "Only convex polygons are written.";
-    Dropped "[[shape]] mesh of another format": "PLY files are copied, and OBJ files are written as PLY.";
-    Approximated "[[shape]] mesh with subdivision or displacement": "The mesh of the file.";
-    Approximated "[[shape]] mesh with a skin or colors": "The mesh of the file without them.";
-    Approximated "[[shape]] mesh with flat shading": "pbrt uses the normals of a PLY file.";
+    Kept "[[shape]] triangles": "PLY files are copied; other meshes and height fields are written as PLY.";
+    Approximated "[[shape]] mesh with displacement": "The mesh without it.";
+    Approximated "[[shape]] mesh with colors": "The mesh without them.";
     Dropped "[[shape]] instance in a group": "pbrt's objects cannot contain instances.";
     Dropped "[[shape]] of another type": "pbrt has no such shape.";
     Approximated "[material] mirror": "A conductor with this reflectance at normal incidence.";

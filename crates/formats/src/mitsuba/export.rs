@@ -8,11 +8,12 @@ mod view;
 
 use super::FEATURES;
 use crate::files::save;
-use crate::{files, table};
+use crate::toml_scene::Copies;
+use crate::{files, table, triangles};
 use material::Sides;
 use node::{Item, Node};
 use std::collections::HashMap;
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 use whitstone_core::{DVec3, ExportScene, FormatError, FormatErrors, Note, Notes};
 
@@ -29,6 +30,7 @@ pub(super) fn export(scene: &ExportScene<'_>, path: &Path, python: bool) -> Resu
         base: scene.base.to_owned(),
         folder,
         stem,
+        copies: Copies::new(scene.base, path),
         notes: Notes::default(),
         errors: Vec::new(),
         root: Node::new("scene", "scene"),
@@ -61,6 +63,7 @@ struct Exporter<'a> {
     folder: PathBuf,
     /// The name of the written file without its extension.
     stem: String,
+    copies: Copies<'a>,
     notes: Notes,
     errors: Vec<FormatError>,
     root: Node,
@@ -109,21 +112,34 @@ impl<'a> Exporter<'a> {
         self.notes.add(FEATURES, feature, place);
     }
 
-    /// A file of the document as the written file names it: relative to its folder if it can be.
-    fn file(&self, name: &str) -> String {
-        let path = self.base.join(name);
-        let (Ok(target), Ok(folder)) = (std::path::absolute(&path), std::path::absolute(&self.folder)) else {
-            return path.to_string_lossy().into_owned();
-        };
-        let (target, folder) = (lexical(&target), lexical(&folder));
-        let common = target.iter().zip(&folder).take_while(|(a, b)| a == b).count();
-        if common <= 1 {
-            // Only the root.
-            return path.to_string_lossy().into_owned();
+    /// The name of a file of the document in the written file: it is copied, unless it is below the
+    /// folder of the written file already.
+    fn file(&mut self, name: &str) -> String {
+        match self.copies.copy(name) {
+            Ok(name) => name,
+            Err(error) => {
+                if !self.errors.contains(&error) {
+                    self.errors.push(error);
+                }
+                String::new()
+            }
         }
-        let up = folder[common..].iter().map(|_| "..");
-        let down = target[common..].iter().map(String::as_str);
-        up.chain(down).collect::<Vec<_>>().join("/")
+    }
+
+    /// The PLY file with the triangles of a shape, and whether they have no normals; none if the
+    /// shape has no triangles.
+    fn ply_of(&mut self, shape: &Table) -> Option<(String, bool)> {
+        match triangles::built(shape, &self.base) {
+            Ok(mesh) => Some((
+                self.write_mesh("ply", &triangles::ply(&mesh)),
+                mesh.normals.is_empty(),
+            )),
+            Err(triangles::Missing::Curved) => None,
+            Err(triangles::Missing::Faulty(message)) => {
+                self.errors.push(FormatError::anywhere(message));
+                None
+            }
+        }
     }
 
     /// Writes a mesh next to the scene; its name in the written file.
@@ -165,19 +181,6 @@ impl<'a> Exporter<'a> {
     }
 }
 
-/// The components of an absolute path without `.` and `..`.
-fn lexical(path: &Path) -> Vec<String> {
-    let mut parts: Vec<String> = Vec::new();
-    for component in path.components() {
-        match component {
-            Component::CurDir => {}
-            Component::ParentDir => drop(parts.pop()),
-            other => parts.push(other.as_os_str().to_string_lossy().into_owned()),
-        }
-    }
-    parts
-}
-
 /// An area light of the document.
 struct Area<'a> {
     name: String,
@@ -206,16 +209,17 @@ impl<'a> Exporter<'a> {
         let mut node = match area.kind {
             "mesh" => {
                 let file = table::text(area.table, "file")?;
-                Node::new(
-                    "shape",
-                    if file.to_lowercase().ends_with(".obj") {
-                        "obj"
-                    } else {
-                        "ply"
-                    },
-                )
-                .with("filename", Item::Text(self.file(file)))
-                .with("face_normals", Item::Boolean(true))
+                let lower = file.to_lowercase();
+                let (plugin, file) = if lower.ends_with(".obj") {
+                    ("obj", self.file(file))
+                } else if lower.ends_with(".ply") {
+                    ("ply", self.file(file))
+                } else {
+                    ("ply", self.ply_of(&mesh_of(area.table))?.0)
+                };
+                Node::new("shape", plugin)
+                    .with("filename", Item::Text(file))
+                    .with("face_normals", Item::Boolean(true))
             }
             kind => Node::new("shape", kind),
         };
@@ -227,6 +231,18 @@ impl<'a> Exporter<'a> {
         let radiance = table::color(area.table, "radiance", [1.0; 3]);
         Some(node.containing(emitter(Item::Color(radiance))))
     }
+}
+
+/// The mesh of an area light as a shape.
+pub(crate) fn mesh_of(light: &Table) -> Table {
+    let mut shape = Table::new();
+    shape.insert("type".to_owned(), Value::String("mesh".to_owned()));
+    for key in ["file", "mesh", "primitive", "part"] {
+        if let Some(value) = light.get(key) {
+            shape.insert(key.to_owned(), value.clone());
+        }
+    }
+    shape
 }
 
 fn emitter(radiance: Item) -> Node {

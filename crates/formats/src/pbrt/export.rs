@@ -6,6 +6,7 @@ mod view;
 
 use super::FEATURES;
 use crate::files::save;
+use crate::mitsuba::export::mesh_of;
 use crate::table;
 use crate::toml_scene::Copies;
 use std::collections::{BTreeSet, HashMap};
@@ -155,11 +156,9 @@ impl<'a> Exporter<'a> {
             self.note("[[light]] area", &area.name);
             let radiance = table::color(area.table, "radiance", [1.0; 3]);
             let surface = match area.kind {
-                "mesh" => {
-                    let file = table::text(area.table, "file").unwrap_or_default().to_owned();
-                    self.mesh_file(&file, None, true, &area.name)
-                        .map(|file| format!("\"plymesh\" {}", text("filename", &file)))
-                }
+                "mesh" => self
+                    .mesh_file(&mesh_of(area.table))
+                    .map(|file| format!("\"plymesh\" {}", text("filename", &file))),
                 "disk" | "sphere" => Some(format!("\"{}\"", area.kind)),
                 _ => Some(shape::RECTANGLE.to_owned()),
             };
@@ -238,7 +237,7 @@ impl<'a> Exporter<'a> {
             "area" => return,
             "ambient" => return self.note("[[light]] ambient", name),
             "projector" => return self.note("[[light]] projector", name),
-            _ => return self.note("plugins of third parties", name),
+            _ => return self.note("[*] plugins of third parties", name),
         };
         self.line(format!("LightSource {text}\n"));
     }

@@ -1,24 +1,13 @@
 //! The triangles of shapes that consist of triangles, in object space and single precision.
 
 use crate::table;
-use std::path::{Path, PathBuf};
-use toml::{Table, Value};
-use whitstone_core::config::{FilePath, TextureRef};
-use whitstone_core::{
-    ColorSource, DVec2, DVec3, Diagnostics, LoweredShape, Registry, Resources, SceneError, SceneErrors,
-    Shapes, Storage, Transform, TriangleMesh,
-};
-use whitstone_gltf::Document;
-use whitstone_gltf::json::mesh::Semantic;
-use whitstone_gltf::json::validation::Checked;
+use crate::triangles::{Missing, built};
+use std::path::Path;
+use toml::Table;
+use whitstone_core::{DVec2, DVec3, TriangleMesh};
 
 /// Largest number of triangles of a shape.
 const MAX_TRIANGLES: usize = 1 << 25;
-/// Largest memory in bytes for reading a mesh.
-const MAX_BYTES: u64 = 8 << 30;
-/// Keys of a shape that do not change its triangles in object space.
-const PLACEMENT: [&str; 4] = ["type", "id", "material", "transform"];
-
 /// Triangles. There are as many of each vertex attribute as positions, or none.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Triangles {
@@ -31,15 +20,6 @@ pub(super) struct Triangles {
     pub(super) indices: Vec<[u32; 3]>,
 }
 
-/// Why a shape has no triangles.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) enum Missing {
-    /// Its surface does not consist of triangles.
-    Curved,
-    /// It cannot be read, or not be written in single precision.
-    Faulty(String),
-}
-
 /// The triangles of a shape.
 pub(super) fn triangles(shape: &Table, base: &Path) -> Result<Triangles, Missing> {
     let found = match table::kind(shape) {
@@ -47,7 +27,7 @@ pub(super) fn triangles(shape: &Table, base: &Path) -> Result<Triangles, Missing
         "box" => cuboid(),
         "triangle" => triangle(shape)?,
         "polygon" => polygon(shape)?,
-        kind @ ("mesh" | "heightfield") => lowered(kind, shape, base)?,
+        "mesh" | "heightfield" => of_mesh(&built(shape, base)?),
         _ => return Err(Missing::Curved),
     };
     if found.indices.len() > MAX_TRIANGLES {
@@ -218,50 +198,6 @@ fn cut(points: &[DVec2], turn: f64) -> Vec<[u32; 3]> {
     triangles
 }
 
-/// Whether a glTF file stores the tangents of the mesh of a shape.
-fn stores_tangents(shape: &Table, base: &Path) -> bool {
-    let Some(file) = table::text(shape, "file") else {
-        return false;
-    };
-    let Ok(document) = Document::open(&base.join(file)) else {
-        return false;
-    };
-    let index = |key: &str| shape.get(key).and_then(Value::as_integer).unwrap_or(0) as usize;
-    let mesh = document.root.meshes.get(index("mesh"));
-    let primitive = mesh.and_then(|mesh| mesh.primitives.get(index("primitive")));
-    let tangents = Checked::Valid(Semantic::Tangents);
-    primitive.is_some_and(|primitive| primitive.attributes.contains_key(&tangents))
-}
-
-/// The triangles of a shape that lowers to them.
-fn lowered(kind: &str, shape: &Table, base: &Path) -> Result<Triangles, Missing> {
-    let mut keys = shape.clone();
-    for key in PLACEMENT {
-        keys.remove(key);
-    }
-    // Other tangents are computed again from the texture coordinates.
-    if kind == "mesh" && !stores_tangents(shape, base) {
-        keys.remove("tangents");
-    }
-    let told = |error: &dyn std::fmt::Display| Missing::Faulty(error.to_string());
-    let mut registry = Registry::default();
-    whitstone_shapes::register(&mut registry).map_err(|error| told(&error))?;
-    let text = keys.to_string();
-    let parsed = toml::de::DeTable::parse(&text).map_err(|error| told(&error))?;
-    let mut context = Files { base, reserved: 0 };
-    let built = registry.build::<Shapes>(kind, &parsed, Transform::IDENTITY, &mut context);
-    match built {
-        Ok(LoweredShape::Triangles(mesh)) => Ok(of_mesh(&mesh)),
-        Ok(_) => Err(Missing::Curved),
-        Err(errors) => Err(Missing::Faulty(
-            errors
-                .0
-                .first()
-                .map_or(String::new(), |error| error.message.clone()),
-        )),
-    }
-}
-
 fn of_mesh(mesh: &TriangleMesh) -> Triangles {
     let vectors = |list: &[DVec3]| -> Vec<[f32; 3]> { list.iter().map(|v| v.as_vec3().to_array()).collect() };
     let flipped = |list: &[DVec2]| -> Vec<[f32; 2]> { list.iter().map(|uv| down(uv.to_array())).collect() };
@@ -338,46 +274,11 @@ fn repeat<T: Copy>(list: &mut Vec<T>, k: usize) {
     }
 }
 
-/// The files of a scene, for shapes that read them.
-struct Files<'a> {
-    base: &'a Path,
-    reserved: u64,
-}
-
-impl Resources for Files<'_> {
-    fn texture(&mut self, _: &TextureRef) -> Result<ColorSource, SceneErrors> {
-        Err(SceneError::anywhere("textures are not available here").into())
-    }
-
-    fn file(&self, file: &FilePath) -> Result<PathBuf, SceneError> {
-        let path = self.base.join(&file.path);
-        if path.is_file() {
-            Ok(path)
-        } else {
-            let message = format!("expected a regular file, found none at \"{}\"", file.path);
-            Err(SceneError::at(file.span.clone(), message))
-        }
-    }
-}
-
-impl Storage for Files<'_> {
-    fn reserve(&mut self, bytes: u64) -> Result<(), SceneErrors> {
-        self.reserved = self.reserved.saturating_add(bytes);
-        if self.reserved > MAX_BYTES {
-            return Err(SceneError::anywhere("is too large for the memory of an export").into());
-        }
-        Ok(())
-    }
-}
-
-impl Diagnostics for Files<'_> {
-    fn warn(&mut self, _: SceneError) {}
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use std::f64::consts::TAU;
+    use toml::Value;
 
     fn area(triangles: &Triangles) -> f64 {
         let corner = |k: u32| DVec3::from(triangles.positions[k as usize].map(f64::from));

@@ -210,7 +210,7 @@ impl<'a> Exporter<'a> {
                 None => Node::new("bsdf", "diffuse").with("reflectance", Item::Float(0.0)),
             },
             _ => {
-                self.note("plugins of third parties", name);
+                self.note("[*] plugins of third parties", name);
                 sided(Node::new("bsdf", "diffuse"), sides)
             }
         }

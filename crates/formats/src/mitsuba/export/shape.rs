@@ -54,6 +54,7 @@ impl<'a> Exporter<'a> {
             "cylinder" => self.cylinder(shape, &world, name),
             "triangle" => self.triangle(shape, &world),
             "mesh" => self.mesh(shape, &world, name),
+            "heightfield" => self.triangles(shape, &world),
             "instance" => self.instance(shape, &world, name, areas.is_none()),
             _ => {
                 self.note("[[shape]] of another type", name);
@@ -240,22 +241,22 @@ impl<'a> Exporter<'a> {
     }
 
     fn mesh(&mut self, shape: &'a Table, world: &DAffine3, name: &str) -> Vec<Node> {
-        for key in ["subdivision", "displacement"] {
-            if shape.contains_key(key) {
-                self.note("[[shape]] mesh with subdivision or displacement", name);
-            }
-        }
         let Some(file) = table::text(shape, "file") else {
             return Vec::new();
         };
         let lower = file.to_lowercase();
-        let plugin = if lower.ends_with(".obj") {
-            "obj"
-        } else if lower.ends_with(".ply") {
-            "ply"
-        } else {
-            self.note("[[shape]] mesh of another format", name);
-            return Vec::new();
+        let plugin = ["obj", "ply"]
+            .into_iter()
+            .find(|plugin| lower.ends_with(&format!(".{plugin}")));
+        let displaced = shape.contains_key("displacement");
+        if displaced {
+            self.note("[[shape]] mesh with displacement", name);
+        }
+        let subdivided = shape.contains_key("subdivision") && !displaced;
+        let Some(plugin) = plugin.filter(|_| !subdivided) else {
+            let mut plain = shape.clone();
+            plain.remove("displacement");
+            return self.triangles(&plain, world);
         };
         let Some(bytes) = self.read(file) else {
             return Vec::new();
@@ -274,6 +275,14 @@ impl<'a> Exporter<'a> {
             _ => self.file(file),
         };
         vec![mesh_node(plugin, written, world, flat)]
+    }
+
+    /// The triangles of a shape as a PLY file.
+    fn triangles(&mut self, shape: &Table, world: &DAffine3) -> Vec<Node> {
+        match self.ply_of(shape) {
+            Some((file, flat)) => vec![mesh_node("ply", file, world, flat)],
+            None => Vec::new(),
+        }
     }
 
     fn instance(&mut self, shape: &'a Table, world: &DAffine3, name: &str, nested: bool) -> Vec<Node> {

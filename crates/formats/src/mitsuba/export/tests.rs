@@ -23,6 +23,13 @@ fn export_with(extension: &str, scene: &str) -> Exported {
         "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\nusemtl b\nf 3 2 1\n",
     )
     .unwrap();
+    fs::write(base.join("a.png"), "not read").unwrap();
+    fs::write(
+        base.join("m.stl"),
+        "solid m\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 0.1 0\nendloop\n\
+         endfacet\nendsolid m\n",
+    )
+    .unwrap();
     let document: Table = toml::from_str(&format!("{HEAD}{scene}")).unwrap();
     let path = folder.path().join(format!("out.{extension}"));
     let scene = ExportScene {
@@ -179,6 +186,21 @@ fn groups_become_shapegroups_and_shared_materials_become_references() {
 }
 
 #[test]
+fn meshes_that_mitsuba_does_not_read_are_written_as_ply() {
+    let exported = exported("[[shape]]\ntype = 'mesh'\nfile = 'm.stl'");
+    assert!(
+        exported
+            .text
+            .contains("<string name=\"filename\" value=\"out-mesh1.ply\"/>")
+    );
+    let ply = fs::read(exported.path.with_file_name("out-mesh1.ply")).unwrap();
+    let header = String::from_utf8_lossy(&ply);
+    assert!(header.contains("element vertex 3\nproperty double x\n") && header.contains("element face 1\n"));
+    // Single precision does not hold 0.1.
+    assert!(ply.windows(8).any(|bytes| bytes == 0.1_f64.to_le_bytes()));
+}
+
+#[test]
 fn what_has_no_counterpart_is_noted() {
     let notes = |scene: &str| exported(scene).notes;
     let shape = |material: &str| format!("[[shape]]\ntype = 'sphere'\nmaterial = {{ {material} }}\n");
@@ -196,8 +218,8 @@ fn what_has_no_counterpart_is_noted() {
             "[[shape]] of another type",
         ),
         (
-            "[[shape]]\ntype = 'mesh'\nfile = 'a.glb'".to_owned(),
-            "[[shape]] mesh of another format",
+            "[[shape]]\ntype = 'mesh'\nfile = 'm.obj'\ndisplacement = 1".to_owned(),
+            "[[shape]] mesh with displacement",
         ),
         (
             shape("type = 'matte', reflectance = { type = 'noise' }"),
@@ -214,7 +236,7 @@ fn what_has_no_counterpart_is_noted() {
             shape("type = 'bump', height = 1, material = { type = 'matte' }"),
             "[material] bump",
         ),
-        (shape("type = 'strange'"), "plugins of third parties"),
+        (shape("type = 'strange'"), "[*] plugins of third parties"),
     ] {
         assert!(notes(&scene).contains(&feature), "{scene}: {:?}", notes(&scene));
     }

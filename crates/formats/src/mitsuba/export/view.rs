@@ -278,7 +278,7 @@ impl<'a> Exporter<'a> {
                 None
             }
             _ => {
-                self.note("plugins of third parties", name);
+                self.note("[*] plugins of third parties", name);
                 None
             }
         }

@@ -206,7 +206,7 @@ impl<'a> Exporter<'a> {
             // Its radiance is the area light of the shape.
             "emissive" => self.inner(material, "material", place),
             _ => {
-                self.note("plugins of third parties", place);
+                self.note("[*] plugins of third parties", place);
                 diffuse(&Pattern::Color([0.5; 3]))
             }
         }

@@ -2,15 +2,12 @@
 
 use super::{Area, Exporter, Pattern, floats, integers, list, parameter, quoted, rgb, table, text};
 use crate::files::save;
-use crate::{files, mesh_file, obj};
-use std::collections::HashMap;
+use crate::triangles::{self, Missing};
 use toml::{Table, Value};
 use whitstone_core::{DAffine3, DVec3, FormatError};
 
 /// Half the side in metres of the square that replaces an infinite plane.
 const PLANE: f64 = 1e5;
-/// Largest mesh file in bytes.
-const MAX_MESH_BYTES: u64 = 4 << 30;
 
 /// The model's rectangle.
 pub(super) const RECTANGLE: &str = "\"bilinearmesh\" \"point3 P\" [-1 -1 0  1 -1 0  -1 1 0  1 1 0]";
@@ -61,22 +58,13 @@ impl<'a> Exporter<'a> {
                 None => return self.note("[[shape]] polygon that is not convex", name),
             },
             "mesh" => {
-                let Some(file) = table::text(shape, "file") else {
-                    return;
-                };
-                for key in ["subdivision", "displacement"] {
-                    if shape.contains_key(key) {
-                        self.note("[[shape]] mesh with subdivision or displacement", name);
-                    }
+                if shape.contains_key("displacement") {
+                    self.note("[[shape]] mesh with displacement", name);
                 }
-                if ["skin", "weights", "vertex_colors"]
-                    .iter()
-                    .any(|key| shape.contains_key(*key))
-                {
-                    self.note("[[shape]] mesh with a skin or colors", name);
+                if shape.contains_key("vertex_colors") {
+                    self.note("[[shape]] mesh with colors", name);
                 }
-                let flat = table::text(shape, "shading") == Some("flat");
-                match self.mesh_file(file, table::text(shape, "part"), flat, name) {
+                match self.mesh_file(shape) {
                     Some(file) => vec![(
                         DAffine3::IDENTITY,
                         format!("\"plymesh\" {}", text("filename", &file)),
@@ -84,6 +72,13 @@ impl<'a> Exporter<'a> {
                     None => return,
                 }
             }
+            "heightfield" => match self.mesh_file(shape) {
+                Some(file) => vec![(
+                    DAffine3::IDENTITY,
+                    format!("\"plymesh\" {}", text("filename", &file)),
+                )],
+                None => return,
+            },
             _ => return self.note("[[shape]] of another type", name),
         };
         let (named, alpha) = match material {
@@ -206,47 +201,36 @@ impl<'a> Exporter<'a> {
         self.line("AttributeEnd\n");
     }
 
-    /// The name of a PLY file with the triangles of a mesh; none if it has another format.
-    pub(super) fn mesh_file(
-        &mut self,
-        file: &str,
-        part: Option<&str>,
-        flat: bool,
-        name: &str,
-    ) -> Option<String> {
-        let key = format!("{file}\n{part:?} {flat}");
+    /// The name of a PLY file with the triangles of a shape, without displacement; none if there is an
+    /// error.
+    pub(super) fn mesh_file(&mut self, shape: &Table) -> Option<String> {
+        let mut shape = shape.clone();
+        for key in ["id", "material", "transform", "displacement"] {
+            shape.remove(key);
+        }
+        let key = shape.to_string();
         if let Some(known) = self.meshes.get(&key) {
             return Some(known.clone());
         }
-        let lower = file.to_lowercase();
-        if !lower.ends_with(".ply") && !lower.ends_with(".obj") {
-            self.note("[[shape]] mesh of another format", name);
-            return None;
-        }
-        let bytes = match files::read(&self.base.join(file), MAX_MESH_BYTES) {
-            Ok(bytes) => bytes,
-            Err(problem) => {
-                let message = format!("cannot read \"{}\": {problem}", files::shorten(file));
-                self.errors.push(FormatError::anywhere(message));
-                return None;
-            }
-        };
-        let written = if lower.ends_with(".ply") {
-            if flat && mesh_file::inspect_ply(&bytes).normals {
-                self.note("[[shape]] mesh with flat shading", name);
-            }
-            self.copied(file)
+        let file = table::text(&shape, "file").unwrap_or_default().to_owned();
+        let plain = shape.keys().all(|key| ["type", "file"].contains(&key.as_str()));
+        let written = if plain && file.to_lowercase().ends_with(".ply") {
+            self.copied(&file)
         } else {
-            let bytes = match part {
-                Some(part) => obj::only_part(&bytes, part),
-                None => bytes,
-            };
-            let ply = ply_of_obj(&bytes, flat);
-            let written = format!("{}-mesh{}.ply", self.stem, self.meshes.len() + 1);
-            if let Err(error) = save(&self.folder.join(&written), ply.as_bytes()) {
-                self.errors.push(error);
+            match triangles::built(&shape, &self.base) {
+                Ok(mesh) => {
+                    let written = format!("{}-mesh{}.ply", self.stem, self.meshes.len() + 1);
+                    if let Err(error) = save(&self.folder.join(&written), &triangles::ply(&mesh)) {
+                        self.errors.push(error);
+                    }
+                    written
+                }
+                Err(Missing::Curved) => return None,
+                Err(Missing::Faulty(message)) => {
+                    self.errors.push(FormatError::anywhere(message));
+                    return None;
+                }
             }
-            written
         };
         self.meshes.insert(key, written.clone());
         Some(written)
@@ -361,83 +345,4 @@ fn polygon(shape: &Table) -> Option<String> {
         list(&numbers),
         integers("indices", &indices)
     ))
-}
-
-/// A PLY file with the triangles of an OBJ file; faces with more corners are fans.
-fn ply_of_obj(bytes: &[u8], flat: bool) -> String {
-    let source = String::from_utf8_lossy(bytes)
-        .replace("\\\r\n", " ")
-        .replace("\\\n", " ");
-    let (mut points, mut uvs, mut normals) = (Vec::new(), Vec::new(), Vec::new());
-    let mut corners: Vec<[Option<usize>; 3]> = Vec::new();
-    let mut known: HashMap<[Option<usize>; 3], usize> = HashMap::new();
-    let mut faces: Vec<[usize; 3]> = Vec::new();
-    for line in source.lines() {
-        let mut words = line.split_ascii_whitespace();
-        let keyword = words.next().unwrap_or_default();
-        let mut vector = || -> [f64; 3] {
-            let mut next = || words.next().and_then(|word| word.parse().ok()).unwrap_or(0.0);
-            [next(), next(), next()]
-        };
-        match keyword {
-            "v" => points.push(vector()),
-            "vt" => uvs.push(vector()),
-            "vn" => normals.push(vector()),
-            "f" => {
-                let face: Vec<usize> = words
-                    .filter_map(|word| {
-                        let mut parts = word.split('/');
-                        let mut index = |count: usize| match parts.next()?.parse::<i64>().ok()? {
-                            index if index > 0 => usize::try_from(index - 1).ok(),
-                            index => usize::try_from(count as i64 + index).ok(),
-                        };
-                        let point = index(points.len()).filter(|index| *index < points.len())?;
-                        let uv = index(uvs.len()).filter(|index| *index < uvs.len());
-                        let normal = index(normals.len()).filter(|index| *index < normals.len() && !flat);
-                        let corner = [Some(point), uv, normal];
-                        Some(*known.entry(corner).or_insert_with(|| {
-                            corners.push(corner);
-                            corners.len() - 1
-                        }))
-                    })
-                    .collect();
-                faces.extend((1..face.len().saturating_sub(1)).map(|k| [face[0], face[k], face[k + 1]]));
-            }
-            _ => {}
-        }
-    }
-    let has_uvs = corners.iter().any(|corner| corner[1].is_some());
-    let has_normals = !corners.is_empty() && corners.iter().all(|corner| corner[2].is_some());
-    let mut properties = vec!["x", "y", "z"];
-    if has_normals {
-        properties.extend(["nx", "ny", "nz"]);
-    }
-    if has_uvs {
-        properties.extend(["u", "v"]);
-    }
-    let mut ply = format!("ply\nformat ascii 1.0\nelement vertex {}\n", corners.len());
-    for property in properties {
-        ply.push_str(&format!("property double {property}\n"));
-    }
-    ply.push_str(&format!(
-        "element face {}\nproperty list uchar int vertex_indices\nend_header\n",
-        faces.len()
-    ));
-    for [point, uv, normal] in corners {
-        let at = |list: &[[f64; 3]], index: Option<usize>| index.map_or([0.0; 3], |index| list[index]);
-        let mut numbers = at(&points, point).to_vec();
-        if has_normals {
-            numbers.extend(at(&normals, normal));
-        }
-        if has_uvs {
-            numbers.extend(&at(&uvs, uv)[..2]);
-        }
-        let numbers: Vec<String> = numbers.iter().map(|number| format!("{number:?}")).collect();
-        ply.push_str(&numbers.join(" "));
-        ply.push('\n');
-    }
-    for [a, b, c] in faces {
-        ply.push_str(&format!("3 {a} {b} {c}\n"));
-    }
-    ply
 }

@@ -107,7 +107,7 @@ impl Exporter<'_> {
                 ));
             }
             other => {
-                self.note("plugins of third parties", other);
+                self.note("[*] plugins of third parties", other);
             }
         }
     }

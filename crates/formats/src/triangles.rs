@@ -1,0 +1,198 @@
+//! The triangles of shapes that are built to them, and PLY files of them.
+
+use crate::table;
+use std::path::{Path, PathBuf};
+use toml::{Table, Value};
+use whitstone_core::config::{FilePath, TextureRef};
+use whitstone_core::{
+    ColorSource, DVec3, Diagnostics, LoweredShape, Registry, Resources, SceneError, SceneErrors, Shapes,
+    Storage, Transform, TriangleMesh,
+};
+use whitstone_gltf::Document;
+use whitstone_gltf::json::mesh::Semantic;
+use whitstone_gltf::json::validation::Checked;
+
+/// Largest memory in bytes for reading a mesh.
+const MAX_BYTES: u64 = 8 << 30;
+
+/// Keys of a shape that do not change its triangles in object space.
+const PLACEMENT: [&str; 4] = ["type", "id", "material", "transform"];
+
+/// Why a shape has no triangles.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Missing {
+    /// Its surface does not consist of triangles.
+    Curved,
+    /// It cannot be read, or not be written in single precision.
+    Faulty(String),
+}
+
+/// Whether a glTF file stores the tangents of the mesh of a shape.
+fn stores_tangents(shape: &Table, base: &Path) -> bool {
+    let Some(file) = table::text(shape, "file") else {
+        return false;
+    };
+    let Ok(document) = Document::open(&base.join(file)) else {
+        return false;
+    };
+    let index = |key: &str| shape.get(key).and_then(Value::as_integer).unwrap_or(0) as usize;
+    let mesh = document.root.meshes.get(index("mesh"));
+    let primitive = mesh.and_then(|mesh| mesh.primitives.get(index("primitive")));
+    let tangents = Checked::Valid(Semantic::Tangents);
+    primitive.is_some_and(|primitive| primitive.attributes.contains_key(&tangents))
+}
+
+/// The mesh of a shape that is built to triangles, in object space.
+pub(crate) fn built(shape: &Table, base: &Path) -> Result<TriangleMesh, Missing> {
+    let kind = table::kind(shape);
+    let mut keys = shape.clone();
+    for key in PLACEMENT {
+        keys.remove(key);
+    }
+    // Other tangents are computed again from the texture coordinates.
+    if kind == "mesh" && !stores_tangents(shape, base) {
+        keys.remove("tangents");
+    }
+    let told = |error: &dyn std::fmt::Display| Missing::Faulty(error.to_string());
+    let mut registry = Registry::default();
+    whitstone_shapes::register(&mut registry).map_err(|error| told(&error))?;
+    let text = keys.to_string();
+    let parsed = toml::de::DeTable::parse(&text).map_err(|error| told(&error))?;
+    let mut context = Files { base, reserved: 0 };
+    let built = registry.build::<Shapes>(kind, &parsed, Transform::IDENTITY, &mut context);
+    match built {
+        Ok(LoweredShape::Triangles(mesh)) => Ok(mesh),
+        Ok(_) => Err(Missing::Curved),
+        Err(errors) => Err(Missing::Faulty(
+            errors
+                .0
+                .first()
+                .map_or(String::new(), |error| error.message.clone()),
+        )),
+    }
+}
+
+/// A binary PLY file: positions, and normals and texture coordinates if the mesh has them. Numbers
+/// that single precision holds have single precision.
+pub(crate) fn ply(mesh: &TriangleMesh) -> Vec<u8> {
+    let split;
+    let mesh = if mesh.normals.contains(&DVec3::ZERO) {
+        split = with_normals(mesh);
+        &split
+    } else {
+        mesh
+    };
+    let position = |k: usize| mesh.positions[k].to_array().to_vec();
+    let normal = |k: usize| mesh.normals[k].to_array().to_vec();
+    let uv = |k: usize| mesh.uvs[k].to_array().to_vec();
+    let mut columns: Vec<(&[&str], &dyn Fn(usize) -> Vec<f64>)> = vec![(&["x", "y", "z"], &position)];
+    if !mesh.normals.is_empty() {
+        columns.push((&["nx", "ny", "nz"], &normal));
+    }
+    if !mesh.uvs.is_empty() {
+        columns.push((&["u", "v"], &uv));
+    }
+    let count = mesh.positions.len();
+    let mut header = format!("ply\nformat binary_little_endian 1.0\nelement vertex {count}\n");
+    let mut wide = Vec::new();
+    for (names, column) in &columns {
+        let is_wide = (0..count).flat_map(column).any(|x| f64::from(x as f32) != x);
+        wide.push(is_wide);
+        for name in *names {
+            let kind = if is_wide { "double" } else { "float" };
+            header.push_str(&format!("property {kind} {name}\n"));
+        }
+    }
+    header.push_str(&format!(
+        "element face {}\nproperty list uchar int vertex_indices\nend_header\n",
+        mesh.triangles.len()
+    ));
+    let mut bytes = header.into_bytes();
+    for k in 0..count {
+        for ((_, column), is_wide) in columns.iter().zip(&wide) {
+            for x in column(k) {
+                if *is_wide {
+                    bytes.extend(x.to_le_bytes());
+                } else {
+                    bytes.extend((x as f32).to_le_bytes());
+                }
+            }
+        }
+    }
+    for triangle in &mesh.triangles {
+        bytes.push(3);
+        bytes.extend(triangle.iter().flat_map(|index| index.to_le_bytes()));
+    }
+    bytes
+}
+
+/// Gives corners without a normal that of their triangle, as vertices of their own.
+fn with_normals(mesh: &TriangleMesh) -> TriangleMesh {
+    let mut split = TriangleMesh {
+        positions: mesh.positions.clone(),
+        normals: mesh.normals.clone(),
+        uvs: mesh.uvs.clone(),
+        triangles: mesh.triangles.clone(),
+        orientation: mesh.orientation,
+        attributes: None,
+    };
+    for triangle in &mut split.triangles {
+        let [a, b, c] = triangle.map(|k| mesh.positions[k as usize]);
+        let normal = (b - a).cross(c - a).normalize_or(DVec3::Z);
+        for corner in triangle {
+            let k = *corner as usize;
+            if mesh.normals[k] != DVec3::ZERO {
+                continue;
+            }
+            *corner = split.positions.len() as u32;
+            split.positions.push(mesh.positions[k]);
+            split.normals.push(normal);
+            if let Some(uv) = mesh.uvs.get(k) {
+                split.uvs.push(*uv);
+            }
+        }
+    }
+    // Vertices that no triangle uses any more.
+    for normal in &mut split.normals {
+        if *normal == DVec3::ZERO {
+            *normal = DVec3::Z;
+        }
+    }
+    split
+}
+
+/// The files of a scene, for shapes that read them.
+struct Files<'a> {
+    base: &'a Path,
+    reserved: u64,
+}
+
+impl Resources for Files<'_> {
+    fn texture(&mut self, _: &TextureRef) -> Result<ColorSource, SceneErrors> {
+        Err(SceneError::anywhere("textures are not available here").into())
+    }
+
+    fn file(&self, file: &FilePath) -> Result<PathBuf, SceneError> {
+        let path = self.base.join(&file.path);
+        if path.is_file() {
+            Ok(path)
+        } else {
+            let message = format!("expected a regular file, found none at \"{}\"", file.path);
+            Err(SceneError::at(file.span.clone(), message))
+        }
+    }
+}
+
+impl Storage for Files<'_> {
+    fn reserve(&mut self, bytes: u64) -> Result<(), SceneErrors> {
+        self.reserved = self.reserved.saturating_add(bytes);
+        if self.reserved > MAX_BYTES {
+            return Err(SceneError::anywhere("is too large for the memory of an export").into());
+        }
+        Ok(())
+    }
+}
+
+impl Diagnostics for Files<'_> {
+    fn warn(&mut self, _: SceneError) {}
+}
