@@ -303,7 +303,7 @@ fn html(entries: &[Entry], folder: &Path) -> String {
             let status = case.status.map_or("not compared", Status::word);
             let _ = writeln!(
                 text,
-                "<p><b>{status}</b>: {} Interior error {}; {} of {} pixels explained, {} unexplained.<br>\
+                "<p><b>{status}</b>: {}. Interior error {}; {} of {} pixels explained, {} unexplained.<br>\
                  Import {:.3} s, build {:.3} s, render {:.3} s; Mitsuba {}.</p>",
                 escaped(&case.verdict),
                 case.rel_rmse_interior

@@ -215,16 +215,16 @@ fn summary(cases: &[CaseResult]) -> String {
             sum(|case| case.unexplained)
         ),
         format!(
-            "unexplained. With `--oracle` the oracle was asked about {asked} of them: it confirms Whitstone in"
+            "unexplained. With `--oracle` the oracle was asked about {asked} of the explained ones: it confirms"
         ),
         format!(
-            "{ours}, Mitsuba in {theirs}, and neither or both in {}. Of the scenes {} use only Mitsuba's code, {}",
+            "Whitstone in {ours}, Mitsuba in {theirs}, and neither or both in {}. By their least independent",
             asked - ours - theirs,
-            twin("native"),
-            twin("hosted")
         ),
         format!(
-            "also plugins that the driver implements for Mitsuba, and {} also formulas of the driver.",
+            "[twin](docs/glossary.md), {} scenes are native, {} hosted and {} formula.",
+            twin("native"),
+            twin("hosted"),
             twin("formula")
         ),
     ];

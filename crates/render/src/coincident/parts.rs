@@ -92,10 +92,13 @@ impl Others {
 
     fn add(&mut self, body: &Body) {
         if body.planes.is_empty() {
+            if self.one_box {
+                self.boxes[0] = self.boxes[0].union(body.aabb);
+                return;
+            }
             self.boxes.push(body.aabb);
-            if self.one_box || self.boxes.len() > FEW {
-                let whole = self.boxes.drain(..).fold(Aabb::EMPTY, Aabb::union);
-                self.boxes.push(whole);
+            if self.boxes.len() > FEW {
+                self.boxes = vec![self.boxes.drain(..).fold(Aabb::EMPTY, Aabb::union)];
                 self.one_box = true;
             }
         } else if self.everywhere || self.planes.len() + body.planes.len() > FEW {
