@@ -72,8 +72,8 @@ pub(crate) fn built(shape: &Table, base: &Path) -> Result<TriangleMesh, Missing>
     }
 }
 
-/// A binary PLY file: positions, and normals and texture coordinates if the mesh has them. Numbers
-/// that single precision holds have single precision.
+/// A binary PLY file: positions, and normals and texture coordinates if the mesh has them. The
+/// numbers have single precision if it holds all of them.
 pub(crate) fn ply(mesh: &TriangleMesh) -> Vec<u8> {
     let split;
     let mesh = if mesh.normals.contains(&DVec3::ZERO) {
@@ -82,41 +82,33 @@ pub(crate) fn ply(mesh: &TriangleMesh) -> Vec<u8> {
     } else {
         mesh
     };
-    let position = |k: usize| mesh.positions[k].to_array().to_vec();
-    let normal = |k: usize| mesh.normals[k].to_array().to_vec();
-    let uv = |k: usize| mesh.uvs[k].to_array().to_vec();
-    let mut columns: Vec<(&[&str], &dyn Fn(usize) -> Vec<f64>)> = vec![(&["x", "y", "z"], &position)];
+    let mut names = vec!["x", "y", "z"];
     if !mesh.normals.is_empty() {
-        columns.push((&["nx", "ny", "nz"], &normal));
+        names.extend(["nx", "ny", "nz"]);
     }
     if !mesh.uvs.is_empty() {
-        columns.push((&["u", "v"], &uv));
+        names.extend(["u", "v"]);
     }
     let count = mesh.positions.len();
-    let mut header = format!("ply\nformat binary_little_endian 1.0\nelement vertex {count}\n");
-    let mut wide = Vec::new();
-    for (names, column) in &columns {
-        let is_wide = (0..count).flat_map(column).any(|x| f64::from(x as f32) != x);
-        wide.push(is_wide);
-        for name in *names {
-            let kind = if is_wide { "double" } else { "float" };
-            header.push_str(&format!("property {kind} {name}\n"));
-        }
+    let values = (0..count).flat_map(|k| {
+        let normal = mesh.normals.get(k).into_iter().flat_map(|n| n.to_array());
+        let uv = mesh.uvs.get(k).into_iter().flat_map(|uv| uv.to_array());
+        mesh.positions[k].to_array().into_iter().chain(normal).chain(uv)
+    });
+    let is_single = values.clone().all(|x| f64::from(x as f32) == x);
+    let kind = if is_single { "float" } else { "double" };
+    let mut bytes = format!("ply\nformat binary_little_endian 1.0\nelement vertex {count}\n").into_bytes();
+    for name in names {
+        bytes.extend(format!("property {kind} {name}\n").bytes());
     }
-    header.push_str(&format!(
-        "element face {}\nproperty list uchar int vertex_indices\nend_header\n",
-        mesh.triangles.len()
-    ));
-    let mut bytes = header.into_bytes();
-    for k in 0..count {
-        for ((_, column), is_wide) in columns.iter().zip(&wide) {
-            for x in column(k) {
-                if *is_wide {
-                    bytes.extend(x.to_le_bytes());
-                } else {
-                    bytes.extend((x as f32).to_le_bytes());
-                }
-            }
+    let faces = mesh.triangles.len();
+    let list = "property list uchar int vertex_indices\nend_header\n";
+    bytes.extend(format!("element face {faces}\n{list}").bytes());
+    for x in values {
+        if is_single {
+            bytes.extend((x as f32).to_le_bytes());
+        } else {
+            bytes.extend(x.to_le_bytes());
         }
     }
     for triangle in &mesh.triangles {

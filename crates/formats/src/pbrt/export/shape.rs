@@ -217,7 +217,7 @@ impl<'a> Exporter<'a> {
         let written = if plain && file.to_lowercase().ends_with(".ply") {
             self.copied(&file)
         } else {
-            match triangles::built(&shape, &self.base) {
+            match triangles::built(&shape, self.base) {
                 Ok(mesh) => {
                     let written = format!("{}-mesh{}.ply", self.stem, self.meshes.len() + 1);
                     if let Err(error) = save(&self.folder.join(&written), &triangles::ply(&mesh)) {
