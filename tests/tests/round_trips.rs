@@ -48,8 +48,8 @@ fn differing(one: &[[f32; 3]], two: &[[f32; 3]]) -> f64 {
     one.iter().zip(two).filter(differ).count() as f64 / one.len().max(1) as f64
 }
 
-/// Losses that change no image here: the positions of samples are those of `center` on both sides, a
-/// far limit is added by Mitsuba's format itself, and integrators come back as what they were.
+/// Losses that change no image here: the positions of samples are those of `center` on both sides,
+/// a far limit is added by Mitsuba's format itself, and integrators come back as what they were.
 const WITHOUT_EFFECT: [&str; 9] = [
     "[sampler]",
     "sampler",

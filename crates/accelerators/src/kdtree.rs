@@ -3,8 +3,9 @@
 //!
 //! - Build: Wald and Havran, *On building fast kd-trees for ray tracing, and on doing that in O(N
 //!   log N)*, 2006. The SAH chooses among planes at the ends of the elements' boxes (section 4.2).
-//!   Each side keeps the box of the triangle clipped to it ("perfect splits", section 3.3). Cutting off empty space has a bonus (section 3.4). Large nodes are binned instead
-//!   (Shevtsov, Soupikov, Kapustin 2007); see `build`.
+//!   Each side keeps the box of the triangle clipped to it ("perfect splits", section 3.3). Cutting
+//!   off empty space has a bonus (section 3.4). Large nodes are binned instead (Shevtsov, Soupikov,
+//!   Kapustin 2007); see `build`.
 //! - Traversal: front to back, with a ray interval for each cell, in single precision; see
 //!   `search`. The triangles of a leaf are tested eight at once by the conservative filter that
 //!   `bvh` also uses; see `leaves`.

@@ -26,8 +26,8 @@ pub struct Mitsuba;
 pub struct MitsubaPython;
 
 /// What happens to Mitsuba's plugins and parameters when they are imported, and to the parts of a
-/// scene when they are exported: the latter begin with a bracket and come last. Imported plugins that are not
-/// listed are errors.
+/// scene when they are exported: the latter begin with a bracket and come last. Imported plugins
+/// that are not listed are errors.
 const FEATURES: &[Feature] = features! {
     Kept "default, alias, ref, include, path": "They are resolved.";
     Approximated "to_world of a sensor that mirrors": "The image is not mirrored.";

@@ -22,8 +22,8 @@ use whitstone_core::{ExportScene, Feature, FormatErrors, ImportOptions, Imported
 pub struct Pbrt;
 
 /// What happens to pbrt's directives, plugins and parameters when they are imported, and to the
-/// parts of a scene when they are exported: the latter begin with a bracket and come last. Imported plugins and
-/// parameters that are not listed are errors.
+/// parts of a scene when they are exported: the latter begin with a bracket and come last. Imported
+/// plugins and parameters that are not listed are errors.
 const FEATURES: &[Feature] = features! {
     Kept "this format": "Experimental: what cannot be read is an error with its line and column.";
     Kept "directives": "Transforms, attributes, coordinate systems, Include, Import, Attribute and objects are resolved.";

@@ -1,9 +1,9 @@
 //! An image file, or one of its channels.
 //!
 //! Alpha is coverage (Porter and Duff, *Compositing digital images*, 1984). Colours are neither
-//! multiplied nor divided by it. A `mask` multiplies them by the opacity, so it needs a file whose colours are not
-//! premultiplied: PNG files are not, EXR files mostly are. `scenes/showcase/cutout.toml` uses it
-//! for leaves.
+//! multiplied nor divided by it. A `mask` multiplies them by the opacity, so it needs a file whose
+//! colours are not premultiplied: PNG files are not, EXR files mostly are.
+//! `scenes/showcase/cutout.toml` uses it for leaves.
 //!
 //! - Twin: Mitsuba `bitmap` (native); the filters `trilinear` and `ewa` are hosted.
 //! - Example: `scenes/textures/image.toml`.

@@ -1,7 +1,7 @@
 //! POV-Ray's scene description language as a format that is written.
 //!
-//! The driver of POV-Ray translates the scene; this module applies the changes without which POV-Ray
-//! cannot render it, and writes the text.
+//! The driver of POV-Ray translates the scene; this module applies the changes without which
+//! POV-Ray cannot render it, and writes the text.
 
 use crate::driver::{Driver, DriverError};
 use crate::environment::Environment;

@@ -2,8 +2,8 @@
 //!
 //! - *pass*: the two agree, and the pixels over tolerance are explained by the reference's own
 //!   variation or confirmed by the oracle;
-//! - *confirmed*: the reference is shown to be inexact in this scene, and the oracle contradicts our
-//!   value in no pixel that it was asked about;
+//! - *confirmed*: the reference is shown to be inexact in this scene, and the oracle contradicts
+//!   our value in no pixel that it was asked about;
 //! - *fail*: the oracle contradicts our value in at least one pixel;
 //! - *undecided*: the two differ and neither reference nor oracle can decide; the reason is given.
 //!

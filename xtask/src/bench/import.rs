@@ -1,5 +1,5 @@
-//! `bench import`: the speed at which mesh files are read, in megabytes a second, beside trimesh and
-//! Mitsuba.
+//! `bench import`: the speed at which mesh files are read, in megabytes a second, beside trimesh
+//! and Mitsuba.
 
 use super::machine::load;
 use super::median;

@@ -8,8 +8,8 @@ use whitstone_gltf::Document;
 use whitstone_gltf::json::extensions::scene::khr_lights_punctual::Type;
 use whitstone_gltf::json::validation::Checked;
 
-/// The luminous efficacy of monochromatic light of 540 THz, in lm/W, which defines the candela (BIPM,
-/// *The International System of Units*, 9th edition, 2019, section 2.3.1).
+/// The luminous efficacy of monochromatic light of 540 THz, in lm/W, which defines the candela
+/// (BIPM, *The International System of Units*, 9th edition, 2019, section 2.3.1).
 const LUMENS_PER_WATT: f64 = 683.0;
 
 impl Importer<'_> {

@@ -1,7 +1,7 @@
 //! PLY: the elements `vertex` and `face`; other elements and properties are skipped.
 //!
-//! Greg Turk, *The PLY polygon file format*, 1994. Bodies are text, one element per line, or binary;
-//! see `body`.
+//! Greg Turk, *The PLY polygon file format*, 1994. Bodies are text, one element per line, or
+//! binary; see `body`.
 
 mod body;
 

@@ -43,8 +43,8 @@ pub struct Arguments {
     /// Camera, by name or index [default: the first]
     #[arg(long, value_name = "NAME")]
     camera: Option<String>,
-    /// Convert the intensities of lights from candela and lux, by 683 lm/W [default: the numbers are
-    /// used as W/sr and W/m2]
+    /// Convert the intensities of lights from candela and lux, by 683 lm/W [default: the numbers
+    /// are used as W/sr and W/m2]
     #[arg(long)]
     photometric: bool,
     /// Read files outside of the folder of the input

@@ -201,8 +201,8 @@ impl<'a> Exporter<'a> {
         self.line("AttributeEnd\n");
     }
 
-    /// The name of a PLY file with the triangles of a shape, without displacement; none if there is an
-    /// error.
+    /// The name of a PLY file with the triangles of a shape, without displacement; none if there is
+    /// an error.
     pub(super) fn mesh_file(&mut self, shape: &Table) -> Option<String> {
         let mut shape = shape.clone();
         for key in ["id", "material", "transform", "displacement"] {

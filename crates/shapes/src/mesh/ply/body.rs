@@ -106,8 +106,8 @@ impl<const BIG: bool> Body for Binary<'_, BIG> {
 
 /// A text body: one element per line, and blank lines anywhere.
 ///
-/// Numbers are read as exporters write them, such as `.5` and `1.`, and in double precision whatever
-/// type the header states.
+/// Numbers are read as exporters write them, such as `.5` and `1.`, and in double precision
+/// whatever type the header states.
 pub(super) struct Text<'a> {
     rest: Option<&'a [u8]>,
     words: SplitAsciiWhitespace<'a>,
