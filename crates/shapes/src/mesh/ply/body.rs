@@ -25,8 +25,9 @@ pub(super) trait Body {
 /// A binary body.
 pub(super) struct Binary<'a, const BIG: bool> {
     rest: &'a [u8],
-    /// The element that is being read, for messages.
+    /// The number and name of the elements that are being read, for messages.
     place: String,
+    /// The number of the current one, from 0.
     number: u64,
 }
 
@@ -42,7 +43,7 @@ impl<'a, const BIG: bool> Binary<'a, BIG> {
     #[inline(always)]
     fn take<const N: usize>(&mut self) -> Result<[u8; N], FileError> {
         let Some((bytes, rest)) = self.rest.split_first_chunk::<N>() else {
-            let message = format!("the file ends in the element {} of `{}`", self.number, self.place);
+            let message = format!("expected {}, but the file ends after {}", self.place, self.number);
             return Err(FileError::anywhere(message));
         };
         self.rest = rest;
@@ -67,7 +68,7 @@ impl<const BIG: bool> Body for Binary<'_, BIG> {
 
     fn begin(&mut self, element: &Element, number: u64) -> Result<(), FileError> {
         if number == 0 {
-            self.place = shorten(&element.name).into_owned();
+            self.place = format!("{} of the element `{}`", element.count, shorten(&element.name));
         }
         self.number = number;
         Ok(())
@@ -92,7 +93,7 @@ impl<const BIG: bool> Body for Binary<'_, BIG> {
         let length = self.number(scalar)?;
         length_of(length).ok_or_else(|| {
             let message = format!(
-                "expected the length of a list in the element {} of `{}`, found {length}",
+                "expected the length of a list in number {} of {}, found {length}",
                 self.number, self.place
             );
             FileError::anywhere(message)
