@@ -1,12 +1,12 @@
-//! An 8-wide SIMD bounding volume hierarchy (BVH): the default accelerator of all but tiny scenes.
+//! A wide SIMD bounding volume hierarchy (BVH): the default accelerator of all but tiny scenes.
 //!
-//! - Nodes hold eight boxes in `f32`, leaves up to eight triangles in `f32`. Tests in `f64` decide
-//!   the cases that the `f32` tests leave open, and compute every hit that is returned.
-//!   `docs/accelerators.md` proves that no hit is missed.
-//! - Build: a binary BVH (`morton`, `binned` or `spatial`), collapsed to eight children per node
-//!   (`wide`). Traversal: `search`, which tests eight boxes at once and selects near and far planes
-//!   by the signs of the direction (Wald, Benthin, Boulos, *Getting rid of packets*, 2008;
-//!   Fuetterling et al., *Accelerated single ray tracing for wide vector units*, HPG 2017).
+//! - Nodes hold sixteen boxes with AVX-512, else eight, in `f32`. Leaves hold up to eight
+//!   triangles, which are tested in `f64`. `docs/accelerators.md` proves that no hit is missed.
+//! - Build: a binary BVH (`morton`, `binned` or `spatial`), collapsed to wide nodes (`wide`).
+//!   Traversal: `search` for one ray and `stream` for many. A step tests all boxes of a node at
+//!   once and selects near and far planes by the signs of the direction (Wald, Benthin, Boulos,
+//!   *Getting rid of packets*, 2008; Fuetterling et al., *Accelerated single ray tracing for wide
+//!   vector units*, HPG 2017).
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/bvh.toml`.
@@ -14,36 +14,36 @@
 mod binned;
 mod morton;
 mod node;
-mod packet;
 mod search;
 mod spatial;
+mod stack;
 mod stream;
 mod tree;
 mod wide;
 
 use crate::support::elements::{MAX_ELEMENTS, check_count};
-use crate::support::leaves::Leaves;
 use crate::support::leaves::child::{Child, Kind};
 use crate::support::leaves::items::{Item, Items};
-use crate::support::leaves::state::{Query, Search};
+use crate::support::leaves::search::{Query, Search};
+use crate::support::leaves::{Leaves, Number};
 use binned::Binned;
 use node::Node;
-use packet::USUAL_DEPTH;
 use schemars::JsonSchema;
+use search::Tree;
 use serde::{Deserialize, Serialize};
 use spatial::Spatial;
 use std::sync::Arc;
 use std::time::Instant;
-use tree::Tree;
+use stream::{Answers, Places, Stream};
 use whitstone_core::stream::{HitStream, Lanes, RayStream};
 use whitstone_core::{
     Aabb, Accelerator, Accelerators, Context, DVec3, DebugBounds, Geometry, Interval, Plugin,
     PreliminaryIntersection, Ray, SceneErrors, SelfHitFilter, Statistics,
 };
-use whitstone_simd::{Level, with_lanes};
+use whitstone_simd::{Level, with_eight_lanes, with_sixteen_lanes};
 use wide::Wide;
 
-/// An 8-wide SIMD bounding volume hierarchy (BVH): the best choice for all but tiny scenes.
+/// A wide SIMD bounding volume hierarchy (BVH): the best choice for all but tiny scenes.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -68,11 +68,21 @@ pub enum Quality {
 /// The `bvh` accelerator; see the module documentation.
 pub struct Bvh {
     leaves: Leaves,
-    nodes: Vec<Node>,
-    root: Option<Child>,
-    /// Whether the tree is too deep for the stack of the packet traversal.
-    deep: bool,
+    nodes: Nodes,
     statistics: Statistics,
+}
+
+/// The hierarchy, by its width.
+enum Nodes {
+    Eight(Hierarchy<8>),
+    Sixteen(Hierarchy<16>),
+}
+
+/// Nodes with up to `N` children.
+struct Hierarchy<const N: usize> {
+    nodes: Vec<Node<N>>,
+    /// Arbitrary if there are no elements.
+    root: Child,
 }
 
 /// Maximum depth of the tree; all builds enforce it.
@@ -90,34 +100,33 @@ impl Plugin<Accelerators> for Bvh {
         // Spatial splits increase the number of references by at most 30%.
         let spare = if config.quality == Quality::Best { 4 } else { 0 };
         check_count(&geometry, MAX_ELEMENTS / 16 * (16 - spare))?;
-        Ok(Box::new(Self::new(geometry, config.quality)))
+        Ok(Box::new(Self::new(geometry, config.quality, Level::current())))
     }
 }
 
 impl Bvh {
-    fn new(geometry: Arc<Geometry>, quality: Quality) -> Self {
+    /// Builds for processors of this level.
+    fn new(geometry: Arc<Geometry>, quality: Quality, level: Level) -> Self {
+        if level == Level::Avx512 {
+            Self::of_width(geometry, quality, Nodes::Sixteen)
+        } else {
+            Self::of_width(geometry, quality, Nodes::Eight)
+        }
+    }
+
+    fn of_width<const N: usize>(
+        geometry: Arc<Geometry>,
+        quality: Quality,
+        nodes: impl FnOnce(Hierarchy<N>) -> Nodes,
+    ) -> Self {
         let start = Instant::now();
-        let items = Items::new(&geometry);
-        let bounded = || items.each(|number| items.item(number));
-        let of_tree = |Tree { nodes, items: order }| (nodes, items.contents(&order, Item::number));
-        let (nodes, contents) = match quality {
-            Quality::Fast => morton::build(&items),
-            Quality::Balanced => {
-                let binned = Binned {
-                    max_leaf: 3,
-                    bins: 32,
-                    items_a_bin: 16,
-                };
-                of_tree(binned.build(bounded()))
-            }
-            Quality::Best => {
-                let corners = items.corners();
-                of_tree(Spatial { corners: &corners }.build(bounded()))
-            }
+        let shapes = geometry.clone();
+        let items = Items::new(&shapes);
+        let (wide, leaves) = if items.single {
+            build::<f32, N>(items, geometry, quality)
+        } else {
+            build::<f64, N>(items, geometry, quality)
         };
-        let wide = Wide::new(&nodes, contents);
-        let Items { frame, unbounded, .. } = items;
-        let leaves = Leaves::new(geometry, frame, unbounded, wide.slots, wide.numbers);
         let bytes = size_of_val(&*wide.nodes) + leaves.bytes();
         let statistics = Statistics::from([
             ("elements", (leaves.slots.len() + leaves.unbounded.len()) as f64),
@@ -129,30 +138,21 @@ impl Bvh {
             ("bytes", bytes as f64),
             ("build_seconds", start.elapsed().as_secs_f64()),
         ]);
+        let root = wide.root.unwrap_or_default();
         Self {
             leaves,
-            nodes: wide.nodes,
-            root: wide.root,
-            deep: wide.depth > USUAL_DEPTH,
+            nodes: nodes(Hierarchy {
+                nodes: wide.nodes,
+                root,
+            }),
             statistics,
         }
     }
 
-    fn outline(&self, child: Child, aabb: &Aabb, depth: usize, deepest: usize, found: &mut Vec<DebugBounds>) {
-        found.push(DebugBounds::of_box(depth, aabb));
-        if let Kind::Inner(node) = child.kind()
-            && depth < deepest
-        {
-            let node = &self.nodes[node];
-            for (i, child) in node.children.map(Child).into_iter().enumerate() {
-                let corner = |side: usize| node.planes.map(|sides| f64::from(sides[side][i])).into();
-                let (min, max): (DVec3, DVec3) = (corner(0), corner(1));
-                // The box of an empty child slot is inverted (min > max).
-                if min.cmple(max).all() {
-                    let [min, max] = [min, max].map(|p| self.leaves.frame.world(p));
-                    self.outline(child, &Aabb { min, max }, depth + 1, deepest, found);
-                }
-            }
+    fn tree<'a, const N: usize>(&'a self, hierarchy: &'a Hierarchy<N>) -> Tree<'a, N> {
+        Tree {
+            leaves: &self.leaves,
+            hierarchy,
         }
     }
 
@@ -165,9 +165,103 @@ impl Bvh {
         skip: SelfHitFilter,
     ) -> Option<PreliminaryIntersection> {
         let query = Query { ray, interval, skip };
-        // Nodes and leaves are eight wide, so AVX-512 gains nothing for a single ray. It is 4%
-        // slower on some processors.
-        with_lanes(Level::Avx2, Search::<ANY, _>(self, &query))
+        match &self.nodes {
+            Nodes::Eight(nodes) => {
+                with_eight_lanes(Level::Avx2, Search::<ANY, _>(&self.tree(nodes), &query))
+            }
+            Nodes::Sixteen(nodes) => with_sixteen_lanes(Search::<ANY, _>(&self.tree(nodes), &query)),
+        }
+    }
+
+    /// The same for each ray of a stream.
+    #[inline(always)]
+    fn find_stream<const ANY: bool>(&self, rays: &RayStream, answers: &mut impl Answers) {
+        Places::with(|places| match &self.nodes {
+            Nodes::Eight(nodes) => {
+                let tree = self.tree(nodes);
+                let stream = Stream::<ANY, _, _> {
+                    tree,
+                    rays,
+                    answers,
+                    places,
+                };
+                with_eight_lanes(Level::Avx2, stream);
+            }
+            Nodes::Sixteen(nodes) => {
+                let tree = self.tree(nodes);
+                let stream = Stream::<ANY, _, _> {
+                    tree,
+                    rays,
+                    answers,
+                    places,
+                };
+                with_sixteen_lanes(stream);
+            }
+        });
+    }
+}
+
+/// Builds the hierarchy and its leaves.
+fn build<T: Number, const N: usize>(
+    items: Items<'_>,
+    geometry: Arc<Geometry>,
+    quality: Quality,
+) -> (Wide<N>, Leaves) {
+    let bounded = || items.each(|number| items.item(number));
+    let of_tree = |tree: tree::Tree| (tree.nodes, items.contents::<T, _>(&tree.items, Item::number));
+    let (nodes, contents) = match quality {
+        Quality::Fast => morton::build(&items),
+        Quality::Balanced => {
+            let binned = Binned {
+                max_leaf: 3,
+                bins: 32,
+                items_a_bin: 16,
+            };
+            of_tree(binned.build(bounded()))
+        }
+        Quality::Best => {
+            let corners = items.corners();
+            of_tree(Spatial { corners: &corners }.build(bounded()))
+        }
+    };
+    let mut corners = contents.corners.into_flattened();
+    let wide = Wide::new(&nodes, &contents.slots, &mut corners);
+    let Items { frame, unbounded, .. } = items;
+    let leaves = Leaves {
+        geometry,
+        frame,
+        unbounded,
+        slots: contents.slots,
+        corners: T::corners(corners),
+    };
+    (wide, leaves)
+}
+
+impl<const N: usize> Hierarchy<N> {
+    fn outline(
+        &self,
+        child: Child,
+        leaves: &Leaves,
+        aabb: &Aabb,
+        levels: [usize; 2],
+        found: &mut Vec<DebugBounds>,
+    ) {
+        let [depth, deepest] = levels;
+        found.push(DebugBounds::of_box(depth, aabb));
+        if let Kind::Inner(node) = child.kind()
+            && depth < deepest
+        {
+            let node = &self.nodes[node];
+            for (i, child) in node.children.map(Child).into_iter().enumerate() {
+                let corner = |side: usize| node.planes.map(|sides| f64::from(sides[side][i])).into();
+                let (min, max): (DVec3, DVec3) = (corner(0), corner(1));
+                // The box of an empty child slot is inverted (min > max).
+                if min.cmple(max).all() {
+                    let [min, max] = [min, max].map(|p| leaves.frame.world(p));
+                    self.outline(child, leaves, &Aabb { min, max }, [depth + 1, deepest], found);
+                }
+            }
+        }
     }
 }
 
@@ -187,11 +281,11 @@ impl Accelerator for Bvh {
 
     fn intersect_stream(&self, rays: &RayStream, hits: &mut HitStream) {
         hits.clear(rays);
-        stream::intersect(self, rays, hits);
+        self.find_stream::<false>(rays, hits);
     }
 
     fn occluded_stream(&self, rays: &RayStream, hidden: &mut Lanes<bool>) {
-        stream::occluded(self, rays, hidden);
+        self.find_stream::<true>(rays, hidden);
     }
 
     fn statistics(&self) -> Statistics {
@@ -201,8 +295,12 @@ impl Accelerator for Bvh {
     fn debug_bounds(&self, deepest: usize) -> Option<Vec<DebugBounds>> {
         let whole = self.leaves.bounds();
         let mut found = Vec::new();
-        if let Some(root) = self.root {
-            self.outline(root, &whole, 0, deepest, &mut found);
+        if !self.leaves.slots.is_empty() {
+            let levels = [0, deepest];
+            match &self.nodes {
+                Nodes::Eight(nodes) => nodes.outline(nodes.root, &self.leaves, &whole, levels, &mut found),
+                Nodes::Sixteen(nodes) => nodes.outline(nodes.root, &self.leaves, &whole, levels, &mut found),
+            }
         }
         Some(found)
     }

@@ -7,8 +7,7 @@
 //!   polygons). Cutting off empty space has a bonus (section 3.4). Large nodes are binned instead
 //!   (Shevtsov, Soupikov, Kapustin 2007); see `build`.
 //! - Traversal: front to back, with a ray interval for each cell, in single precision; see
-//!   `search`. The triangles of a leaf are tested eight at once by the conservative filter that
-//!   `bvh` also uses; see `leaves`.
+//!   `search`. The triangles of a leaf are tested eight at once, as those of `bvh`; see `leaves`.
 //! - Cost model: a ray that crosses a cell crosses a given part of it with probability equal to the
 //!   ratio of their surface areas. A leaf costs 1 for every eight elements, a traversal step costs
 //!   1.4. A cell is split at the plane with the least A_l n_l + A_r n_r, where A is the area and n
@@ -26,10 +25,9 @@ mod search;
 
 use crate::support::elements::{MAX_ELEMENTS, check_count};
 use crate::support::leaves::child::WIDTH;
-use crate::support::leaves::filter::NUMBERS;
 use crate::support::leaves::items::{Box4, Contents, Items};
-use crate::support::leaves::state::{Query, Search};
-use crate::support::leaves::{Leaves, by_coordinate};
+use crate::support::leaves::search::{Query, Search};
+use crate::support::leaves::{Leaves, NUMBERS, Number, by_coordinate};
 use crate::support::partition::{Content, Cut, MAX_DEPTH, Tree};
 use crate::support::split::{Axes, Split};
 use build::AxisCut;
@@ -44,7 +42,7 @@ use whitstone_core::{
     Aabb, Accelerator, Accelerators, Context, DebugBounds, Geometry, Interval, Plugin,
     PreliminaryIntersection, Ray, SceneErrors, SelfHitFilter, Statistics, TraversalStatistics,
 };
-use whitstone_simd::{Level, with_lanes};
+use whitstone_simd::{Level, with_eight_lanes};
 
 /// A kd-tree: cells do not overlap, and an element may lie in several of them.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -96,8 +94,17 @@ impl Plugin<Accelerators> for KdTree {
 
 impl KdTree {
     fn new(geometry: Arc<Geometry>, config: &Config) -> Self {
+        let shapes = geometry.clone();
+        let items = Items::new(&shapes);
+        if items.single {
+            Self::of_items::<f32>(items, geometry, config)
+        } else {
+            Self::of_items::<f64>(items, geometry, config)
+        }
+    }
+
+    fn of_items<T: Number>(items: Items<'_>, geometry: Arc<Geometry>, config: &Config) -> Self {
         let start = Instant::now();
-        let items = Items::new(&geometry);
         let bounded = items.each(|number| items.item(number));
         let cell = bounded
             .iter()
@@ -106,7 +113,7 @@ impl KdTree {
         let tree = build::build(bounded, items.corners(), cell, config);
         let (mut nodes, mut references) = (vec![Node::EMPTY; 2], Vec::new());
         flatten(&tree, 0, &mut nodes, &mut references);
-        let Contents { slots, corners } = items.contents(&references, |&number| number);
+        let Contents { slots, corners } = items.contents::<T, _>(&references, |&number| number);
         let mut numbers = corners.into_flattened();
         for node in nodes.iter_mut().filter(|node| node.is_leaf()) {
             let held = node.slots();
@@ -119,7 +126,13 @@ impl KdTree {
             }
         }
         let Items { frame, unbounded, .. } = items;
-        let leaves = Leaves::new(geometry, frame, unbounded, slots, numbers);
+        let leaves = Leaves {
+            geometry,
+            frame,
+            unbounded,
+            slots,
+            corners: T::corners(numbers),
+        };
         let leaf_count = nodes.iter().filter(|node| node.is_leaf()).count() - 1;
         let empty = nodes.iter().filter(|node| node.is_empty()).count() - 1;
         let statistics = Statistics::from([
@@ -166,7 +179,7 @@ impl KdTree {
     ) -> (Option<PreliminaryIntersection>, TraversalStatistics) {
         let traversal = Traversal::<COUNT>::new(self);
         let query = Query { ray, interval, skip };
-        let hit = with_lanes(Level::Avx512, Search::<ANY, _>(&traversal, &query));
+        let hit = with_eight_lanes(Level::Avx512, Search::<ANY, _>(&traversal, &query));
         (hit, traversal.traversal_statistics())
     }
 }

@@ -12,7 +12,10 @@ mod dispatch;
 mod lanes;
 
 pub use dispatch::{Level, dispatch};
-pub use lanes::{Kernel, Lanes, Machine, Portable, prefetch, with_lanes};
+pub use lanes::{
+    Doubles, Kernel, Lanes, Machine, Portable, Quad, QuadOrder, pack_order, prefetch, with_eight_lanes,
+    with_sixteen_lanes,
+};
 
 /// Selects one of two computed values: unlike `if`, never a branch, which would prevent
 /// vectorisation.

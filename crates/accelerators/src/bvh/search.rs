@@ -1,272 +1,99 @@
-//! Single-ray traversal of the hierarchy.
+//! Traversal of the hierarchy by one ray.
 
-use super::Bvh;
-use crate::support::leaves::Leaves;
-use crate::support::leaves::child::{Child, Kind, WIDTH};
+use super::stack::Stack;
+use super::Hierarchy;
+use crate::support::leaves::child::{Child, Kind};
 use crate::support::leaves::frame::LocalRay;
-use crate::support::leaves::state::{RayQuery, State, Streamed, Walk};
-use whitstone_simd::{Kernel, Lanes, Level, Machine, with_lanes};
+use crate::support::leaves::search::{Best, RayQuery, Walk};
+use crate::support::leaves::Leaves;
+use whitstone_simd::Machine;
 
-/// Traversal stack. Zero-initialising the worst-case depth costs about a tenth of a ray's time, and
-/// most rays need a few entries, so 32 live inline and the rest spill to the heap.
-pub(super) struct Stack {
-    top: [StackEntry; Self::INLINE_CAPACITY],
-    below: Vec<StackEntry>,
+/// A hierarchy of this width, with its leaves.
+#[derive(Clone, Copy)]
+pub(super) struct Tree<'a, const N: usize> {
+    pub(super) leaves: &'a Leaves,
+    pub(super) hierarchy: &'a Hierarchy<N>,
 }
 
-/// Entry distance of a box, and its contents.
-type StackEntry = (f32, Child);
-
-impl Stack {
-    const INLINE_CAPACITY: usize = 32;
-
+impl<const N: usize> Tree<'_, N> {
+    /// Tests the elements of a leaf. Returns whether one of them is the best hit.
     #[inline(always)]
-    pub(super) fn new() -> Self {
-        Self {
-            top: [(0.0, Child::default()); Self::INLINE_CAPACITY],
-            below: Vec::new(),
-        }
-    }
-
-    /// Makes room for the children of a node, by spilling if necessary; returns the new height.
-    #[inline(always)]
-    fn make_room(&mut self, height: usize) -> usize {
-        if height + WIDTH > Self::INLINE_CAPACITY {
-            self.spill(height)
-        } else {
-            height
-        }
-    }
-
-    #[cold]
-    #[inline(never)]
-    fn spill(&mut self, height: usize) -> usize {
-        self.below.extend_from_slice(&self.top[..height]);
-        0
-    }
-
-    /// Takes back the entries that were spilled last; returns the new height, 0 if there are none.
-    #[inline(always)]
-    fn unspill(&mut self) -> usize {
-        if self.below.is_empty() { 0 } else { self.refill() }
-    }
-
-    /// Pops the next child whose entry distance is within the limit, if there is one.
-    #[inline(always)]
-    fn pop(&mut self, height: &mut usize, limit: f32) -> Option<Child> {
-        loop {
-            if *height == 0 {
-                *height = self.unspill();
-                if *height == 0 {
-                    return None;
+    pub(super) fn leaf<M: Machine<N>>(
+        &self,
+        m: M,
+        best: &mut Best,
+        leaf: Child,
+        query: &impl RayQuery,
+    ) -> bool {
+        match leaf.kind() {
+            Kind::Triangles(first, count) => best.try_triangles(m.doubles(), self.leaves, first, count),
+            Kind::Mixed(first, count) => {
+                let mut better = false;
+                for slot in &self.leaves.slots[first..first + count] {
+                    better |= best.try_element(self.leaves, query, slot.element());
                 }
+                better
             }
-            *height -= 1;
-            let (near, child) = self.top[*height % Self::INLINE_CAPACITY];
-            // `<=`: at equal distance an element of lower index may follow, which wins the tie.
-            if near <= limit {
-                return Some(child);
-            }
+            Kind::Inner(_) => false,
         }
     }
-
-    #[cold]
-    #[inline(never)]
-    fn refill(&mut self) -> usize {
-        let rest = self.below.len().saturating_sub(Self::INLINE_CAPACITY / 2);
-        let height = self.below.len() - rest;
-        self.top[..height].copy_from_slice(&self.below[rest..]);
-        self.below.truncate(rest);
-        height
-    }
 }
 
-impl Walk for Bvh {
+impl<const N: usize> Walk<N> for Tree<'_, N> {
     fn leaves(&self) -> &Leaves {
-        &self.leaves
+        self.leaves
     }
 
     #[inline(always)]
-    fn walk<const ANY: bool, L: Lanes<WIDTH>>(
+    fn walk<const ANY: bool, M: Machine<N>>(
         &self,
-        l: L,
-        state: &mut State<'_, impl RayQuery>,
+        m: M,
+        best: &mut Best,
         local: &LocalRay,
-        limit: f32,
-    ) -> f32 {
-        let Some(root) = self.root else {
-            return limit;
-        };
-        self.traverse::<ANY, L>(l, state, local, root, &mut Stack::new(), limit)
-    }
-}
-
-impl Bvh {
-    /// Traverses the subtree of `child`. Returns the limit up to which pending hits (found in
-    /// single precision, not yet computed in double) may still be nearest.
-    #[inline(always)]
-    fn traverse<const ANY: bool, L: Lanes<WIDTH>>(
-        &self,
-        l: L,
-        state: &mut State<'_, impl RayQuery>,
-        local: &LocalRay,
-        mut child: Child,
-        stack: &mut Stack,
-        mut limit: f32,
-    ) -> f32 {
-        // Otherwise each value, broadcast to eight lanes, would be kept on the stack instead of
-        // being broadcast when it is loaded.
+        query: &impl RayQuery,
+    ) {
+        // Otherwise each value, broadcast to all lanes, would be kept on the stack instead of being
+        // broadcast when it is loaded.
         let local = std::hint::black_box(local);
-        // A search that ended early may have left entries.
-        stack.below.clear();
-        let mut height = 0;
+        let nodes = &*self.hierarchy.nodes;
+        let mut stack = Stack::new();
+        let mut limit = best.limit(local);
+        let mut child = self.hierarchy.root;
         loop {
             // A separate loop over inner nodes, so that its state stays in registers.
-            while child.is_inner()
-                && let Kind::Inner(node) = child.kind()
-            {
-                let node = &self.nodes[node];
-                let (mut mask, near) = node.enter(l, local, limit);
-                if mask == 0 {
-                    match stack.pop(&mut height, limit) {
-                        Some(next) => child = next,
-                        None => return limit,
-                    }
-                    continue;
+            while child.is_inner() {
+                let height = stack.make_room::<N>();
+                let node = &nodes[child.index()];
+                let entered = node.enter(m, local, limit);
+                if entered.mask & entered.mask.wrapping_sub(1) != 0 {
+                    child = stack.push_and_pop(m, height, node.sorted(m, local.octant, &entered));
+                } else if entered.mask != 0 {
+                    // A branch, so that the processor fetches the child that it predicts.
+                    child = node.only(&entered);
+                } else {
+                    break;
                 }
-                let near = l.store(near);
-                let mut next = || {
-                    let i = mask.trailing_zeros() as usize % WIDTH;
-                    mask &= mask - 1;
-                    ((near[i], Child(node.children[i])), mask)
-                };
-                let (first, rest) = next();
-                if rest == 0 {
-                    child = first.1;
-                    continue;
-                }
-                height = stack.make_room(height);
-                let stack = &mut stack.top;
-                let (second, rest) = next();
-                if rest == 0 {
-                    // A branch (which the black boxes keep) instead of a select: the processor can
-                    // fetch the node that it predicts to be nearer before the distances are known.
-                    if second.0 < first.0 {
-                        std::hint::black_box(());
-                        stack[height % Stack::INLINE_CAPACITY] = first;
-                        height += 1;
-                        child = second.1;
-                    } else {
-                        std::hint::black_box(());
-                        stack[height % Stack::INLINE_CAPACITY] = second;
-                        height += 1;
-                        child = first.1;
-                    }
-                    continue;
-                }
-                // Three or more: sorted on the stack, the nearest on top, unless any hit will do.
-                let bottom = height;
-                let mut insert = |entry: (f32, Child)| {
-                    let mut place = height;
-                    while !ANY && place > bottom && stack[(place - 1) % Stack::INLINE_CAPACITY].0 < entry.0 {
-                        stack[place % Stack::INLINE_CAPACITY] = stack[(place - 1) % Stack::INLINE_CAPACITY];
-                        place -= 1;
-                    }
-                    stack[place % Stack::INLINE_CAPACITY] = entry;
-                    height += 1;
-                };
-                insert(first);
-                insert(second);
-                loop {
-                    let (entry, rest) = next();
-                    insert(entry);
-                    if rest == 0 {
-                        break;
-                    }
-                }
-                height -= 1;
-                child = stack[height % Stack::INLINE_CAPACITY].1;
             }
-            match state.leaf::<ANY, L>(l, local, child, limit) {
-                Some(nearer) => limit = nearer,
-                None => return limit,
+            if !child.is_inner() && self.leaf(m, best, child, query) {
+                if ANY {
+                    return;
+                }
+                limit = best.limit(local);
             }
-            match stack.pop(&mut height, limit) {
-                Some(next) => child = next,
-                None => return limit,
+            let mut near;
+            loop {
+                (near, child) = stack.pop();
+                // `<=`: at equal distance an element of lower index may follow, which wins the tie.
+                if near <= limit {
+                    break;
+                }
+            }
+            if child == Stack::END {
+                child = stack.pop_spilled().1;
+                if child == Stack::END {
+                    return;
+                }
             }
         }
-    }
-}
-
-/// Single-ray traversal used by the stream and packet code below a given child. Kept as a separate
-/// kernel so that its state stays in registers.
-pub(super) struct SingleRay<'a, 's, const ANY: bool> {
-    pub(super) bvh: &'a Bvh,
-    pub(super) state: &'s mut State<'a, Streamed<'a>>,
-    pub(super) local: &'s LocalRay,
-    pub(super) child: Child,
-    pub(super) stack: &'s mut Stack,
-    pub(super) limit: f32,
-}
-
-impl<const ANY: bool> SingleRay<'_, '_, ANY> {
-    /// Traverses; returns the limit up to which pending hits may still be nearest.
-    #[inline(always)]
-    pub(super) fn traverse(self) -> f32 {
-        with_lanes(Level::Avx2, self)
-    }
-}
-
-impl<const ANY: bool> Kernel for SingleRay<'_, '_, ANY> {
-    type Output = f32;
-
-    #[inline(always)]
-    fn run<M: Machine>(self, m: M) -> f32 {
-        let Self {
-            bvh,
-            state,
-            local,
-            child,
-            stack,
-            limit,
-        } = self;
-        bvh.traverse::<ANY, M>(m, state, local, child, stack, limit)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_was_put_off_comes_back_the_latest_first() {
-        let mut stack = Stack::new();
-        let mut height = 0;
-        let mut expected = Vec::new();
-        let mut spill = 0;
-        for round in 0..400 {
-            // At first more entries go in than come out, later fewer.
-            let [more, fewer] = if round < 200 { [WIDTH, 3] } else { [1, 6] };
-            height = stack.make_room(height);
-            for i in 0..more - round % 2 {
-                let later = ((WIDTH * round + i) as f32, Child(i as u32));
-                expected.push(later);
-                stack.top[height] = later;
-                height += 1;
-            }
-            spill = spill.max(stack.below.len());
-            for _ in 0..fewer {
-                if height == 0 {
-                    height = stack.unspill();
-                }
-                let top = (height > 0).then(|| {
-                    height -= 1;
-                    stack.top[height]
-                });
-                assert_eq!(top, expected.pop());
-            }
-        }
-        assert!(spill > 500 && expected.is_empty(), "{spill}, {}", expected.len());
     }
 }

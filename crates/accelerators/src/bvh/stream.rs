@@ -1,33 +1,37 @@
-//! Traversal of ray streams. The work before and after traversal is done for many rays at once in
-//! SIMD registers. During traversal, rays of one octant go together (`packet`).
+//! Traversal of the hierarchy by the rays of a stream, many at a time.
+//!
+//! A single ray waits: for the node that it needs next, and for branches that no processor can
+//! predict. So each of many rays takes one step, without branches, before any takes the next one.
+//! Rays that reach leaves wait until few are left at inner nodes; then all test their leaves, and
+//! new rays take the places of finished ones.
 
-use super::Bvh;
-use super::packet::{Packet, Wanted, WantedStack};
-use super::search::{SingleRay, Stack};
-use crate::support::leaves::Slot;
+use super::node::Node;
+use super::search::Tree;
+use super::stack::Stack;
 use crate::support::leaves::child::Child;
-use crate::support::leaves::frame::{Alone, LocalLane, LocalRays};
-use crate::support::leaves::state::{State, Streamed};
-use whitstone_core::stream::{GROUP, HitStream, LANES, Lanes as RayLanes, RayStream};
-use whitstone_core::triangle::{ShearedStream, TriangleHit};
-use whitstone_core::{DVec2, DVec3, InstanceId, PreliminaryIntersection, ShapeHit};
-use whitstone_simd::{Kernel, Level, Machine, with_lanes};
+use crate::support::leaves::frame::LocalRay;
+use crate::support::leaves::search::{Best, Streamed};
+use std::cell::Cell;
+use whitstone_core::PreliminaryIntersection;
+use whitstone_core::stream::{GROUP, HitStream, LANES, Lanes, RayStream};
+use whitstone_simd::{Kernel, Machine};
 
-/// Finds the nearest hits of a stream; `hits` must be clear.
-pub(super) fn intersect(bvh: &Bvh, rays: &RayStream, hits: &mut HitStream) {
-    search::<false>(bvh, rays, hits)
-}
+/// Number of rays that are traversed at a time.
+const RAYS: usize = 48;
 
-/// Finds whether each ray of a stream hits anything.
-pub(super) fn occluded(bvh: &Bvh, rays: &RayStream, hidden: &mut RayLanes<bool>) {
-    search::<true>(bvh, rays, hidden);
-}
+/// Room for a list of rays: a power of two, so that indexing needs no bounds check.
+const ROOM: usize = RAYS.next_power_of_two();
+
+/// Once at most this many rays are at inner nodes, leaves are tested.
+const FEW: usize = RAYS / 8;
+
+/// Rays are fetched from memory this many lanes before they start.
+const AHEAD: usize = RAYS.next_multiple_of(GROUP);
 
 /// Destination of the results.
-trait Answers {
-    /// Stores the final result of a ray.
+pub(super) trait Answers {
+    /// Stores the result of a ray.
     fn set(&mut self, lane: usize, hit: Option<PreliminaryIntersection>);
-    fn hits(&mut self) -> Option<&mut HitStream>;
 }
 
 impl Answers for HitStream {
@@ -37,169 +41,195 @@ impl Answers for HitStream {
             HitStream::set(self, lane, &hit);
         }
     }
-    #[inline(always)]
-    fn hits(&mut self) -> Option<&mut HitStream> {
-        Some(self)
-    }
 }
 
-impl Answers for RayLanes<bool> {
+impl Answers for Lanes<bool> {
     #[inline(always)]
     fn set(&mut self, lane: usize, hit: Option<PreliminaryIntersection>) {
         self[lane] = hit.is_some();
     }
-    #[inline(always)]
-    fn hits(&mut self) -> Option<&mut HitStream> {
-        None
+}
+
+/// Finds the nearest hits of the rays of a stream, or with `ANY` whether there are any.
+pub(super) struct Stream<'a, const ANY: bool, const N: usize, A> {
+    pub(super) tree: Tree<'a, N>,
+    pub(super) rays: &'a RayStream,
+    pub(super) answers: &'a mut A,
+    pub(super) places: &'a mut Places,
+}
+
+/// The rays that are being traversed.
+pub(super) struct Places([Place; RAYS]);
+
+impl Places {
+    /// Calls `f` with memory of this thread: clearing it for every stream would take a tenth of a
+    /// stream's time.
+    pub(super) fn with<R>(f: impl FnOnce(&mut Self) -> R) -> R {
+        thread_local! {
+            static MEMORY: Cell<Option<Box<Places>>> = const { Cell::new(None) };
+        }
+        let new = || Box::new(Self(std::array::from_fn(|_| Place::new())));
+        let mut places = MEMORY.take().unwrap_or_else(new);
+        let result = f(&mut places);
+        MEMORY.set(Some(places));
+        result
     }
 }
 
-fn search<const ANY: bool>(bvh: &Bvh, rays: &RayStream, answers: &mut impl Answers) {
-    match bvh.root {
-        Some(root) if !bvh.deep => {
-            with_lanes(
-                Level::Avx512,
-                Stream::<ANY, _> {
-                    bvh,
-                    root,
-                    rays,
-                    answers,
-                },
-            );
-        }
-        _ => {
-            for lane in 0..rays.len.min(LANES) {
-                let (ray, skip) = (rays.ray(lane), rays.skip.skip(lane));
-                answers.set(lane, bvh.find::<ANY>(&ray, rays.interval(lane), skip));
-            }
-        }
-    }
-}
-
-struct Stream<'a, const ANY: bool, A> {
-    bvh: &'a Bvh,
-    root: Child,
-    rays: &'a RayStream,
-    answers: &'a mut A,
-}
-
-impl<const ANY: bool, A: Answers> Kernel for Stream<'_, ANY, A> {
+impl<const ANY: bool, const N: usize, A: Answers> Kernel<N> for Stream<'_, ANY, N, A> {
     type Output = ();
 
     #[inline(always)]
-    fn run<M: Machine>(self, m: M) {
+    fn run<M: Machine<N>>(self, m: M) {
         let Self {
-            bvh,
-            root,
+            tree,
             rays,
             answers,
+            places: Places(places),
         } = self;
-        let mut stack = Stack::new();
-        let mut wanted: WantedStack = [Wanted::default(); _];
-        let mut candidates = Candidates([None; LANES]);
-        let mut states = [State::new(&bvh.leaves, Streamed { rays, lane: 0 }); GROUP];
-        let mut local = LocalRays::default();
-        let mut alone = Alone::default();
-        for start in rays.groups() {
-            rays.prefetch(start + GROUP);
-            bvh.leaves.frame.rays(rays, start, &mut local);
-            let len = GROUP.min(rays.len - start);
-            for k in 0..len {
-                states[k].restart(start + k);
-            }
-            alone.clear();
-            let mut limits = [f32::NEG_INFINITY; GROUP];
-            for k in 0..len {
-                let done = states[k].resolve_unbounded() && ANY;
-                if !local.sound[k] {
-                    states[k].resolve_all(bvh.leaves.slots.iter().map(|slot| slot.element()));
-                } else if !done {
-                    limits[k] = states[k].limit(&LocalLane(&local, k));
+        let mut source = Source::<ANY, N> { tree, rays, next: 0 };
+        let nodes = &*tree.hierarchy.nodes;
+        // The places of rays at inner nodes, at leaves or at the end, and at the end.
+        let (mut inner, mut leaves, mut done) = ([0u8; ROOM], [0u8; ROOM], [0u8; ROOM]);
+        let (mut inner_count, mut leaf_count) = (0, 0);
+        for start in (0..AHEAD).step_by(GROUP) {
+            rays.prefetch(start);
+        }
+        while inner_count < RAYS && source.start(m, &mut places[inner_count], answers) {
+            inner[inner_count] = inner_count as u8;
+            inner_count += 1;
+        }
+        while inner_count + leaf_count > 0 {
+            while inner_count > 0 {
+                let mut left = 0;
+                for i in 0..inner_count {
+                    let number = inner[i];
+                    let place = &mut places[usize::from(number)];
+                    place.step(m, nodes);
+                    let is_inner = place.child.is_inner();
+                    (inner[left], leaves[leaf_count % ROOM]) = (number, number);
+                    left += usize::from(is_inner);
+                    leaf_count += usize::from(!is_inner);
+                }
+                inner_count = left;
+                if inner_count <= FEW {
+                    break;
                 }
             }
-            let octant = if len == GROUP { local.octant() } else { None };
-            if let Some(octant) = octant {
-                let mut packet = Packet {
-                    bvh,
-                    rays: &local,
-                    alone: &mut alone,
-                    states: &mut states,
-                    limits,
-                    octant,
-                    axes: local.axes(),
+            let (mut left, mut done_count) = (0, 0);
+            for i in 0..leaf_count {
+                let number = leaves[i];
+                let is_done = places[usize::from(number)].child == Stack::END;
+                (leaves[left], done[done_count % ROOM]) = (number, number);
+                left += usize::from(!is_done);
+                done_count += usize::from(is_done);
+            }
+            leaf_count = left;
+            left = 0;
+            for i in 0..leaf_count {
+                let number = leaves[i];
+                let place = &mut places[usize::from(number)];
+                let query = Streamed {
+                    rays,
+                    lane: place.lane,
                 };
-                packet.traverse::<ANY, M>(m, root, (1 << GROUP) - 1, &mut wanted, &mut stack);
-                limits = packet.limits;
-            } else {
-                for k in 0..len {
-                    if limits[k] > f32::NEG_INFINITY {
-                        let one = SingleRay::<ANY> {
-                            bvh,
-                            state: &mut states[k],
-                            local: alone.get(&local, k),
-                            child: root,
-                            stack: &mut stack,
-                            limit: limits[k],
-                        };
-                        limits[k] = one.traverse();
+                if tree.leaf(m, &mut place.best, place.child, &query) {
+                    if ANY {
+                        place.stack.clear();
+                    } else {
+                        place.limit = place.best.limit(&place.local);
+                        place.stack.cull(m, place.limit);
                     }
                 }
+                place.child = place.stack.pop().1;
+                let is_inner = place.child.is_inner();
+                (inner[inner_count % ROOM], leaves[left]) = (number, number);
+                inner_count += usize::from(is_inner);
+                left += usize::from(!is_inner);
             }
-            for k in 0..len {
-                let lane = start + k;
-                if !ANY {
-                    if let Some((leaf, place)) = states[k].candidate() {
-                        candidates.0[lane] = Some((leaf, place as u8));
+            leaf_count = left;
+            for &number in &done[..done_count] {
+                let place = &mut places[usize::from(number)];
+                place.child = place.stack.pop_spilled().1;
+                if place.child == Stack::END {
+                    answers.set(place.lane, place.best.hit);
+                    if !source.start(m, place, answers) {
                         continue;
                     }
-                    states[k].resolve_pending(&LocalLane(&local, k), limits[k]);
                 }
-                answers.set(lane, states[k].best);
+                let is_inner = place.child.is_inner();
+                (inner[inner_count % ROOM], leaves[leaf_count % ROOM]) = (number, number);
+                inner_count += usize::from(is_inner);
+                leaf_count += usize::from(!is_inner);
             }
-        }
-        if let Some(hits) = answers.hits() {
-            candidates.decide(bvh, rays, hits);
         }
     }
 }
 
-/// For each ray, the only remaining triangle if there is just one; it is certainly hit.
-struct Candidates([Option<(Child, u8)>; LANES]);
+/// The rays that are not yet started.
+struct Source<'a, const ANY: bool, const N: usize> {
+    tree: Tree<'a, N>,
+    rays: &'a RayStream,
+    next: usize,
+}
 
-impl Candidates {
-    /// Computes the hits in double precision, as [`State`] does one by one.
+impl<const ANY: bool, const N: usize> Source<'_, ANY, N> {
+    /// Starts the next ray that must be traversed; returns whether there is one.
     #[inline(always)]
-    fn decide(&self, bvh: &Bvh, rays: &RayStream, hits: &mut HitStream) {
-        let sheared = ShearedStream::new(rays);
-        for start in rays.groups() {
-            let mut corners = [[DVec3::ZERO; 3]; GROUP];
-            let mut slots = [Slot::default(); GROUP];
-            let mut any = false;
-            for k in 0..GROUP {
-                if let Some((leaf, place)) = self.0[start + k] {
-                    (slots[k], corners[k]) = bvh.leaves.triangle(leaf, usize::from(place));
-                    any = true;
-                }
+    fn start<M: Machine<N>>(&mut self, m: M, place: &mut Place, answers: &mut impl Answers) -> bool {
+        while self.next < self.rays.len.min(LANES) {
+            let lane = self.next;
+            self.next += 1;
+            if lane % GROUP == 0 {
+                self.rays.prefetch(lane + AHEAD);
             }
-            if !any {
-                continue;
+            let query = Streamed {
+                rays: self.rays,
+                lane,
+            };
+            if let Some(local) = place.best.start::<ANY, _>(m.quad(), self.tree.leaves, &query) {
+                place.local = local;
+                place.limit = place.best.limit(&place.local);
+                place.child = self.tree.hierarchy.root;
+                place.lane = lane;
+                place.stack.clear();
+                return true;
             }
-            let mut found = [[0.0; GROUP]; 3];
-            for k in 0..GROUP {
-                let TriangleHit { t, u, v } = sheared.intersect(rays, start + k, corners[k]);
-                (found[0][k], found[1][k], found[2][k]) = (t, u, v);
-            }
-            for k in 0..GROUP {
-                let (lane, t) = (start + k, found[0][k]);
-                if t > 0.0 && t < rays.limit[lane] {
-                    let hit = ShapeHit {
-                        t,
-                        primitive: slots[k].triangle,
-                        prim_uv: DVec2::new(found[1][k], found[2][k]),
-                    };
-                    hits.set(lane, &hit.of_shape(InstanceId::TOP_LEVEL, slots[k].shape));
-                }
-            }
+            answers.set(lane, place.best.hit);
         }
+        false
+    }
+}
+
+/// A ray that is being traversed.
+struct Place {
+    local: LocalRay,
+    limit: f32,
+    child: Child,
+    lane: usize,
+    best: Best,
+    stack: Stack,
+}
+
+impl Place {
+    fn new() -> Self {
+        Self {
+            local: LocalRay::default(),
+            limit: 0.0,
+            child: Child::default(),
+            lane: 0,
+            best: Best::default(),
+            stack: Stack::new(),
+        }
+    }
+
+    /// Visits an inner node.
+    #[inline(always)]
+    fn step<const N: usize, M: Machine<N>>(&mut self, m: M, nodes: &[Node<N>]) {
+        let height = self.stack.make_room::<N>();
+        let node = &nodes[self.child.index()];
+        let entered = node.enter(m, &self.local, self.limit);
+        let sorted = node.sorted(m, self.local.octant, &entered);
+        self.child = self.stack.push_and_pop(m, height, sorted);
     }
 }

@@ -9,14 +9,14 @@ use super::KdTree;
 use super::build::AxisCut;
 use crate::support::elements::Mailbox;
 use crate::support::leaves::Leaves;
-use crate::support::leaves::child::{Child, Kind, WIDTH};
+use crate::support::leaves::child::WIDTH;
 use crate::support::leaves::frame::LocalRay;
-use crate::support::leaves::state::{RayQuery, State, Walk};
+use crate::support::leaves::search::{Best, RayQuery, Walk};
 use crate::support::partition::MAX_DEPTH;
 use std::cell::Cell;
 use std::ops::Range;
 use whitstone_core::TraversalStatistics;
-use whitstone_simd::Lanes;
+use whitstone_simd::Machine;
 
 /// A node in 8 bytes (Pharr, Jakob, Humphreys, *Physically based rendering*, 3rd edition, 2016,
 /// section 4.4.1).
@@ -144,74 +144,78 @@ impl<'a, const COUNT: bool> Traversal<'a, COUNT> {
         let (mut near, mut far) = (local.min, limit);
         let sides = [self.tree.cell.min, self.tree.cell.max];
         for axis in 0..3 {
-            let side = local.side(axis);
+            let side = (local.octant >> axis & 1);
             near = near.max(sides[side][axis] * local.reciprocal[axis] + local.near[axis]);
             far = far.min(sides[side ^ 1][axis] * local.reciprocal[axis] + local.far[axis]);
         }
         (near, far)
     }
 
-    /// Tests the triangles of a leaf, eight at once. Returns the new limit, or `None` if the search
-    /// is over.
+    /// Tests the elements of a leaf. Returns whether one of them is the best hit.
     #[inline(always)]
-    fn triangles<const ANY: bool, L: Lanes<WIDTH>>(
+    fn leaf<M: Machine<WIDTH>>(
         &self,
-        l: L,
-        state: &mut State<'_, impl RayQuery>,
-        local: &LocalRay,
-        slots: Range<usize>,
-        mut limit: f32,
-    ) -> Option<f32> {
+        m: M,
+        best: &mut Best,
+        node: Node,
+        mailbox: &mut Mailbox,
+        query: &impl RayQuery,
+    ) -> bool {
+        let (leaves, slots) = (&self.tree.leaves, node.slots());
+        if !node.holds_triangles() {
+            return self.anything(best, slots, mailbox, query);
+        }
+        let mut better = false;
         let mut first = slots.start;
         while first < slots.end {
-            let leaf = Child::new(Kind::Triangles(first, WIDTH.min(slots.end - first)));
-            limit = state.leaf::<ANY, L>(l, local, leaf, limit)?;
+            better |= best.try_triangles(m.doubles(), leaves, first, WIDTH.min(slots.end - first));
             first += WIDTH;
         }
-        Some(limit)
+        better
     }
 
-    /// Tests the elements of a leaf in double precision, with the same result.
+    /// The same for elements of any kind.
     #[inline(never)]
-    fn anything<const ANY: bool>(
+    fn anything(
         &self,
-        state: &mut State<'_, impl RayQuery>,
-        local: &LocalRay,
+        best: &mut Best,
         slots: Range<usize>,
         mailbox: &mut Mailbox,
-        mut limit: f32,
-    ) -> Option<f32> {
-        for i in slots {
-            let held = self.tree.leaves.slots[i];
+        query: &impl RayQuery,
+    ) -> bool {
+        let leaves = &self.tree.leaves;
+        let mut better = false;
+        for slot in &leaves.slots[slots] {
             // Shapes may be expensive, and lie in several cells.
-            if !held.is_custom() || mailbox.is_new(held.shape) {
-                limit = state.unsure::<ANY>(local, Child::new(Kind::Mixed(i, 1)), 0, limit)?;
+            if !slot.is_custom() || mailbox.is_new(slot.shape) {
+                better |= best.try_element(leaves, query, slot.element());
             }
         }
-        Some(limit)
+        better
     }
 }
 
-impl<const COUNT: bool> Walk for Traversal<'_, COUNT> {
+impl<const COUNT: bool> Walk<WIDTH> for Traversal<'_, COUNT> {
     fn leaves(&self) -> &Leaves {
         &self.tree.leaves
     }
 
     #[inline(always)]
-    fn walk<const ANY: bool, L: Lanes<WIDTH>>(
+    fn walk<const ANY: bool, M: Machine<WIDTH>>(
         &self,
-        l: L,
-        state: &mut State<'_, impl RayQuery>,
+        m: M,
+        best: &mut Best,
         local: &LocalRay,
-        mut limit: f32,
-    ) -> f32 {
+        query: &impl RayQuery,
+    ) {
+        let mut limit = best.limit(local);
         // Otherwise each value, broadcast to eight lanes, would be kept on the stack instead of
         // being broadcast when it is loaded.
         let local = std::hint::black_box(local);
         let nodes = &*self.tree.nodes;
         let (mut near, mut far) = self.inside(local, limit);
         if near > far {
-            return limit;
+            return;
         }
         let mut mailbox = Mailbox::new();
         let mut stack: [Later; MAX_DEPTH] = [(0, 0.0, 0.0); MAX_DEPTH];
@@ -225,7 +229,7 @@ impl<const COUNT: bool> Walk for Traversal<'_, COUNT> {
                 // t* of the lecture notes; a padded ray has two, and the first is never the larger
                 // one.
                 let (arrives, leaves) = (t + local.near[axis], t + local.far[axis]);
-                let before = node.children() + local.side(axis) as u32;
+                let before = node.children() + (local.octant >> axis & 1) as u32;
                 let beyond = before ^ 1;
                 // Whether the near child is entered is a branch: where rays often agree, the
                 // predicted path does not wait for the distances. Whether both are entered is
@@ -240,20 +244,16 @@ impl<const COUNT: bool> Walk for Traversal<'_, COUNT> {
                 }
                 continue;
             }
-            let slots = node.slots();
-            self.count(&self.tests, slots.len());
-            let nearer = if node.holds_triangles() {
-                self.triangles::<ANY, L>(l, state, local, slots, limit)
-            } else {
-                self.anything::<ANY>(state, local, slots, &mut mailbox, limit)
-            };
-            match nearer {
-                Some(nearer) => limit = nearer,
-                None => return limit,
+            self.count(&self.tests, node.slots().len());
+            if self.leaf(m, best, node, &mut mailbox, query) {
+                if ANY {
+                    return;
+                }
+                limit = best.limit(local);
             }
             loop {
                 if height == 0 {
-                    return limit;
+                    return;
                 }
                 height -= 1;
                 (place, near, far) = stack[height % MAX_DEPTH];

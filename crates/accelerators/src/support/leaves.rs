@@ -1,22 +1,20 @@
-//! Leaves and their elements, with a conservative single-precision filter for triangles.
+//! Leaves and their elements, with a test of several triangles at once.
 //!
-//! A structure refers to leaves of up to eight elements. The corners of triangles are stored in
-//! local coordinates (`frame`), and eight triangles are tested at once (`filter`). The tests in
-//! `f64` decide whatever this filter cannot, and compute every hit that is returned (`state`).
-//! Proof that no hit is missed: `docs/accelerators.md`.
+//! A structure refers to leaves of up to eight elements. Boxes are in single precision and local
+//! coordinates (`frame`). The corners of triangles are in world coordinates, and the test in double
+//! precision handles a vector of them at once (`search`).
 
 pub(crate) mod child;
-pub(crate) mod filter;
 pub(crate) mod frame;
 pub(crate) mod items;
-pub(crate) mod state;
+pub(crate) mod search;
 
-use child::{Child, Kind, WIDTH};
-use filter::{NUMBERS, WINDOW};
+use child::WIDTH;
 use frame::Frame;
+use glam::{DVec3, Vec3A, Vec4, Vec4Swizzles};
 use std::sync::Arc;
-use whitstone_core::triangle::Axis;
-use whitstone_core::{Aabb, DVec3, Element, Geometry, LoweredShape};
+use whitstone_core::{Aabb, Element, Geometry};
+use whitstone_simd::Doubles;
 
 /// All leaves of a structure.
 pub(crate) struct Leaves {
@@ -26,34 +24,83 @@ pub(crate) struct Leaves {
     pub(crate) unbounded: Vec<Element>,
     /// Elements of all leaves, concatenated.
     pub(crate) slots: Vec<Slot>,
-    /// The corners of the triangles of `slots` in local coordinates; see `filter`.
-    pub(crate) numbers: Vec<f32>,
-    /// Factor that turns `numbers` into the exact world coordinates of corners; 0 if there is none.
-    pub(crate) exact: f64,
+    /// The corners of the triangles of `slots`.
+    pub(crate) corners: Corners,
+}
+
+/// The corners of the triangles of all leaves in the world, [`NUMBERS`] for each, and padding. The
+/// numbers of a leaf are in the order of [`by_coordinate`].
+pub(crate) enum Corners {
+    /// If every vertex is exact in single precision.
+    Single(Vec<f32>),
+    Double(Vec<f64>),
+}
+
+/// Numbers of a triangle: three corners of three coordinates.
+pub(crate) const NUMBERS: usize = 9;
+
+/// This many numbers can be read from the start of any leaf; those past its end are arbitrary.
+pub(crate) const WINDOW: usize = NUMBERS * WIDTH;
+
+/// A number of [`Corners`].
+pub(crate) trait Number: Copy + Default + Send + Sync {
+    fn from_double(x: f64) -> Self;
+    fn corners(numbers: Vec<Self>) -> Corners;
+    /// The corners of a triangle in local coordinates, rounded.
+    fn local(frame: &Frame, corners: &[Self; NUMBERS]) -> [Vec3A; 3];
+    /// Part of eight numbers.
+    fn lanes<D: Doubles>(d: D, from: &[Self; 8], part: usize) -> D::Vector;
+}
+
+impl Number for f32 {
+    #[inline(always)]
+    fn from_double(x: f64) -> Self {
+        x as f32
+    }
+    fn corners(numbers: Vec<Self>) -> Corners {
+        Corners::Single(numbers)
+    }
+    #[inline(always)]
+    fn local(frame: &Frame, corners: &[Self; NUMBERS]) -> [Vec3A; 3] {
+        if !frame.is_exact() {
+            return f64::local(frame, &corners.map(f64::from));
+        }
+        let four = |start: usize| Vec4::from_slice(&corners[start..start + 4]);
+        let scale = frame.length(1.0) as f32;
+        [four(0), four(3), four(5).yzww()].map(|corner| Vec3A::from_vec4(corner) * scale)
+    }
+    #[inline(always)]
+    fn lanes<D: Doubles>(d: D, from: &[Self; 8], part: usize) -> D::Vector {
+        d.widen(from, part)
+    }
+}
+
+impl Number for f64 {
+    #[inline(always)]
+    fn from_double(x: f64) -> Self {
+        x
+    }
+    fn corners(numbers: Vec<Self>) -> Corners {
+        Corners::Double(numbers)
+    }
+    #[inline(always)]
+    fn local(frame: &Frame, corners: &[Self; NUMBERS]) -> [Vec3A; 3] {
+        [0, 3, 6].map(|i| frame.point(DVec3::from_slice(&corners[i..])).as_vec3a())
+    }
+    #[inline(always)]
+    fn lanes<D: Doubles>(d: D, from: &[Self; 8], part: usize) -> D::Vector {
+        d.load(from, part)
+    }
 }
 
 impl Leaves {
-    /// The leaves with these slots; the numbers of each leaf are in the order of [`by_coordinate`].
-    pub(crate) fn new(
-        geometry: Arc<Geometry>,
-        frame: Frame,
-        unbounded: Vec<Element>,
-        slots: Vec<Slot>,
-        numbers: Vec<f32>,
-    ) -> Self {
-        Self {
-            geometry,
-            frame,
-            unbounded,
-            slots,
-            numbers,
-            exact: frame.exact().unwrap_or(0.0),
-        }
-    }
-
     /// Size in memory, in bytes.
     pub(crate) fn bytes(&self) -> usize {
-        size_of_val(&*self.slots) + size_of_val(&*self.numbers) + size_of_val(&*self.unbounded)
+        let corners = match &self.corners {
+            Corners::Single(numbers) => size_of_val(&**numbers),
+            Corners::Double(numbers) => size_of_val(&**numbers),
+        };
+        size_of_val(&*self.slots) + corners + size_of_val(&*self.unbounded)
     }
 
     /// Bounds of all elements that have a box.
@@ -63,48 +110,12 @@ impl Leaves {
             whole.union(self.geometry.bounds(element))
         })
     }
-
-    /// The corners of a triangle of a leaf, where the factor `exact` exists.
-    #[inline(always)]
-    fn exact_corners(&self, first: usize, count: usize, lane: usize) -> [DVec3; 3] {
-        self.exact_along(&[Axis::X, Axis::Y, Axis::Z], first, count, lane)
-            .map(DVec3::from_array)
-    }
-
-    /// The same, with coordinates along these axes.
-    #[inline(always)]
-    fn exact_along(&self, axes: &[Axis; 3], first: usize, count: usize, lane: usize) -> [[f64; 3]; 3] {
-        let Some(numbers) = self.numbers[NUMBERS * first..].first_chunk::<WINDOW>() else {
-            return [[0.0; 3]; 3];
-        };
-        // This changes neither, but lets the compiler omit bounds checks.
-        let (count, lane) = (count.min(WIDTH), lane % WIDTH);
-        let along = |i: usize| 3 * axes[i] as usize * count + lane;
-        let [x, y, z] = [along(0), along(1), along(2)];
-        let number = |i: usize| f64::from(numbers[i]) * self.exact;
-        let corner = |by: usize| [number(x + by), number(y + by), number(z + by)];
-        [corner(0), corner(count), corner(2 * count)]
-    }
-
-    /// The slot at a place of a leaf of triangles, and the triangle's corners in the world.
-    #[inline(always)]
-    pub(crate) fn triangle(&self, leaf: Child, lane: usize) -> (Slot, [DVec3; 3]) {
-        let slot = self.slots[leaf.index() + lane];
-        let corners = match leaf.kind() {
-            Kind::Triangles(first, count) if self.exact != 0.0 => self.exact_corners(first, count, lane),
-            _ => match &self.geometry.shapes()[slot.shape as usize] {
-                LoweredShape::Triangles(mesh) => mesh.corners(slot.triangle),
-                _ => [DVec3::ZERO; 3],
-            },
-        };
-        (slot, corners)
-    }
 }
 
 /// Transposes the numbers of a leaf: from triangle by triangle to rows of one number of every
 /// triangle, axis by axis, corner by corner.
-pub(crate) fn by_coordinate(numbers: &mut [f32], count: usize) {
-    let mut old = [0.0; NUMBERS * WIDTH];
+pub(crate) fn by_coordinate<T: Number>(numbers: &mut [T], count: usize) {
+    let mut old = [T::default(); WINDOW];
     let old = &mut old[..numbers.len()];
     old.copy_from_slice(numbers);
     for (i, triangle) in old.as_chunks::<NUMBERS>().0.iter().enumerate() {
@@ -116,7 +127,7 @@ pub(crate) fn by_coordinate(numbers: &mut [f32], count: usize) {
 }
 
 /// An element in a leaf.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Slot {
     pub(crate) shape: u32,
     /// The triangle, or [`Slot::CUSTOM`].

@@ -24,15 +24,11 @@ pub struct ShearedRay {
 }
 
 /// An axis; an enumeration, so that indexing needs no bounds check.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug)]
 #[repr(u8)]
-pub enum Axis {
-    /// The first.
-    #[default]
+enum Axis {
     X,
-    /// The second.
     Y,
-    /// The third.
     Z,
 }
 
@@ -40,7 +36,7 @@ impl Axis {
     /// The axis of the largest absolute component, the last one among ties. Branchless: directions
     /// of scattered rays are unpredictable.
     #[inline]
-    pub fn longest(v: DVec3) -> Self {
+    fn longest(v: DVec3) -> Self {
         let a = v.abs();
         let [x_or_z, y_or_z] = [
             select(a.x > a.z, Self::X, Self::Z),
@@ -75,12 +71,7 @@ impl ShearedRay {
     /// two keep the handedness.
     #[inline]
     pub fn new(ray: &Ray) -> Self {
-        Self::along(ray, Axis::longest(ray.direction))
-    }
-
-    /// [`Self::new`] for a known axis.
-    #[inline]
-    pub fn along(ray: &Ray, z: Axis) -> Self {
+        let z = Axis::longest(ray.direction);
         let (o, d) = (ray.origin.to_array(), ray.direction.to_array());
         let axes = &AXES[usize::from(d[z as usize] < 0.0)][z as usize];
         let [x, y, z] = along(axes, d);
@@ -91,23 +82,12 @@ impl ShearedRay {
         }
     }
 
-    /// The world axes that become x, y and z.
-    #[inline]
-    pub fn axes(&self) -> &'static [Axis; 3] {
-        self.axes
-    }
-
     /// Shears a point to the test's coordinates: x and y are offsets from the ray, z runs along it.
     /// Other geometry bounded by edges is watertight next to triangles if it uses these
     /// coordinates.
     #[inline]
     pub fn shear(&self, p: DVec3) -> DVec3 {
-        self.shear_turned(along(self.axes, p.to_array()))
-    }
-
-    /// [`Self::shear`] for coordinates along [`Self::axes`].
-    #[inline]
-    fn shear_turned(&self, [x, y, z]: [f64; 3]) -> DVec3 {
+        let [x, y, z] = along(self.axes, p.to_array());
         let [x, y, z] = [x - self.origin[0], y - self.origin[1], z - self.origin[2]];
         DVec3::new(x - self.shear.x * z, y - self.shear.y * z, z)
     }
@@ -116,13 +96,7 @@ impl ShearedRay {
     /// degenerate triangles and those seen edge-on.
     #[inline]
     pub fn intersect(&self, a: DVec3, b: DVec3, c: DVec3) -> Option<TriangleHit> {
-        self.intersect_turned([a, b, c].map(|p| along(self.axes, p.to_array())))
-    }
-
-    /// [`Self::intersect`] for corners given by their coordinates along [`Self::axes`].
-    #[inline(always)]
-    pub fn intersect_turned(&self, corners: [[f64; 3]; 3]) -> Option<TriangleHit> {
-        let [a, b, c] = corners.map(|p| self.shear_turned(p));
+        let [a, b, c] = [self.shear(a), self.shear(b), self.shear(c)];
         // Scaled barycentric coordinates: edge functions opposite a, b and c.
         let weight_a = c.x * b.y - c.y * b.x;
         let weight_b = a.x * c.y - a.y * c.x;

@@ -1,10 +1,9 @@
 //! The input of a build: boxes in single precision, rounded outward.
 
-use super::Slot;
-use super::filter::{NUMBERS, WINDOW};
 use super::frame::{Frame, ROUNDING};
+use super::{NUMBERS, Number, Slot, WINDOW};
 use crate::support::oversized::oversized;
-use glam::{Vec3A, Vec4, Vec4Swizzles};
+use glam::{Vec3A, Vec4};
 use rayon::prelude::*;
 use whitstone_core::{Aabb, DVec3, Element, Geometry, LoweredShape, TriangleMesh};
 
@@ -123,6 +122,8 @@ impl Item {
 pub(crate) struct Items<'a> {
     geometry: &'a Geometry,
     pub(crate) frame: Frame,
+    /// Whether every vertex is exact in `f32`.
+    pub(crate) single: bool,
     /// Box around twice the centers of the elements' boxes, in the world.
     centers: Aabb,
     /// Elements without a box of reasonable size, and those of oversized shapes.
@@ -143,10 +144,10 @@ const BLOCK: usize = 128;
 const ORIGIN: &[DVec3] = &[DVec3::ZERO];
 
 /// Contents of all leaves, concatenated.
-pub(crate) struct Contents {
+pub(crate) struct Contents<T> {
     pub(crate) slots: Vec<Slot>,
-    /// The corners of triangles in local coordinates, followed by padding of zeros.
-    pub(crate) corners: Vec<[f32; NUMBERS]>,
+    /// The corners of triangles in the world, followed by padding of zeros.
+    pub(crate) corners: Vec<[T; NUMBERS]>,
 }
 
 impl<'a> Items<'a> {
@@ -184,9 +185,11 @@ impl<'a> Items<'a> {
         } else {
             extent.whole
         };
-        let unmoved = Frame::unmoved(&whole).filter(|_| in_single_precision(geometry));
+        let single = in_single_precision(geometry);
+        let unmoved = Frame::unmoved(&whole).filter(|_| single);
         let mut items = Self {
             geometry,
+            single,
             frame: unmoved.unwrap_or_else(|| Frame::around(&whole)),
             centers: extent.centers,
             unbounded: Vec::new(),
@@ -276,9 +279,8 @@ impl<'a> Items<'a> {
 
     /// The box of the element with this number and these corners, as in [`Contents`].
     #[inline(always)]
-    pub(crate) fn aabb(&self, number: u32, corners: &[f32; NUMBERS]) -> Box4 {
-        let four = |start: usize| Vec4::from_slice(&corners[start..start + 4]);
-        let own = [four(0), four(3), four(5).yzww()].map(Vec3A::from_vec4);
+    pub(crate) fn aabb<T: Number>(&self, number: u32, corners: &[T; NUMBERS]) -> Box4 {
+        let own = T::local(&self.frame, corners);
         self.quick_box(own).unwrap_or_else(|| self.item(number).aabb())
     }
 
@@ -292,7 +294,7 @@ impl<'a> Items<'a> {
             max: a.max(b).max(c).extend(0.0),
         };
         // Half a unit in the last place of a coordinate is at most 2^-25.
-        let exact = self.frame.exact().is_some();
+        let exact = self.frame.is_exact();
         let (error, aabb) = if exact {
             (0.0, aabb)
         } else {
@@ -302,7 +304,11 @@ impl<'a> Items<'a> {
     }
 
     /// The contents of leaves that hold the elements with these numbers, in this order.
-    pub(crate) fn contents<T: Sync>(&self, all: &[T], number: impl Fn(&T) -> u32 + Sync + Send) -> Contents {
+    pub(crate) fn contents<T: Number, I: Sync>(
+        &self,
+        all: &[I],
+        number: impl Fn(&I) -> u32 + Sync + Send,
+    ) -> Contents<T> {
         let slots = all.par_iter().with_min_len(PARALLEL);
         let slots = slots.map(|one| Slot::new(self.element(number(one)))).collect();
         let length = all.len() + BEHIND;
@@ -314,10 +320,10 @@ impl<'a> Items<'a> {
             for (source, one) in sources.iter_mut().zip(block) {
                 *source = self.source(self.element(number(one)));
             }
-            let mut corners = [[0.0; NUMBERS]; BLOCK];
+            let mut corners = [[T::default(); NUMBERS]; BLOCK];
             for ((corners, _), (positions, indices)) in corners.iter_mut().zip(block).zip(sources) {
-                let own = indices.map(|i| self.frame.point(positions[i as usize]).as_vec3());
-                let [[a, b, c], [d, e, f], [g, h, i]] = own.map(|p| p.to_array());
+                let own = indices.map(|i| positions[i as usize].to_array().map(T::from_double));
+                let [[a, b, c], [d, e, f], [g, h, i]] = own;
                 *corners = [a, b, c, d, e, f, g, h, i];
             }
             corners
