@@ -19,9 +19,6 @@ use whitstone_simd::{Kernel, Machine};
 /// Number of rays that are traversed at a time.
 const RAYS: usize = 48;
 
-/// Room for a list of rays: a power of two, so that indexing needs no bounds check.
-const ROOM: usize = RAYS.next_power_of_two();
-
 /// Once at most this many rays are at inner nodes, leaves are tested.
 const FEW: usize = RAYS / 8;
 
@@ -59,16 +56,16 @@ pub(super) struct Stream<'a, const ANY: bool, const N: usize, A> {
 }
 
 /// The rays that are being traversed.
-pub(super) struct Places([Place; RAYS]);
+pub(super) struct Places(Vec<Place>);
 
 impl Places {
     /// Calls `f` with memory of this thread: clearing it for every stream would take a tenth of a
     /// stream's time.
     pub(super) fn with<R>(f: impl FnOnce(&mut Self) -> R) -> R {
         thread_local! {
-            static MEMORY: Cell<Option<Box<Places>>> = const { Cell::new(None) };
+            static MEMORY: Cell<Option<Places>> = const { Cell::new(None) };
         }
-        let new = || Box::new(Self(std::array::from_fn(|_| Place::new())));
+        let new = || Self((0..RAYS).map(|_| Place::new()).collect());
         let mut places = MEMORY.take().unwrap_or_else(new);
         let result = f(&mut places);
         MEMORY.set(Some(places));
@@ -89,46 +86,35 @@ impl<const ANY: bool, const N: usize, A: Answers> Kernel<N> for Stream<'_, ANY, 
         } = self;
         let mut source = Source::<ANY, N> { tree, rays, next: 0 };
         let nodes = &*tree.hierarchy.nodes;
-        // The places of rays at inner nodes, at leaves or at the end, and at the end.
-        let (mut inner, mut leaves, mut done) = ([0u8; ROOM], [0u8; ROOM], [0u8; ROOM]);
-        let (mut inner_count, mut leaf_count) = (0, 0);
         for start in (0..AHEAD).step_by(GROUP) {
             rays.prefetch(start);
         }
-        while inner_count < RAYS && source.start(m, &mut places[inner_count], answers) {
-            inner[inner_count] = inner_count as u8;
-            inner_count += 1;
+        // The places of rays at inner nodes, at leaves, and at the end. Sets, not lists: a list
+        // grows by a number of entries that is not known until a step is complete, and the next
+        // step would wait for it, because it might read what is written there.
+        let (mut inner, mut leaves, mut done) = (Set(0), Set(0), Set(0));
+        for (number, place) in places.iter_mut().enumerate() {
+            if !source.start(m, place, answers) {
+                break;
+            }
+            inner.insert(number, true);
         }
-        while inner_count + leaf_count > 0 {
-            while inner_count > 0 {
-                let mut left = 0;
-                for i in 0..inner_count {
-                    let number = inner[i];
-                    let place = &mut places[usize::from(number)];
+        while inner.len() + leaves.len() + done.len() > 0 {
+            loop {
+                for number in inner {
+                    let place = &mut places[number];
                     place.step(m, nodes);
-                    let is_inner = place.child.is_inner();
-                    (inner[left], leaves[leaf_count % ROOM]) = (number, number);
-                    left += usize::from(is_inner);
-                    leaf_count += usize::from(!is_inner);
+                    let now = place.child;
+                    inner.remove(number, !now.is_inner());
+                    leaves.insert(number, now.is_leaf());
+                    done.insert(number, now == Stack::END);
                 }
-                inner_count = left;
-                if inner_count <= FEW {
+                if inner.len() <= FEW {
                     break;
                 }
             }
-            let (mut left, mut done_count) = (0, 0);
-            for i in 0..leaf_count {
-                let number = leaves[i];
-                let is_done = places[usize::from(number)].child == Stack::END;
-                (leaves[left], done[done_count % ROOM]) = (number, number);
-                left += usize::from(!is_done);
-                done_count += usize::from(is_done);
-            }
-            leaf_count = left;
-            left = 0;
-            for i in 0..leaf_count {
-                let number = leaves[i];
-                let place = &mut places[usize::from(number)];
+            for number in leaves {
+                let place = &mut places[number];
                 let query = Streamed {
                     rays,
                     lane: place.lane,
@@ -142,27 +128,58 @@ impl<const ANY: bool, const N: usize, A: Answers> Kernel<N> for Stream<'_, ANY, 
                     }
                 }
                 place.child = place.stack.pop().1;
-                let is_inner = place.child.is_inner();
-                (inner[inner_count % ROOM], leaves[left]) = (number, number);
-                inner_count += usize::from(is_inner);
-                left += usize::from(!is_inner);
+                let now = place.child;
+                inner.insert(number, now.is_inner());
+                leaves.remove(number, !now.is_leaf());
+                done.insert(number, now == Stack::END);
             }
-            leaf_count = left;
-            for &number in &done[..done_count] {
-                let place = &mut places[usize::from(number)];
+            for number in done {
+                let place = &mut places[number];
                 place.child = place.stack.pop_spilled().1;
+                let mut left = true;
                 if place.child == Stack::END {
                     answers.set(place.lane, place.best.hit);
-                    if !source.start(m, place, answers) {
-                        continue;
-                    }
+                    left = source.start(m, place, answers);
                 }
-                let is_inner = place.child.is_inner();
-                (inner[inner_count % ROOM], leaves[leaf_count % ROOM]) = (number, number);
-                inner_count += usize::from(is_inner);
-                leaf_count += usize::from(!is_inner);
+                done.remove(number, true);
+                inner.insert(number, left & place.child.is_inner());
+                leaves.insert(number, left & !place.child.is_inner());
             }
         }
+    }
+}
+
+/// A set of places.
+#[derive(Clone, Copy)]
+struct Set(u64);
+
+impl Set {
+    #[inline(always)]
+    fn len(self) -> usize {
+        self.0.count_ones() as usize
+    }
+
+    /// Inserts a number if `really`, without a branch.
+    #[inline(always)]
+    fn insert(&mut self, number: usize, really: bool) {
+        self.0 |= u64::from(really) << (number % 64);
+    }
+
+    /// Removes a number if `really`, without a branch.
+    #[inline(always)]
+    fn remove(&mut self, number: usize, really: bool) {
+        self.0 &= !(u64::from(really) << (number % 64));
+    }
+}
+
+impl Iterator for Set {
+    type Item = usize;
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<usize> {
+        let number = self.0.trailing_zeros() as usize;
+        self.0 &= self.0.wrapping_sub(1);
+        (number < RAYS).then_some(number)
     }
 }
 
