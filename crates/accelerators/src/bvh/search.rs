@@ -18,7 +18,7 @@ pub(super) struct Tree<'a, const N: usize> {
 impl<const N: usize> Tree<'_, N> {
     /// Tests the elements of a leaf. Returns whether one of them is the best hit.
     #[inline(always)]
-    pub(super) fn leaf<M: Machine<N>>(
+    pub(super) fn leaf<const ANY: bool, M: Machine<N>>(
         &self,
         m: M,
         best: &mut Best,
@@ -26,7 +26,7 @@ impl<const N: usize> Tree<'_, N> {
         query: &impl RayQuery,
     ) -> bool {
         match leaf.kind() {
-            Kind::Triangles(first, count) => best.try_triangles(m.doubles(), self.leaves, first, count),
+            Kind::Triangles(first, count) => best.try_triangles::<ANY, _>(m.doubles(), self.leaves, first, count),
             Kind::Mixed(first, count) => {
                 let mut better = false;
                 for slot in &self.leaves.slots[first..first + count] {
@@ -74,7 +74,7 @@ impl<const N: usize> Walk<N> for Tree<'_, N> {
                     break;
                 }
             }
-            if !child.is_inner() && self.leaf(m, best, child, query) {
+            if !child.is_inner() && self.leaf::<ANY, M>(m, best, child, query) {
                 if ANY {
                     return;
                 }

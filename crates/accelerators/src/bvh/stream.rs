@@ -119,7 +119,7 @@ impl<const ANY: bool, const N: usize, A: Answers> Kernel<N> for Stream<'_, ANY, 
                     rays,
                     lane: place.lane,
                 };
-                if tree.leaf(m, &mut place.best, place.child, &query) {
+                if tree.leaf::<ANY, M>(m, &mut place.best, place.child, &query) {
                     if ANY {
                         place.stack.clear();
                     } else {

@@ -153,7 +153,7 @@ impl<'a, const COUNT: bool> Traversal<'a, COUNT> {
 
     /// Tests the elements of a leaf. Returns whether one of them is the best hit.
     #[inline(always)]
-    fn leaf<M: Machine<WIDTH>>(
+    fn leaf<const ANY: bool, M: Machine<WIDTH>>(
         &self,
         m: M,
         best: &mut Best,
@@ -168,7 +168,8 @@ impl<'a, const COUNT: bool> Traversal<'a, COUNT> {
         let mut better = false;
         let mut first = slots.start;
         while first < slots.end {
-            better |= best.try_triangles(m.doubles(), leaves, first, WIDTH.min(slots.end - first));
+            let count = WIDTH.min(slots.end - first);
+            better |= best.try_triangles::<ANY, _>(m.doubles(), leaves, first, count);
             first += WIDTH;
         }
         better
@@ -245,7 +246,7 @@ impl<const COUNT: bool> Walk<WIDTH> for Traversal<'_, COUNT> {
                 continue;
             }
             self.count(&self.tests, node.slots().len());
-            if self.leaf(m, best, node, &mut mailbox, query) {
+            if self.leaf::<ANY, M>(m, best, node, &mut mailbox, query) {
                 if ANY {
                     return;
                 }

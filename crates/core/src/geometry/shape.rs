@@ -178,7 +178,7 @@ impl InstanceId {
 }
 
 /// A hit as returned by an accelerator: without normals and texture coordinates.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PreliminaryIntersection {
     /// Ray parameter.
     pub t: f64,

@@ -85,13 +85,13 @@ pub(crate) struct LocalRay {
     pub(crate) far: [f32; 4],
     /// Lower bound of the interval.
     pub(crate) min: f32,
-    /// Upper bound of the interval.
-    pub(crate) max: f32,
     /// The near planes (index 0) and the far planes (index 1) of boxes, by axis.
     pub(crate) planes: [[Planes; 3]; 2],
     /// The signs of the direction, x the lowest bit.
     pub(crate) octant: usize,
-    clock: Clock,
+    /// Local parameters per world parameter, and the local parameter of 0, both rounded up.
+    pace: f64,
+    start: f64,
 }
 
 /// A ray for the double-precision tests of triangles: the numbers of
@@ -196,17 +196,20 @@ pub(crate) fn prepare<Q: Quad>(
         q.permute(direction, &turn.dividend),
         q.permute(direction, &turn.divisor),
     );
-    let clock = Clock { scale, shift };
+    // Twice the rounding to single precision, and that of the product and the sum below.
+    let more = 1.0 + 4.0 * f64::from(ROUNDING);
+    let slack = 2f64.powi(-48) * shift.abs();
+    let min = interval.min * scale - shift;
     let octant = signs as usize & 7;
     let local = LocalRay {
         reciprocal: q.store_rounded(reciprocal),
         near: q.store_rounded(q.sub(q.splat(0.0), q.add(offset, margin))),
         far: q.store_rounded(q.sub(margin, offset)),
-        min: clock.below(interval.min),
-        max: clock.above(interval.max),
+        min: (min - 4.0 * f64::from(ROUNDING) * min.abs() - slack) as f32,
         planes: SIDES[octant],
         octant,
-        clock,
+        pace: scale * more,
+        start: 64.0 * f64::from(ROUNDING) + slack - shift * more,
     };
     let sheared = Sheared {
         axes: turn.axes,
@@ -229,10 +232,11 @@ fn greatest<Q: Quad>(q: Q, v: Q::Vector) -> Q::Vector {
 }
 
 impl LocalRay {
-    /// An upper bound on the local parameter of `t`.
+    /// An upper bound on the local parameter of `t`, if that is at least -8. The structure ends
+    /// before that.
     #[inline(always)]
     pub(crate) fn above(&self, t: f64) -> f32 {
-        self.clock.above(t)
+        (t * self.pace + self.start) as f32
     }
 }
 
@@ -278,31 +282,3 @@ static SIDES: [[[Planes; 3]; 2]; 8] = {
     }
     found
 };
-
-/// Conversion of world ray parameters to local ones.
-#[derive(Clone, Copy, Debug, Default)]
-struct Clock {
-    scale: f64,
-    shift: f64,
-}
-
-impl Clock {
-    /// A lower bound on the local parameter of `t`.
-    #[inline(always)]
-    fn below(&self, t: f64) -> f32 {
-        let t = t * self.scale - self.shift;
-        (t - self.slack(t)) as f32
-    }
-
-    /// An upper bound on the local parameter of `t`, which may be infinite.
-    #[inline(always)]
-    fn above(&self, t: f64) -> f32 {
-        let t = t * self.scale - self.shift;
-        (t + self.slack(t)) as f32
-    }
-
-    #[inline(always)]
-    fn slack(&self, t: f64) -> f64 {
-        4.0 * f64::from(ROUNDING) * t.abs() + 2f64.powi(-48) * self.shift.abs()
-    }
-}

@@ -150,10 +150,7 @@ impl Best {
     /// The limit beyond which boxes do not count.
     #[inline(always)]
     pub(crate) fn limit(&self, local: &LocalRay) -> f32 {
-        match &self.hit {
-            Some(hit) => local.above(hit.t),
-            None => local.max,
-        }
+        local.above(self.max)
     }
 
     /// Tests some elements.
@@ -191,7 +188,7 @@ impl Best {
 
     /// Tests the triangles of a leaf. Returns whether one of them is the best hit.
     #[inline(always)]
-    pub(crate) fn try_triangles<D: Doubles>(
+    pub(crate) fn try_triangles<const ANY: bool, D: Doubles>(
         &mut self,
         d: D,
         leaves: &Leaves,
@@ -199,13 +196,13 @@ impl Best {
         count: usize,
     ) -> bool {
         match &leaves.corners {
-            Corners::Single(numbers) => self.try_window(d, leaves, numbers, first, count),
-            Corners::Double(numbers) => self.try_window(d, leaves, numbers, first, count),
+            Corners::Single(numbers) => self.try_window::<ANY, _, _>(d, leaves, numbers, first, count),
+            Corners::Double(numbers) => self.try_window::<ANY, _, _>(d, leaves, numbers, first, count),
         }
     }
 
     #[inline(always)]
-    fn try_window<D: Doubles, T: Number>(
+    fn try_window<const ANY: bool, D: Doubles, T: Number>(
         &mut self,
         d: D,
         leaves: &Leaves,
@@ -230,21 +227,36 @@ impl Best {
                 count,
                 part,
             };
-            let Some(found) = triangles.intersect(d, &self.sheared, self.min, self.max) else {
+            let slots = &leaves.slots[first + part * D::LANES..];
+            let sides = triangles.sides(d, &self.sheared, self.min, self.max);
+            if sides.mask == 0 {
                 continue;
-            };
-            let mut mask = found.mask;
+            }
+            if ANY {
+                let mut sure = sides.sure(d, self.min, self.max);
+                while sure != 0 {
+                    let lane = sure.trailing_zeros() as usize;
+                    sure &= sure - 1;
+                    if slots[lane] != self.skip {
+                        // Where and on what does not matter.
+                        self.hit = Some(PreliminaryIntersection::default());
+                        return true;
+                    }
+                }
+            }
+            let hits = sides.intersect(d, &self.sheared, self.min, self.max);
+            let mut mask = hits.mask;
             while mask != 0 {
                 let lane = mask.trailing_zeros() as usize;
                 mask &= mask - 1;
-                let slot = leaves.slots[first + part * D::LANES + lane];
+                let slot = slots[lane];
                 if slot == self.skip {
                     continue;
                 }
                 let hit = ShapeHit {
-                    t: d.lane(found.t, lane),
+                    t: d.lane(hits.t, lane),
                     primitive: slot.triangle,
-                    prim_uv: DVec2::new(d.lane(found.u, lane), d.lane(found.v, lane)),
+                    prim_uv: DVec2::new(d.lane(hits.u, lane), d.lane(hits.v, lane)),
                 };
                 better |= self.offer(hit.of_shape(InstanceId::TOP_LEVEL, slot.shape));
             }
@@ -262,6 +274,23 @@ struct Triangles<'a, T> {
     part: usize,
 }
 
+/// The first half of the test: on which sides of the edges the ray passes.
+struct Sides<V> {
+    /// The lanes whose triangles are hit by the line of the ray, perhaps inside the interval, as a
+    /// bit mask.
+    mask: u32,
+    /// Sheared coordinates of the corners a, b and c.
+    corners: [[V; 3]; 3],
+    /// Scaled barycentric coordinates, and their sum.
+    weights: [V; 3],
+    determinant: V,
+    /// Bounds on the coordinate along the ray, and on the ray parameter.
+    least: V,
+    most: V,
+    near: V,
+    far: V,
+}
+
 /// The lanes whose triangles are hit, as a bit mask, and the hits.
 struct Hits<V> {
     mask: u32,
@@ -270,20 +299,14 @@ struct Hits<V> {
     v: V,
 }
 
+/// The test of [`ShearedRay::intersect`], in the same order of operations, with all lanes at once.
+///
+/// No closures: they would not be compiled for the lanes' instruction set.
 impl<T: Number> Triangles<'_, T> {
-    /// [`ShearedRay::intersect`], in the same order of operations, with all lanes at once. `None`
-    /// if none is hit at more than `min` and at most `max`.
-    ///
-    /// No closures, here and below: they would not be compiled for the lanes' instruction set.
     #[inline(always)]
-    fn intersect<D: Doubles>(
-        &self,
-        d: D,
-        ray: &Sheared,
-        min: f64,
-        max: f64,
-    ) -> Option<Hits<D::Vector>> {
-        let [a, b, c] = [self.corner(d, ray, 0), self.corner(d, ray, 1), self.corner(d, ray, 2)];
+    fn sides<D: Doubles>(&self, d: D, ray: &Sheared, min: f64, max: f64) -> Sides<D::Vector> {
+        let corners = [self.corner(d, ray, 0), self.corner(d, ray, 1), self.corner(d, ray, 2)];
+        let [a, b, c] = corners;
         let weights = [
             cross(d, [c[0], c[1]], [b[0], b[1]]),
             cross(d, [a[0], a[1]], [c[0], c[1]]),
@@ -291,50 +314,30 @@ impl<T: Number> Triangles<'_, T> {
         ];
         let lowest = d.min(d.min(weights[0], weights[1]), weights[2]);
         let highest = d.max(d.max(weights[0], weights[1]), weights[2]);
+        let determinant = d.add(d.add(weights[0], weights[1]), weights[2]);
         let zero = d.splat(0.0);
         let valid = (1 << self.count) - 1 >> (self.part * D::LANES);
-        let one_side = (d.less(lowest, zero) ^ d.less(zero, highest)) & valid;
+        let one_side = d.less(lowest, zero) ^ d.less(zero, highest);
+        let finite = d.less(d.abs(determinant), d.splat(f64::INFINITY));
         // The parameter of a hit is between those of the nearest and the farthest corner, also
         // after rounding. Nearly all triangles that pass this test are hit, so the processor
-        // predicts the last one.
+        // predicts what depends on the second half.
         let least = d.min(d.min(a[2], b[2]), c[2]);
         let most = d.max(d.max(a[2], b[2]), c[2]);
         let scale = d.splat(ray.shear[2]);
         let ends = [d.mul(least, scale), d.mul(most, scale)];
-        let [min, max] = [d.splat(min), d.splat(max)];
-        let reached = d.less(min, d.max(ends[0], ends[1])) & d.at_most(d.min(ends[0], ends[1]), max);
-        if one_side & reached == 0 {
-            return None;
+        let (near, far) = (d.min(ends[0], ends[1]), d.max(ends[0], ends[1]));
+        let reached = d.less(d.splat(min), far) & d.at_most(near, d.splat(max));
+        Sides {
+            mask: one_side & finite & reached & valid,
+            corners,
+            weights,
+            determinant,
+            least,
+            most,
+            near,
+            far,
         }
-        let determinant = d.add(d.add(weights[0], weights[1]), weights[2]);
-        let finite = d.less(d.abs(determinant), d.splat(f64::INFINITY));
-        let reciprocal = d.div(d.splat(1.0), determinant);
-        let shares = [
-            d.mul(weights[0], reciprocal),
-            d.mul(weights[1], reciprocal),
-            d.mul(weights[2], reciprocal),
-        ];
-        let corners = [a, b, c];
-        let offset = [mean(d, shares, corners, 0), mean(d, shares, corners, 1)];
-        let e = [d.sub(b[0], a[0]), d.sub(b[1], a[1]), d.sub(b[2], a[2])];
-        let f = [d.sub(c[0], a[0]), d.sub(c[1], a[1]), d.sub(c[2], a[2])];
-        let u = d.mul(cross(d, offset, [f[0], f[1]]), reciprocal);
-        let v = d.mul(cross(d, [e[0], e[1]], offset), reciprocal);
-        let change = d.add(d.mul(u, e[2]), d.mul(v, f[2]));
-        let depth = d.add(mean(d, shares, corners, 2), change);
-        let t = d.mul(d.min(d.max(depth, least), most), scale);
-        let inside = d.less(min, t) & d.at_most(t, max);
-        let mask = one_side & finite & inside;
-        if mask == 0 {
-            return None;
-        }
-        let one = d.splat(1.0);
-        Some(Hits {
-            mask,
-            t,
-            u: d.min(d.max(d.add(shares[1], u), zero), one),
-            v: d.min(d.max(d.add(shares[2], v), zero), one),
-        })
     }
 
     /// A corner in sheared coordinates.
@@ -358,6 +361,45 @@ impl<T: Number> Triangles<'_, T> {
         match self.numbers[along + corner * self.count..].first_chunk() {
             Some(row) => d.sub(T::lanes(d, row, self.part), d.splat(ray.origin[i])),
             None => d.splat(f64::NAN),
+        }
+    }
+}
+
+impl<V: Copy> Sides<V> {
+    /// The lanes whose triangles are hit inside the interval, wherever that is on them.
+    #[inline(always)]
+    fn sure<D: Doubles<Vector = V>>(&self, d: D, min: f64, max: f64) -> u32 {
+        self.mask & d.less(d.splat(min), self.near) & d.at_most(self.far, d.splat(max))
+    }
+
+    /// The second half of the test: the hits at more than `min` and at most `max`.
+    #[inline(always)]
+    fn intersect<D: Doubles<Vector = V>>(&self, d: D, ray: &Sheared, min: f64, max: f64) -> Hits<V> {
+        let [a, b, c] = self.corners;
+        let reciprocal = d.div(d.splat(1.0), self.determinant);
+        let shares = [
+            d.mul(self.weights[0], reciprocal),
+            d.mul(self.weights[1], reciprocal),
+            d.mul(self.weights[2], reciprocal),
+        ];
+        let offset = [
+            mean(d, shares, self.corners, 0),
+            mean(d, shares, self.corners, 1),
+        ];
+        let e = [d.sub(b[0], a[0]), d.sub(b[1], a[1]), d.sub(b[2], a[2])];
+        let f = [d.sub(c[0], a[0]), d.sub(c[1], a[1]), d.sub(c[2], a[2])];
+        let u = d.mul(cross(d, offset, [f[0], f[1]]), reciprocal);
+        let v = d.mul(cross(d, [e[0], e[1]], offset), reciprocal);
+        let change = d.add(d.mul(u, e[2]), d.mul(v, f[2]));
+        let depth = d.add(mean(d, shares, self.corners, 2), change);
+        let depth = d.min(d.max(depth, self.least), self.most);
+        let t = d.mul(depth, d.splat(ray.shear[2]));
+        let (zero, one) = (d.splat(0.0), d.splat(1.0));
+        Hits {
+            mask: self.mask & d.less(d.splat(min), t) & d.at_most(t, d.splat(max)),
+            t,
+            u: d.min(d.max(d.add(shares[1], u), zero), one),
+            v: d.min(d.max(d.add(shares[2], v), zero), one),
         }
     }
 }
