@@ -55,10 +55,24 @@ impl<const N: usize> Walk<N> for Tree<'_, N> {
         // Otherwise each value, broadcast to all lanes, would be kept on the stack instead of being
         // broadcast when it is loaded.
         let local = std::hint::black_box(local);
+        self.traverse::<ANY, M>(m, best, local, query, self.hierarchy.root, &mut Stack::new());
+    }
+}
+
+impl<const N: usize> Tree<'_, N> {
+    /// Visits the subtree of `child`; the stack must be empty.
+    #[inline(always)]
+    pub(super) fn traverse<const ANY: bool, M: Machine<N>>(
+        &self,
+        m: M,
+        best: &mut Best,
+        local: &LocalRay,
+        query: &impl RayQuery,
+        mut child: Child,
+        stack: &mut Stack,
+    ) {
         let nodes = &*self.hierarchy.nodes;
-        let mut stack = Stack::new();
         let mut limit = best.limit(local);
-        let mut child = self.hierarchy.root;
         loop {
             // A separate loop over inner nodes, so that its state stays in registers.
             while child.is_inner() {

@@ -222,56 +222,111 @@ impl Best {
             count.div_ceil(D::LANES)
         };
         for part in 0..parts {
-            let triangles = Triangles {
-                numbers,
-                count,
-                part,
-            };
             let slots = &leaves.slots[first + part * D::LANES..];
-            let sides = triangles.sides(d, &self.sheared, self.min, self.max);
+            let sides = Sides::new(d, &self.triangles(numbers, count, part));
             if sides.mask == 0 {
                 continue;
             }
             if ANY {
-                let mut sure = sides.sure(d, self.min, self.max);
+                let mut sure = sides.sure(d, &self.triangles(numbers, count, part));
                 while sure != 0 {
                     let lane = sure.trailing_zeros() as usize;
                     sure &= sure - 1;
-                    if slots[lane] != self.skip {
-                        // Where and on what does not matter.
-                        self.hit = Some(PreliminaryIntersection::default());
+                    if self.accept(slots[lane]) {
                         return true;
                     }
                 }
             }
-            let hits = sides.intersect(d, &self.sheared, self.min, self.max);
+            let hits = sides.intersect(d, &self.triangles(numbers, count, part));
             let mut mask = hits.mask;
             while mask != 0 {
                 let lane = mask.trailing_zeros() as usize;
                 mask &= mask - 1;
-                let slot = slots[lane];
-                if slot == self.skip {
-                    continue;
-                }
-                let hit = ShapeHit {
-                    t: d.lane(hits.t, lane),
-                    primitive: slot.triangle,
-                    prim_uv: DVec2::new(d.lane(hits.u, lane), d.lane(hits.v, lane)),
-                };
-                better |= self.offer(hit.of_shape(InstanceId::TOP_LEVEL, slot.shape));
+                better |= self.offer_lane(d, &hits, lane, slots[lane]);
             }
         }
         better
     }
+
+    /// The ray, and part of the triangles of a leaf.
+    #[inline(always)]
+    fn triangles<'a, T>(&'a self, numbers: &'a [T; WINDOW], count: usize, part: usize) -> Triangles<'a, T> {
+        Triangles {
+            numbers,
+            count,
+            part,
+            ray: &self.sheared,
+            limits: [self.min, self.max],
+        }
+    }
+
+    /// Keeps the hit of a lane if it is the best so far. Returns whether it is.
+    #[inline(always)]
+    fn offer_lane<D: Doubles>(&mut self, d: D, hits: &Hits<D::Vector>, lane: usize, slot: Slot) -> bool {
+        if slot == self.skip {
+            return false;
+        }
+        let hit = ShapeHit {
+            t: d.lane(hits.t, lane),
+            primitive: slot.triangle,
+            prim_uv: DVec2::new(d.lane(hits.u, lane), d.lane(hits.v, lane)),
+        };
+        self.offer(hit.of_shape(InstanceId::TOP_LEVEL, slot.shape))
+    }
+
+    /// Notes that the triangle of this slot is hit somewhere, unless the ray starts from it.
+    /// Returns whether it does not.
+    #[inline(always)]
+    fn accept(&mut self, slot: Slot) -> bool {
+        let other = slot != self.skip;
+        if other {
+            self.hit = Some(PreliminaryIntersection::default());
+        }
+        other
+    }
 }
 
-/// Part of the triangles of a leaf: as many as a vector has lanes.
+/// A ray, and part of the triangles of a leaf: as many as a vector has lanes.
 struct Triangles<'a, T> {
     /// The numbers of the leaf, and then unrelated ones.
     numbers: &'a [T; WINDOW],
     /// The number of triangles in the leaf, at most 8.
     count: usize,
     part: usize,
+    ray: &'a Sheared,
+    limits: [f64; 2],
+}
+
+impl<T: Number> Triangles<'_, T> {
+    /// A corner in sheared coordinates.
+    #[inline(always)]
+    fn corner<D: Doubles>(&self, d: D, corner: usize) -> [D::Vector; 3] {
+        let x = self.coordinate(d, corner, 0);
+        let y = self.coordinate(d, corner, 1);
+        let z = self.coordinate(d, corner, 2);
+        let shear = &self.ray.shear;
+        [
+            d.sub(x, d.mul(d.splat(shear[0]), z)),
+            d.sub(y, d.mul(d.splat(shear[1]), z)),
+            z,
+        ]
+    }
+
+    /// A coordinate of a corner relative to the ray's origin, along the `i`-th axis of the ray.
+    #[inline(always)]
+    fn coordinate<D: Doubles>(&self, d: D, corner: usize, i: usize) -> D::Vector {
+        // The last of 9 rows begins at 8 times the count at most.
+        let along = self.ray.axes[i] as usize * (3 * self.count);
+        match self.numbers[along + corner * self.count..].first_chunk() {
+            Some(row) => d.sub(T::lanes(d, row, self.part), d.splat(self.ray.origin[i])),
+            None => d.splat(f64::NAN),
+        }
+    }
+
+    #[inline(always)]
+    fn limits<D: Doubles>(&self, d: D) -> [D::Vector; 2] {
+        [d.splat(self.limits[0]), d.splat(self.limits[1])]
+    }
 }
 
 /// The first half of the test: on which sides of the edges the ray passes.
@@ -302,10 +357,10 @@ struct Hits<V> {
 /// The test of [`ShearedRay::intersect`], in the same order of operations, with all lanes at once.
 ///
 /// No closures: they would not be compiled for the lanes' instruction set.
-impl<T: Number> Triangles<'_, T> {
+impl<V: Copy> Sides<V> {
     #[inline(always)]
-    fn sides<D: Doubles>(&self, d: D, ray: &Sheared, min: f64, max: f64) -> Sides<D::Vector> {
-        let corners = [self.corner(d, ray, 0), self.corner(d, ray, 1), self.corner(d, ray, 2)];
+    fn new<D: Doubles<Vector = V>>(d: D, triangles: &Triangles<'_, impl Number>) -> Self {
+        let corners = [triangles.corner(d, 0), triangles.corner(d, 1), triangles.corner(d, 2)];
         let [a, b, c] = corners;
         let weights = [
             cross(d, [c[0], c[1]], [b[0], b[1]]),
@@ -316,7 +371,7 @@ impl<T: Number> Triangles<'_, T> {
         let highest = d.max(d.max(weights[0], weights[1]), weights[2]);
         let determinant = d.add(d.add(weights[0], weights[1]), weights[2]);
         let zero = d.splat(0.0);
-        let valid = (1 << self.count) - 1 >> (self.part * D::LANES);
+        let valid = ((1 << triangles.count) - 1) >> (triangles.part * D::LANES);
         let one_side = d.less(lowest, zero) ^ d.less(zero, highest);
         let finite = d.less(d.abs(determinant), d.splat(f64::INFINITY));
         // The parameter of a hit is between those of the nearest and the farthest corner, also
@@ -324,11 +379,12 @@ impl<T: Number> Triangles<'_, T> {
         // predicts what depends on the second half.
         let least = d.min(d.min(a[2], b[2]), c[2]);
         let most = d.max(d.max(a[2], b[2]), c[2]);
-        let scale = d.splat(ray.shear[2]);
+        let scale = d.splat(triangles.ray.shear[2]);
         let ends = [d.mul(least, scale), d.mul(most, scale)];
         let (near, far) = (d.min(ends[0], ends[1]), d.max(ends[0], ends[1]));
-        let reached = d.less(d.splat(min), far) & d.at_most(near, d.splat(max));
-        Sides {
+        let [min, max] = triangles.limits(d);
+        let reached = d.less(min, far) & d.at_most(near, max);
+        Self {
             mask: one_side & finite & reached & valid,
             corners,
             weights,
@@ -340,41 +396,16 @@ impl<T: Number> Triangles<'_, T> {
         }
     }
 
-    /// A corner in sheared coordinates.
-    #[inline(always)]
-    fn corner<D: Doubles>(&self, d: D, ray: &Sheared, corner: usize) -> [D::Vector; 3] {
-        let x = self.coordinate(d, ray, corner, 0);
-        let y = self.coordinate(d, ray, corner, 1);
-        let z = self.coordinate(d, ray, corner, 2);
-        [
-            d.sub(x, d.mul(d.splat(ray.shear[0]), z)),
-            d.sub(y, d.mul(d.splat(ray.shear[1]), z)),
-            z,
-        ]
-    }
-
-    /// A coordinate of a corner relative to the ray's origin, along the `i`-th axis of the ray.
-    #[inline(always)]
-    fn coordinate<D: Doubles>(&self, d: D, ray: &Sheared, corner: usize, i: usize) -> D::Vector {
-        // The last of 9 rows begins at 8 times the count at most.
-        let along = ray.axes[i] as usize * (3 * self.count);
-        match self.numbers[along + corner * self.count..].first_chunk() {
-            Some(row) => d.sub(T::lanes(d, row, self.part), d.splat(ray.origin[i])),
-            None => d.splat(f64::NAN),
-        }
-    }
-}
-
-impl<V: Copy> Sides<V> {
     /// The lanes whose triangles are hit inside the interval, wherever that is on them.
     #[inline(always)]
-    fn sure<D: Doubles<Vector = V>>(&self, d: D, min: f64, max: f64) -> u32 {
-        self.mask & d.less(d.splat(min), self.near) & d.at_most(self.far, d.splat(max))
+    fn sure<D: Doubles<Vector = V>>(&self, d: D, triangles: &Triangles<'_, impl Number>) -> u32 {
+        let [min, max] = triangles.limits(d);
+        self.mask & d.less(min, self.near) & d.at_most(self.far, max)
     }
 
-    /// The second half of the test: the hits at more than `min` and at most `max`.
+    /// The second half of the test: the hits inside the interval.
     #[inline(always)]
-    fn intersect<D: Doubles<Vector = V>>(&self, d: D, ray: &Sheared, min: f64, max: f64) -> Hits<V> {
+    fn intersect<D: Doubles<Vector = V>>(&self, d: D, triangles: &Triangles<'_, impl Number>) -> Hits<V> {
         let [a, b, c] = self.corners;
         let reciprocal = d.div(d.splat(1.0), self.determinant);
         let shares = [
@@ -393,10 +424,11 @@ impl<V: Copy> Sides<V> {
         let change = d.add(d.mul(u, e[2]), d.mul(v, f[2]));
         let depth = d.add(mean(d, shares, self.corners, 2), change);
         let depth = d.min(d.max(depth, self.least), self.most);
-        let t = d.mul(depth, d.splat(ray.shear[2]));
+        let t = d.mul(depth, d.splat(triangles.ray.shear[2]));
+        let [min, max] = triangles.limits(d);
         let (zero, one) = (d.splat(0.0), d.splat(1.0));
         Hits {
-            mask: self.mask & d.less(d.splat(min), t) & d.at_most(t, d.splat(max)),
+            mask: self.mask & d.less(min, t) & d.at_most(t, max),
             t,
             u: d.min(d.max(d.add(shares[1], u), zero), one),
             v: d.min(d.max(d.add(shares[2], v), zero), one),
