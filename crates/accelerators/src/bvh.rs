@@ -69,6 +69,8 @@ pub enum Quality {
 pub struct Bvh {
     leaves: Leaves,
     nodes: Nodes,
+    /// The vector instructions to use for nodes of eight.
+    level: Level,
     statistics: Statistics,
 }
 
@@ -108,15 +110,16 @@ impl Bvh {
     /// Builds for processors of this level.
     fn new(geometry: Arc<Geometry>, quality: Quality, level: Level) -> Self {
         if level == Level::Avx512 {
-            Self::of_width(geometry, quality, Nodes::Sixteen)
+            Self::of_width(geometry, quality, level, Nodes::Sixteen)
         } else {
-            Self::of_width(geometry, quality, Nodes::Eight)
+            Self::of_width(geometry, quality, level, Nodes::Eight)
         }
     }
 
     fn of_width<const N: usize>(
         geometry: Arc<Geometry>,
         quality: Quality,
+        level: Level,
         nodes: impl FnOnce(Hierarchy<N>) -> Nodes,
     ) -> Self {
         let start = Instant::now();
@@ -145,6 +148,7 @@ impl Bvh {
                 nodes: wide.nodes,
                 root,
             }),
+            level,
             statistics,
         }
     }
@@ -166,9 +170,7 @@ impl Bvh {
     ) -> Option<PreliminaryIntersection> {
         let query = Query { ray, interval, skip };
         match &self.nodes {
-            Nodes::Eight(nodes) => {
-                with_eight_lanes(Level::Avx2, Search::<ANY, _>(&self.tree(nodes), &query))
-            }
+            Nodes::Eight(nodes) => with_eight_lanes(self.level, Search::<ANY, _>(&self.tree(nodes), &query)),
             Nodes::Sixteen(nodes) => with_sixteen_lanes(Search::<ANY, _>(&self.tree(nodes), &query)),
         }
     }
@@ -185,7 +187,7 @@ impl Bvh {
                     answers,
                     places,
                 };
-                with_eight_lanes(Level::Avx2, stream);
+                with_eight_lanes(self.level, stream);
             }
             Nodes::Sixteen(nodes) => {
                 let tree = self.tree(nodes);
@@ -316,5 +318,32 @@ mod tests {
         accelerator_laws::<Bvh>("");
         accelerator_laws::<Bvh>("quality = \"fast\"");
         accelerator_laws::<Bvh>("quality = \"best\"");
+    }
+
+    /// A `bvh` for processors of lower levels.
+    struct Limited<const AVX2: bool>;
+
+    impl<const AVX2: bool> Plugin<Accelerators> for Limited<AVX2> {
+        const TYPE: &'static str = "bvh";
+        type Config = Config;
+
+        fn build(
+            config: Config,
+            geometry: Arc<Geometry>,
+            _: &mut dyn Context,
+        ) -> Result<Box<dyn Accelerator>, SceneErrors> {
+            let level = if AVX2 { Level::Avx2 } else { Level::Baseline };
+            Ok(Box::new(Bvh::new(
+                geometry,
+                config.quality,
+                level.min(Level::current()),
+            )))
+        }
+    }
+
+    #[test]
+    fn obeys_them_with_fewer_instructions() {
+        accelerator_laws::<Limited<true>>("quality = \"best\"");
+        accelerator_laws::<Limited<false>>("quality = \"best\"");
     }
 }

@@ -659,7 +659,11 @@ mod tests {
     type Found = (Vec<u64>, Vec<u32>);
 
     fn bits(x: f64) -> u64 {
-        if x.is_nan() { f64::NAN.to_bits() } else { x.to_bits() }
+        if x.is_nan() {
+            f64::NAN.to_bits()
+        } else {
+            x.to_bits()
+        }
     }
 
     /// All operations on N numbers.
@@ -678,7 +682,12 @@ mod tests {
             l.max(a, b),
             l.permute(c, order),
         ];
-        found.0.extend(values.into_iter().flat_map(|x| l.store(x)).map(|x| bits(f64::from(x))));
+        found.0.extend(
+            values
+                .into_iter()
+                .flat_map(|x| l.store(x))
+                .map(|x| bits(f64::from(x))),
+        );
         let mask = l.at_most(a, b);
         let (mut x, mut y) = ([0.0; N], [0; N]);
         l.compress(mask, c, l.permute_words(words, order), (&mut x, &mut y));
@@ -731,7 +740,9 @@ mod tests {
             q.copy_sign(a, b),
             q.permute(a, &const { QuadOrder::new([2, 3, 1, 2]) }),
         ];
-        found.0.extend(values.into_iter().flat_map(|x| q.store(x)).map(bits));
+        found
+            .0
+            .extend(values.into_iter().flat_map(|x| q.store(x)).map(bits));
         found.0.extend(q.store_rounded(a).map(|x| bits(f64::from(x))));
         found.1.extend([q.equal(a, b), q.signs(q.sub(a, b))]);
     }
@@ -757,10 +768,7 @@ mod tests {
         let b = [2.0, -2.0, 0.5, -0.0, 1.0, f32::NAN, 0.0, -4.0];
         let c = std::array::from_fn(|i| i as f32 - 2.0);
         let wide = |x: [f32; 8]| std::array::from_fn(|i| if i < 8 { x[i] } else { x[(3 * i + 1) % 8] });
-        let in_double = [
-            a.map(|x| f64::from(x) / 3.0),
-            b.map(|x| f64::from(x) / 7.0),
-        ];
+        let in_double = [a.map(|x| f64::from(x) / 3.0), b.map(|x| f64::from(x) / 7.0)];
         let eight = || Everything([a, b, c], in_double);
         let sixteen = || Everything([wide(a), wide(b), wide(c)], in_double);
         let expected = eight().run(Portable);

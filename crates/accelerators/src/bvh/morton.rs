@@ -134,7 +134,13 @@ impl Builder<'_> {
     }
 
     /// Appends the subtree over a few elements; returns its box.
-    fn node<T: Number>(&self, keys: &[u64], corners: &[[T; NUMBERS]], nodes: &mut Vec<Binary>, depth: usize) -> Box4 {
+    fn node<T: Number>(
+        &self,
+        keys: &[u64],
+        corners: &[[T; NUMBERS]],
+        nodes: &mut Vec<Binary>,
+        depth: usize,
+    ) -> Box4 {
         let n = keys.len();
         if n <= MAX_LEAF {
             let boxes = keys.iter().zip(corners);

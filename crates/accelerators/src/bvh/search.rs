@@ -1,11 +1,11 @@
 //! Traversal of the hierarchy by one ray.
 
-use super::stack::Stack;
 use super::Hierarchy;
+use super::stack::Stack;
+use crate::support::leaves::Leaves;
 use crate::support::leaves::child::{Child, Kind};
 use crate::support::leaves::frame::LocalRay;
 use crate::support::leaves::search::{Best, RayQuery, Walk};
-use crate::support::leaves::Leaves;
 use whitstone_simd::Machine;
 
 /// A hierarchy of this width, with its leaves.
@@ -26,7 +26,9 @@ impl<const N: usize> Tree<'_, N> {
         query: &impl RayQuery,
     ) -> bool {
         match leaf.kind() {
-            Kind::Triangles(first, count) => best.try_triangles::<ANY, _>(m.doubles(), self.leaves, first, count),
+            Kind::Triangles(first, count) => {
+                best.try_triangles::<ANY, _>(m.doubles(), self.leaves, first, count)
+            }
             Kind::Mixed(first, count) => {
                 let mut better = false;
                 for slot in &self.leaves.slots[first..first + count] {

@@ -168,7 +168,11 @@ mod tests {
                 }
             }
         }
-        assert!(spilled > 500 && expected.is_empty(), "{spilled}, {}", expected.len());
+        assert!(
+            spilled > 500 && expected.is_empty(),
+            "{spilled}, {}",
+            expected.len()
+        );
     }
 
     #[test]

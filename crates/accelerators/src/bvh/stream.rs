@@ -97,7 +97,8 @@ impl<const ANY: bool, const N: usize, A: Answers> Kernel<N> for Stream<'_, ANY, 
             if !source.start(m, place, answers) {
                 break;
             }
-            inner.insert(number, true);
+            inner.insert(number, place.child.is_inner());
+            leaves.insert(number, !place.child.is_inner());
         }
         while inner.len() + leaves.len() + done.len() > 0 {
             loop {

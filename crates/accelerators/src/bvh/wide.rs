@@ -291,7 +291,11 @@ impl<const N: usize> Maker<'_, N> {
     }
 
     /// The subtrees of the children of the wide node over a subtree.
-    fn places(&self, children: &Children<N>, Place { first, depth, .. }: Place) -> impl Iterator<Item = Place> {
+    fn places(
+        &self,
+        children: &Children<N>,
+        Place { first, depth, .. }: Place,
+    ) -> impl Iterator<Item = Place> {
         let mut next = first;
         children.nodes.into_iter().take(children.count).map(move |node| {
             let first = next;

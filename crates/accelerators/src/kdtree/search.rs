@@ -144,7 +144,7 @@ impl<'a, const COUNT: bool> Traversal<'a, COUNT> {
         let (mut near, mut far) = (local.min, limit);
         let sides = [self.tree.cell.min, self.tree.cell.max];
         for axis in 0..3 {
-            let side = (local.octant >> axis & 1);
+            let side = local.octant >> axis & 1;
             near = near.max(sides[side][axis] * local.reciprocal[axis] + local.near[axis]);
             far = far.min(sides[side ^ 1][axis] * local.reciprocal[axis] + local.far[axis]);
         }

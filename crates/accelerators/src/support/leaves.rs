@@ -45,7 +45,6 @@ pub(crate) const WINDOW: usize = NUMBERS * WIDTH;
 /// A number of [`Corners`].
 pub(crate) trait Number: Copy + Default + Send + Sync {
     fn from_double(x: f64) -> Self;
-    fn to_double(self) -> f64;
     fn corners(numbers: Vec<Self>) -> Corners;
     /// The corners of a triangle in local coordinates, rounded.
     fn local(frame: &Frame, corners: &[Self; NUMBERS]) -> [Vec3A; 3];
@@ -57,10 +56,6 @@ impl Number for f32 {
     #[inline(always)]
     fn from_double(x: f64) -> Self {
         x as f32
-    }
-    #[inline(always)]
-    fn to_double(self) -> f64 {
-        f64::from(self)
     }
     fn corners(numbers: Vec<Self>) -> Corners {
         Corners::Single(numbers)
@@ -84,10 +79,6 @@ impl Number for f64 {
     #[inline(always)]
     fn from_double(x: f64) -> Self {
         x
-    }
-    #[inline(always)]
-    fn to_double(self) -> f64 {
-        self
     }
     fn corners(numbers: Vec<Self>) -> Corners {
         Corners::Double(numbers)

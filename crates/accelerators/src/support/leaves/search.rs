@@ -171,7 +171,9 @@ impl Best {
             max: self.max.next_up(),
         };
         let sheared = ShearedRay::new(&ray);
-        let hit = leaves.geometry.intersect(element, &ray, &sheared, open, query.skip());
+        let hit = leaves
+            .geometry
+            .intersect(element, &ray, &sheared, open, query.skip());
         hit.is_some_and(|hit| self.offer(hit))
     }
 
@@ -360,7 +362,11 @@ struct Hits<V> {
 impl<V: Copy> Sides<V> {
     #[inline(always)]
     fn new<D: Doubles<Vector = V>>(d: D, triangles: &Triangles<'_, impl Number>) -> Self {
-        let corners = [triangles.corner(d, 0), triangles.corner(d, 1), triangles.corner(d, 2)];
+        let corners = [
+            triangles.corner(d, 0),
+            triangles.corner(d, 1),
+            triangles.corner(d, 2),
+        ];
         let [a, b, c] = corners;
         let weights = [
             cross(d, [c[0], c[1]], [b[0], b[1]]),
@@ -413,10 +419,7 @@ impl<V: Copy> Sides<V> {
             d.mul(self.weights[1], reciprocal),
             d.mul(self.weights[2], reciprocal),
         ];
-        let offset = [
-            mean(d, shares, self.corners, 0),
-            mean(d, shares, self.corners, 1),
-        ];
+        let offset = [mean(d, shares, self.corners, 0), mean(d, shares, self.corners, 1)];
         let e = [d.sub(b[0], a[0]), d.sub(b[1], a[1]), d.sub(b[2], a[2])];
         let f = [d.sub(c[0], a[0]), d.sub(c[1], a[1]), d.sub(c[2], a[2])];
         let u = d.mul(cross(d, offset, [f[0], f[1]]), reciprocal);
@@ -438,12 +441,7 @@ impl<V: Copy> Sides<V> {
 
 /// A coordinate of the point with these shares of three corners.
 #[inline(always)]
-fn mean<D: Doubles>(
-    d: D,
-    shares: [D::Vector; 3],
-    corners: [[D::Vector; 3]; 3],
-    axis: usize,
-) -> D::Vector {
+fn mean<D: Doubles>(d: D, shares: [D::Vector; 3], corners: [[D::Vector; 3]; 3], axis: usize) -> D::Vector {
     let [a, b, c] = shares;
     let sum = d.add(d.mul(a, corners[0][axis]), d.mul(b, corners[1][axis]));
     d.add(sum, d.mul(c, corners[2][axis]))
