@@ -198,7 +198,7 @@ impl<const ANY: bool, const N: usize> Source<'_, ANY, N> {
         while self.next < self.rays.len.min(LANES) {
             let lane = self.next;
             self.next += 1;
-            if lane % GROUP == 0 {
+            if lane.is_multiple_of(GROUP) {
                 self.rays.prefetch(lane + AHEAD);
             }
             let query = Streamed {
