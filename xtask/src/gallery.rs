@@ -19,7 +19,7 @@ const THREE: &str = "tests/independent/gallery.py";
 /// The Python that `tests/independent/run` installs.
 const PYTHON: &str = "target/independent/python/bin/python";
 /// Extensions of models.
-const MODELS: [&str; 4] = ["glb", "gltf", "obj", "xml"];
+const MODELS: [&str; 2] = ["glb", "gltf"];
 
 /// Render models beside Mitsuba and three.js, and write a page with the pictures, the errors, what
 /// was approximated and dropped, and the times
@@ -124,7 +124,7 @@ fn find(given: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
             let extension = path.extension().and_then(|extension| extension.to_str());
             if path.is_dir() {
                 folders.push(path);
-            } else if extension.is_some_and(|extension| MODELS[..2].contains(&extension)) {
+            } else if extension.is_some_and(|extension| MODELS.contains(&extension)) {
                 found.push(path);
             }
         }
@@ -251,7 +251,7 @@ fn three(entries: &[Entry], folder: &Path) -> Result<(), Failure> {
 
 fn is_gltf(path: &Path) -> bool {
     let extension = path.extension().and_then(|extension| extension.to_str());
-    extension.is_some_and(|extension| MODELS[..2].contains(&extension))
+    extension.is_some_and(|extension| MODELS.contains(&extension))
 }
 
 fn escaped(text: &str) -> String {

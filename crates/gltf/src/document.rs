@@ -94,7 +94,6 @@ impl Document {
         }
         drop(last);
         let document = Arc::new(Self::parse(path, &mut file)?);
-        crate::usage::opened(path, &document);
         let mut last = LAST.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         *last = Some((stamp, document.clone()));
         Ok(document)

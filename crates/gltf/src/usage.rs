@@ -5,8 +5,8 @@ use crate::json;
 use crate::json::accessor::Type;
 use crate::json::validation::Checked;
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
 
 /// The data of a file that this process has opened.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -24,46 +24,36 @@ pub(crate) enum Part {
     Image(usize),
 }
 
-#[derive(Default)]
-struct File {
-    usage: Usage,
-    counted: BTreeSet<Part>,
-}
+/// What was decoded of each file.
+static DECODED: Mutex<BTreeMap<PathBuf, BTreeSet<Part>>> = Mutex::new(BTreeMap::new());
 
-static FILES: Mutex<BTreeMap<PathBuf, File>> = Mutex::new(BTreeMap::new());
-
-fn files() -> MutexGuard<'static, BTreeMap<PathBuf, File>> {
-    FILES.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-/// The files that this process has opened, by path.
+/// The files of which this process has decoded something, by path.
 pub fn usage() -> Vec<(PathBuf, Usage)> {
-    let files = files();
-    files
-        .iter()
-        .map(|(path, file)| (path.clone(), file.usage.clone()))
-        .collect()
-}
-
-/// Notes that a file was opened.
-pub(crate) fn opened(path: &Path, document: &Document) {
-    let parts = (0..document.root.accessors.len()).map(Part::Accessor);
-    let parts = parts.chain((0..document.root.images.len()).map(Part::Image));
-    let bytes = parts
-        .map(|part| size(document, part))
-        .fold(0, u64::saturating_add);
-    let usage = Usage { bytes, decoded: 0 };
-    let counted = BTreeSet::new();
-    files().insert(path.to_owned(), File { usage, counted });
+    let decoded = DECODED.lock().unwrap_or_else(PoisonError::into_inner).clone();
+    let of = |(path, parts): (PathBuf, BTreeSet<Part>)| {
+        let document = Document::open(&path).ok()?;
+        let sum = |parts: &mut dyn Iterator<Item = Part>| {
+            parts
+                .map(|part| size(&document, part))
+                .fold(0, u64::saturating_add)
+        };
+        let accessors = (0..document.root.accessors.len()).map(Part::Accessor);
+        let images = (0..document.root.images.len()).map(Part::Image);
+        let usage = Usage {
+            bytes: sum(&mut accessors.chain(images)),
+            decoded: sum(&mut parts.into_iter()),
+        };
+        Some((path, usage))
+    };
+    decoded.into_iter().filter_map(of).collect()
 }
 
 /// Notes that a part of a file was decoded.
 pub(crate) fn decoded(document: &Document, part: Part) {
-    let mut files = files();
-    if let Some(file) = files.get_mut(document.path())
-        && file.counted.insert(part)
-    {
-        file.usage.decoded = file.usage.decoded.saturating_add(size(document, part));
+    let mut files = DECODED.lock().unwrap_or_else(PoisonError::into_inner);
+    match files.get_mut(document.path()) {
+        Some(parts) => drop(parts.insert(part)),
+        None => drop(files.insert(document.path().to_owned(), BTreeSet::from([part]))),
     }
 }
 
@@ -110,10 +100,7 @@ fn size_of_image(document: &Document, number: usize) -> u64 {
         return view.map_or(0, |view| view.byte_length.0);
     }
     match document.image_file(number) {
-        Some(file) => {
-            let folder = document.path().parent().unwrap_or(Path::new(""));
-            std::fs::metadata(folder.join(file)).map_or(0, |metadata| metadata.len())
-        }
+        Some(file) => std::fs::metadata(document.folder().join(file)).map_or(0, |metadata| metadata.len()),
         // Base64 has four characters for three bytes.
         None => image.uri.as_ref().map_or(0, |uri| uri.len() as u64 / 4 * 3),
     }
