@@ -66,3 +66,39 @@ fn a_surface_that_holds_the_light_does_not_hide_it() {
         }
     }
 }
+
+#[test]
+fn shapes_without_a_shadow_hide_no_light() {
+    let folder = tempfile::tempdir().unwrap();
+    let registry = whitstone::registry();
+    let picture = |text: &str| {
+        let path = folder.path().join("scene.toml");
+        fs::write(&path, text).unwrap();
+        let pipeline = load(&path, &[], &registry).unwrap();
+        pipeline.render(RenderOptions::default()).rgb
+    };
+    // Outside the view, so that only its shadow is seen.
+    let roof = "type = \"box\"\ntransform = [{ scale = [3, 0.1, 3] }, { translate = [0, 3, 0] }]\n";
+    let place = "[[shape]]\ntype = \"instance\"\ngroup = \"roof\"\n";
+    let without = "casts_shadow = false\n";
+    let lights = "[[light]]\ntype = \"point\"\nposition = [0, 6, 0]\nintensity = 9\n";
+    for glass in ["", GLASS] {
+        let scene = format!("{SCENE}\n{glass}\n{lights}{FLOOR}");
+        let (own, group) = (
+            format!("[[shape]]\n{roof}"),
+            format!("[[group.roof.shape]]\n{roof}"),
+        );
+        let free = picture(&scene);
+        assert!(free.iter().any(|pixel| pixel[0] > 0.0));
+        for (shadow, more) in [
+            (true, own.clone()),
+            (false, own + without),
+            (true, format!("{group}{place}")),
+            (false, format!("{group}{without}{place}")),
+            (false, format!("{group}{place}{without}")),
+        ] {
+            let found = picture(&format!("{scene}\n{more}"));
+            assert_eq!(found != free, shadow, "{glass}{more}");
+        }
+    }
+}

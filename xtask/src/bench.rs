@@ -19,6 +19,7 @@ mod scale;
 mod scaling;
 mod shapes;
 mod shapes_mitsuba;
+mod sizes;
 
 use clap::{Args, Subcommand};
 use whitstone::core::Registry;
@@ -51,6 +52,7 @@ enum What {
     Scale(scale::Arguments),
     Scaling(scaling::Arguments),
     Shapes(shapes::Arguments),
+    Sizes(sizes::Arguments),
 }
 
 /// Runs the command.
@@ -66,6 +68,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         Some(What::Scale(arguments)) => scale::run(arguments, registry),
         Some(What::Scaling(arguments)) => scaling::run(arguments, registry),
         Some(What::Shapes(arguments)) => shapes::run(arguments, registry),
+        Some(What::Sizes(arguments)) => sizes::run(arguments, registry),
     }
 }
 

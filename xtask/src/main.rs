@@ -15,6 +15,7 @@ mod parameters;
 mod places;
 mod plugins;
 mod readme;
+mod run_time;
 mod slim;
 mod tidy;
 mod width;

@@ -1,7 +1,7 @@
 //! `readme`: generates the pictures and the table of numbers in README.md from the stored
 //! references.
 
-use crate::{formats, pages, plugins, verdict};
+use crate::{formats, pages, plugins, run_time, verdict};
 use clap::Args;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -20,6 +20,8 @@ const README: &str = "README.md";
 const VALIDATION: &str = "docs/validation.md";
 const BEGIN: &str = "<!-- numbers: written by `cargo xtask readme` -->";
 const END: &str = "<!-- end of numbers -->";
+const BEGIN_RUN_TIME: &str = "<!-- run time: written by `cargo xtask readme` -->";
+const END_RUN_TIME: &str = "<!-- end of run time -->";
 /// The scenes on the contact sheet, three per row.
 const SHEET: [&str; 6] = [
     "classic",
@@ -51,7 +53,7 @@ const BOUNDS: [(&str, &str, usize); 9] = [
 /// Write all generated documentation
 ///
 /// That is: the pictures and numbers of README.md and docs/validation.md, from the stored
-/// references; the pictures of docs/accelerators.md; a page for every plugin in docs/plugins; and
+/// references; docs/run-time.md, from the stored result of `bench sizes`; the pictures of docs/accelerators.md; a page for every plugin in docs/plugins; and
 /// the data of `list --json`.
 #[derive(Args, Debug)]
 #[command(
@@ -68,9 +70,19 @@ pub(crate) struct Arguments {
 pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let cases = validate(registry, Renderer::MITSUBA)?;
     let others = validate(registry, Renderer::POVRAY)?;
+    let times = std::fs::read_to_string(run_time::RESULT).map_err(Failure::environment)?;
+    let times: serde_json::Value = serde_json::from_str(&times).map_err(Failure::environment)?;
+    let numbers = [
+        ((BEGIN, END), summary(&cases)),
+        ((BEGIN_RUN_TIME, END_RUN_TIME), run_time::sentence(&times)),
+    ];
     let mut files = vec![
-        (PathBuf::from(README), page(README, &summary(&cases))?),
-        (PathBuf::from(VALIDATION), page(VALIDATION, &table(&cases))?),
+        (PathBuf::from(README), page(README, &numbers)?),
+        (
+            PathBuf::from(VALIDATION),
+            page(VALIDATION, &[((BEGIN, END), table(&cases))])?,
+        ),
+        (PathBuf::from(run_time::PAGE), run_time::page(&times).into_bytes()),
         (PathBuf::from("docs/images/showcase.png"), sheet(registry)?),
         (PathBuf::from(plugins::FILE), plugins::json(registry).into_bytes()),
         (PathBuf::from(formats::PAGE), formats::page(registry).into_bytes()),
@@ -108,15 +120,23 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     verdict(&problems, "readme: all generated files are up to date")
 }
 
-/// A page with a text inserted between its markers.
-fn page(path: &str, text: &str) -> Result<Vec<u8>, Failure> {
-    let page = std::fs::read_to_string(path).map_err(Failure::environment)?;
-    let (Some(begin), Some(end)) = (page.find(BEGIN), page.find(END)) else {
-        return Err(Failure::usage(format!(
-            "{path}: the marker comments {BEGIN} and {END} are missing"
-        )));
-    };
-    Ok(format!("{}{BEGIN}\n\n{text}\n{}", &page[..begin], &page[end..]).into_bytes())
+/// A page with texts inserted between their markers.
+fn page(path: &str, texts: &[((&str, &str), String)]) -> Result<Vec<u8>, Failure> {
+    let mut page = std::fs::read_to_string(path).map_err(Failure::environment)?;
+    for ((first, last), text) in texts {
+        let (Some(begin), Some(end)) = (page.find(first), page.find(last)) else {
+            return Err(Failure::usage(format!(
+                "{path}: the marker comments {first} and {last} are missing"
+            )));
+        };
+        page = format!(
+            "{}{first}\n\n{}\n\n{}",
+            &page[..begin],
+            text.trim_end(),
+            &page[end..]
+        );
+    }
+    Ok(page.into_bytes())
 }
 
 /// Pages of plugins that no longer exist.

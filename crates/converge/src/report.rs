@@ -395,6 +395,23 @@ impl StudyReport {
         levels
     }
 
+    /// The fastest setting of Whitstone whose error is at most `error`, with its configuration. The
+    /// error of the truth is added, since it may hide as much.
+    pub fn cheapest(&self, error: f64) -> Option<(&SeriesReport, &Point)> {
+        let ours = self
+            .series
+            .iter()
+            .filter(|series| series.engine == Engine::Whitstone);
+        let points = ours.flat_map(|series| series.points.iter().map(move |point| (series, point)));
+        let good = points.filter_map(|(series, point)| {
+            let whole = point.errors.is_some_and(|errors| errors.finite == 1.0);
+            let reached = whole && point.rmse? + self.floor_rmse <= error;
+            reached.then_some((point.seconds?, series, point))
+        });
+        good.min_by(|a, b| a.0.total_cmp(&b.0))
+            .map(|(_, series, point)| (series, point))
+    }
+
     fn measured(&self) -> impl Iterator<Item = &Point> {
         self.series
             .iter()

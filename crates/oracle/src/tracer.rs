@@ -580,7 +580,7 @@ impl Tracer {
             distance
         };
         let from = Some((hit.shape, hit.primitive));
-        if !filtered && !self.scene.has_masks {
+        if !filtered && !self.scene.has_holes {
             let is_hidden = self.scene.nearest(&ray, from, end)?.is_some();
             return Ok(if is_hidden { Rgb::splat(0.0) } else { all });
         }
@@ -588,10 +588,12 @@ impl Tracer {
         let (mut medium, mut passed) = (medium, 0.0);
         let hits = self.scene.all(&ray, from, end)?;
         for (number, hit) in hits.iter().enumerate() {
-            let (transmittance, behind) = self
-                .scene
-                .material(hit, -l, nudge)
-                .transmittance(filtered, medium);
+            let (transmittance, behind) = if self.scene.casts_shadow(hit) {
+                let material = self.scene.material(hit, -l, nudge);
+                material.transmittance(filtered, medium)
+            } else {
+                (all, None)
+            };
             if filtered {
                 left *= medium.transmittance(hit.t - passed);
             }

@@ -11,9 +11,9 @@ use toml::Spanned;
 use toml::de::DeTable;
 use whitstone_core::config::{PluginRef, SolidRef, inline_plugins};
 use whitstone_core::{
-    Accelerator, Accelerators, Family, FamilyName, Geometry, Group, Integrator, Material, Materials,
-    ObjectOrder, Refused, Registry, Resources, SceneError, SceneErrors, Shapes, SourceSpan, Texture,
-    Textures, Transform, View,
+    Accelerator, Accelerators, Family, FamilyName, Geometry, Group, Integrator, LoweredShape, Material,
+    Materials, ObjectOrder, Refused, Registry, Resources, SceneError, SceneErrors, Shapes, SourceSpan,
+    Texture, Textures, Transform, View,
 };
 use whitstone_scene::{AUTO, Description, Omitted, Plan, PluginTable, ShapeTable, unknown_id};
 
@@ -172,7 +172,7 @@ impl<'d, 's, 'o> Builder<'d, 's, 'o> {
         self.plugin::<F>(plugin, input)
     }
 
-    /// The material of each shape. Shared ones are built once.
+    /// The material of each shape and of each variant. Shared ones are built once.
     pub(crate) fn materials(
         &mut self,
         plan: &Plan<'d, 's>,
@@ -181,12 +181,16 @@ impl<'d, 's, 'o> Builder<'d, 's, 'o> {
         let mut default: Option<Arc<dyn Material>> = None;
         // An instance has no material.
         let mut materials: Vec<Option<Arc<dyn Material>>> = Vec::new();
-        for shape in plan.shapes() {
-            if shape.group.is_some() {
+        for shape in &plan.appearances.all {
+            if shape.table.group.is_some() {
                 if let Some((span, _)) = &shape.material {
                     let error = SceneError::at(span.clone(), "an instance must not have a `material`");
-                    let help = "set the materials of the shapes in its group";
+                    let help = "set the materials of the shapes in its group, or replace them by `materials`";
                     errors.0.push(error.with_help(help));
+                }
+                for replaced in &shape.table.materials {
+                    let (span, reference) = &replaced.by;
+                    errors.take(self.shared_material(reference, span));
                 }
                 materials.push(None);
                 continue;
@@ -194,7 +198,7 @@ impl<'d, 's, 'o> Builder<'d, 's, 'o> {
             match &shape.material {
                 None => {
                     if default.is_none() {
-                        default = errors.take(self.default_material(&shape.plugin));
+                        default = errors.take(self.default_material(&shape.table.plugin));
                     }
                     materials.push(default.clone());
                 }
@@ -222,7 +226,7 @@ impl<'d, 's, 'o> Builder<'d, 's, 'o> {
                 lights: &[],
             };
             let first = planned.first_shape;
-            match self.structure(&table.shapes, &table.accelerator, (first, &seen), errors) {
+            match self.structure(plan, (&table.shapes, &table.accelerator), (first, &seen), errors) {
                 Some(built) => {
                     let group = Group::new(built.geometry, built.accelerator, planned.first_shape);
                     let built = BuiltGroup {
@@ -242,16 +246,21 @@ impl<'d, 's, 'o> Builder<'d, 's, 'o> {
     /// accelerator would be useless.
     pub(crate) fn structure(
         &mut self,
-        tables: &[ShapeTable<'s>],
-        accelerator: &PluginTable<'s>,
+        plan: &Plan<'d, 's>,
+        (tables, accelerator): (&[ShapeTable<'s>], &PluginTable<'s>),
         (first_shape, seen): (u32, &Seen<'_>),
         errors: &mut SceneErrors,
     ) -> Option<Structure> {
         let mut shapes = Vec::new();
-        for (shape, number) in tables.iter().zip(1..) {
+        for (shape, number) in tables.iter().zip(0..) {
             let kind = &shape.plugin.name;
-            self.tell(|| format!("shape {number} of {}: {kind}", tables.len()));
-            shapes.extend(errors.take(self.plugin::<Shapes>(&shape.plugin, shape.transform)));
+            self.tell(|| format!("shape {} of {}: {kind}", number + 1, tables.len()));
+            let mut built = errors.take(self.plugin::<Shapes>(&shape.plugin, shape.transform));
+            let variants = plan.appearances.of_instances.get(&(first_shape + number));
+            if let (Some(LoweredShape::Instance(instance)), Some(variants)) = (&mut built, variants) {
+                instance.set_variants(variants.clone());
+            }
+            shapes.extend(built);
         }
         if shapes.len() < tables.len() {
             return None;

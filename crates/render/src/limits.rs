@@ -11,9 +11,9 @@ const MAX_REFLECTIONS: f64 = (1 << 24) as f64;
 /// `materials` are those of all shapes.
 pub(crate) fn prioritized(plan: &Plan<'_, '_>, materials: &[Arc<dyn Material>], errors: &mut SceneErrors) {
     let alone = plan.description.shapes.len();
-    let all = plan.shapes().into_iter().zip(materials).enumerate();
+    let all = plan.appearances.all.iter().zip(materials).enumerate();
     let bodies =
-        all.filter(|(_, (shape, material))| shape.group.is_none() && material.prioritized().is_some());
+        all.filter(|(_, (shape, material))| shape.table.group.is_none() && material.prioritized().is_some());
     for (count, (number, (shape, _))) in bodies.enumerate() {
         let place = shape.material.as_ref().map(|(span, _)| span.clone());
         let message = if number >= alone {
@@ -45,7 +45,7 @@ pub(crate) fn glossy_rays(
         return;
     }
     let mut reported: Vec<SourceSpan> = Vec::new();
-    for (shape, material) in plan.shapes().into_iter().zip(materials) {
+    for (shape, material) in plan.appearances.all.iter().zip(materials) {
         let Some((place, _)) = shape.material.as_ref().filter(|_| material.reflections() > 1) else {
             continue;
         };

@@ -127,8 +127,8 @@ impl Pipeline {
             lights: &lights,
         };
         let built = builder.structure(
-            &description.shapes,
-            &description.accelerator,
+            plan,
+            (&description.shapes, &description.accelerator),
             (0, &seen),
             &mut errors,
         );
@@ -177,6 +177,11 @@ impl Pipeline {
                 if complete && errors.0.is_empty() =>
             {
                 let mut scene = Scene::new(built.geometry, built.accelerator, materials, lights);
+                let shown = || plan.appearances.all.iter().zip(0..);
+                let variants = shown().skip(plan.appearances.shapes());
+                scene.set_variants(variants.map(|(variant, _)| variant.shape).collect());
+                let without = shown().filter(|(appearance, _)| !appearance.casts_shadow);
+                scene.let_light_through(without.map(|(_, number)| number));
                 scene.light_margin = built.light_margin;
                 Some(Self {
                     film: description.film.clone(),

@@ -257,7 +257,7 @@ impl Pipeline {
             Aov::Depth => vec![near + hit.t],
             Aov::Normal => surface().n_s.to_array().to_vec(),
             Aov::Uv => surface().uv.to_array().to_vec(),
-            Aov::ShapeId => vec![f64::from(hit.shape)],
+            Aov::ShapeId => vec![f64::from(self.scene.shape_id(hit.shape))],
             Aov::PrimitiveId => vec![f64::from(hit.primitive)],
         }
     }

@@ -115,8 +115,24 @@ pub struct ShapeTable<'s> {
     pub material: Option<(SourceSpan, PluginRef)>,
     /// Object-to-world transform.
     pub transform: Transform,
+    /// Whether it casts shadows.
+    pub casts_shadow: bool,
     /// The group that it instantiates, if any: the value of the key `group`.
     pub group: Option<GroupRef>,
+    /// Materials that an instance replaces, by the ids of shared ones: the value of the key
+    /// `materials`.
+    pub materials: Vec<ReplacedMaterial>,
+}
+
+/// A material that an instance shows instead of another.
+#[derive(Clone, Debug)]
+pub struct ReplacedMaterial {
+    /// Position of the id.
+    pub span: SourceSpan,
+    /// The id of the shared material that is replaced.
+    pub id: String,
+    /// What is shown in its place.
+    pub by: (SourceSpan, PluginRef),
 }
 
 /// A group of shapes.
@@ -537,7 +553,14 @@ impl<'s> Reader<'_, 's> {
                     id: value.get_ref().as_str()?.to_owned(),
                 })
             });
+            let casts_shadow = match plugin.table.get_mut().remove("casts_shadow") {
+                None => true,
+                Some(value) => self.flag(&value).unwrap_or(true),
+            };
+            let materials = plugin.table.get_ref().get("materials").map(replaced);
             shapes.push(ShapeTable {
+                casts_shadow,
+                materials: materials.filter(|_| group.is_some()).unwrap_or_default(),
                 plugin,
                 group,
                 id: id.map(|(_, id)| id),
@@ -581,6 +604,15 @@ impl<'s> Reader<'_, 's> {
         groups
     }
 
+    fn flag(&mut self, value: &Value<'s>) -> Option<bool> {
+        let flag = value.get_ref().as_bool();
+        if flag.is_none() {
+            let found = type_name(value.get_ref());
+            self.error(value.span(), format!("expected true or false, found {found}"));
+        }
+        flag
+    }
+
     fn text(&mut self, value: Value<'s>, expected: &str) -> Option<(SourceSpan, String)> {
         let span = value.span();
         match value.into_inner() {
@@ -591,4 +623,17 @@ impl<'s> Reader<'_, 's> {
             }
         }
     }
+}
+
+/// The entries of `materials` that have the right type; the plugin reports the others.
+fn replaced(table: &Value<'_>) -> Vec<ReplacedMaterial> {
+    let entries = table.get_ref().as_table().into_iter().flatten();
+    let replaced = entries.filter_map(|(id, by)| {
+        Some(ReplacedMaterial {
+            span: id.span(),
+            id: id.get_ref().clone().into_owned(),
+            by: (by.span(), PluginRef::from(by.get_ref().as_str()?)),
+        })
+    });
+    replaced.collect()
 }

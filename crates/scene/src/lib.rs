@@ -15,9 +15,11 @@ mod sources;
 mod transform;
 
 pub use checked::Checked;
-pub use description::{Aov, Description, Expect, Faulty, FilmTable, GroupTable, PluginTable, ShapeTable};
+pub use description::{
+    Aov, Description, Expect, Faulty, FilmTable, GroupTable, PluginTable, ReplacedMaterial, ShapeTable,
+};
 pub use document::{Flattened, nearest_top_level};
-pub use groups::{PlannedGroup, unknown_id};
+pub use groups::{Appearance, Appearances, PlannedGroup, unknown_id};
 pub use plan::{Omitted, Plan};
 #[cfg(feature = "schema")]
 pub use schema::{scene_schema, table_schema};

@@ -1,4 +1,4 @@
-use crate::groups::{self, PlannedGroup};
+use crate::groups::{self, Appearances, PlannedGroup};
 use crate::{AUTO, Checked, Description, PluginTable, ShapeTable};
 use std::collections::BTreeSet;
 use whitstone_core::{FamilyName, Registry, SceneErrors};
@@ -14,6 +14,8 @@ pub struct Plan<'d, 's> {
     pub integrator: Option<PluginTable<'s>>,
     /// The instantiated groups, each after the groups that it instantiates itself.
     pub groups: Vec<PlannedGroup<'d>>,
+    /// All shapes and their variants.
+    pub appearances: Appearances<'d, 's>,
     /// The parts that are not built, loaded or run.
     pub omitted: Vec<Omitted>,
     /// Every plugin that the scene names, whether or not it is built. A scene is rejected if one of
@@ -86,8 +88,11 @@ impl<'d, 's> Plan<'d, 's> {
                 why: "no instance uses it".to_owned(),
             })
             .collect();
+        let shapes = shapes_by_number(description, &groups);
+        let appearances = Appearances::new(description, shapes, &groups, &mut errors);
         let plan = Self {
             description,
+            appearances,
             sampler,
             integrator,
             groups,
@@ -106,7 +111,7 @@ impl<'d, 's> Plan<'d, 's> {
     }
 }
 
-fn shapes_by_number<'d, 's>(
+pub(crate) fn shapes_by_number<'d, 's>(
     description: &'d Description<'s>,
     groups: &[PlannedGroup<'d>],
 ) -> Vec<&'d ShapeTable<'s>> {

@@ -252,6 +252,11 @@ fn common_keys(family: FamilyName) -> Value {
                 "x-default": "grey `matte`",
                 "anyOf": [{ "type": "string" }, reference(FamilyName::Material.singular())],
             },
+            "casts_shadow": {
+                "description": "Whether the shape casts shadows. Without, light passes through it, and it is visible as always.",
+                "type": "boolean",
+                "default": true,
+            },
             "transform": {
                 "description": "From object to world space: one step, or steps in the order in which they are applied.",
                 "default": [],

@@ -10,15 +10,21 @@
 
 use schemars::JsonSchema;
 use serde::Deserialize;
+use std::collections::BTreeMap;
 use whitstone_core::config::GroupRef;
-use whitstone_core::{Context, Instance, LoweredShape, Plugin, SceneErrors, Shapes, Transform};
+use whitstone_core::{Context, Instance, LoweredShape, MaterialRef, Plugin, SceneErrors, Shapes, Transform};
 
-/// An instance of a group of shapes; the shapes keep their own materials.
+/// An instance of a group of shapes.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
     /// The id of the group, as in `[group.ID]`.
     group: GroupRef,
+    /// Materials that this instance replaces: from ids of shared materials to the materials that
+    /// its shapes have instead.
+    #[serde(default)]
+    #[expect(dead_code, reason = "declares the key, which the plan of a scene reads")]
+    materials: BTreeMap<String, MaterialRef>,
 }
 
 /// Lowers to an [`Instance`], which accelerators support.

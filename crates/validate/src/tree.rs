@@ -47,7 +47,11 @@ pub fn ours(pipeline: &Pipeline, pixel: [usize; 2], sample: u32) -> Vec<TreeNode
     let ray = pipeline.camera_ray(pixel, sample);
     scratch.differential = pipeline.camera_differential(pixel, sample);
     pipeline.integrator.radiance(&pipeline.scene, &ray, &mut scratch);
-    scratch.record.unwrap_or_default()
+    let mut nodes = scratch.record.unwrap_or_default();
+    for node in nodes.iter_mut().filter(|node| node.shape >= 0) {
+        node.shape = i64::from(pipeline.scene.shape_id(node.shape as u32));
+    }
+    nodes
 }
 
 /// A ray that at least one of the two trees has.

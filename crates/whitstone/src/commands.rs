@@ -178,6 +178,14 @@ fn finite(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Parses a finite number greater than 0.
+fn positive(text: &str) -> Result<f64, String> {
+    match finite(text)? {
+        value if value > 0.0 => Ok(value),
+        _ => Err("expected a number greater than 0".to_owned()),
+    }
+}
+
 /// A scene on the command line.
 #[derive(Args, Clone, Debug)]
 pub struct SceneArguments {

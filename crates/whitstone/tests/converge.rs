@@ -528,3 +528,85 @@ fn a_scene_has_a_study_without_writing_one() {
         texts(&unknown)
     );
 }
+
+/// The recommended setting reaches the error against a truth of its own, and a cheaper one does not:
+/// of scenes that no study uses.
+#[test]
+fn a_recommended_setting_reaches_the_error() {
+    for (scene, error) in [
+        ("scenes/shapes/torus.toml", 4e-3),
+        ("scenes/textures/rings.toml", 1e-2),
+        ("scenes/materials/dielectric.toml", 1e-2),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let small = |name: &str| {
+            let text = format!(
+                "include = [{:?}]\nfilm = {{ width = 40, height = 30 }}\n",
+                root().join(scene)
+            );
+            let path = folder.path().join(name);
+            fs::write(&path, text).unwrap();
+            path
+        };
+        let path = small("small.toml");
+        let json = folder.path().join("result.json");
+        let output = Command::new(env!("CARGO_BIN_EXE_whitstone"))
+            .arg("converge")
+            .arg(&path)
+            .args(["--recommend", &error.to_string(), "--repeats", "1"])
+            .arg("--target")
+            .arg(folder.path())
+            .arg("--json")
+            .arg(&json)
+            .output()
+            .unwrap();
+        let text = String::from_utf8(output.stdout).unwrap();
+        assert!(
+            output.status.success(),
+            "{text}{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        let line = text
+            .lines()
+            .find(|line| line.contains("cheapest for an error"))
+            .unwrap();
+        let report: Value = serde_json::from_slice(&fs::read(&json).unwrap()).unwrap();
+        let report: StudyReport = serde_json::from_value(report["studies"][0].clone()).unwrap();
+        let (series, point) = report.cheapest(error).unwrap();
+        assert!(
+            line.contains(&point.setting) && line.contains(&series.configuration),
+            "{line}"
+        );
+        // Half as many samples of the same sampler are less accurate than asked for.
+        let cheaper = series.points.iter().filter(|other| other.rays < point.rays);
+        for other in cheaper {
+            assert!(
+                other.rmse.unwrap() + report.floor_rmse > error,
+                "{scene}: {}",
+                other.setting
+            );
+        }
+        // Against a truth that the command did not use.
+        let rendered = |sets: &[&str]| {
+            let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
+            let registry = whitstone::registry();
+            let sources = whitstone::scene::Sources::load(&path, &sets, &registry).unwrap();
+            let options = whitstone::render::BuildOptions::default();
+            let pipeline = whitstone::render::Pipeline::load(&sources, &registry, options).unwrap();
+            pipeline.render(whitstone::render::RenderOptions::default()).rgb
+        };
+        let command = point.command.trim_end_matches(" -o ours.exr");
+        let sampler = command
+            .split("--set")
+            .skip(1)
+            .map(|set| set.trim().trim_matches('\''));
+        let ours = rendered(&sampler.collect::<Vec<_>>());
+        let truth = rendered(&["sampler={ type = \"stratified\", samples_per_axis = 48 }"]);
+        let squares = ours
+            .iter()
+            .zip(&truth)
+            .flat_map(|(a, b)| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)));
+        let rmse = (squares.sum::<f64>() / (3 * ours.len()) as f64).sqrt();
+        assert!(rmse < 1.1 * error, "{scene}: {rmse} with {}", point.command);
+    }
+}

@@ -266,6 +266,32 @@ class Glossy(Case):
         self.value(HEAD + rules.format("9\nmin_contribution = 1e-7") + SKY + floor('type = "glossy"'))
 
 
+class ReplacedMaterials(Case):
+    def test_instances_replace_materials_from_the_innermost(self):
+        glow = '[material.{}]\ntype = "emissive"\nradiance = {}\n'
+        shared = "".join(glow.format(name, number) for name, number in (("one", 1), ("two", 2), ("three", 3)))
+        floor = FLOOR.replace("[[shape]]", "[[group.inner.shape]]") + 'material = "one"\n'
+        middle = '[[group.outer.shape]]\ntype = "instance"\ngroup = "inner"\n'
+        place = '[[shape]]\ntype = "instance"\ngroup = "outer"\n'
+
+        def seen(inside, outside):
+            given = [f"materials = {{ {keys} }}\n" if keys else "" for keys in (inside, outside)]
+            return self.value(HEAD + shared + floor + middle + given[0] + place + given[1])[0]
+
+        self.assertEqual(seen("", ""), 1)
+        self.assertEqual(seen('one = "two"', ""), 2)
+        self.assertEqual(seen("", 'one = "three"'), 3)
+        self.assertEqual(seen('one = "two"', 'one = "three"'), 2)
+        self.assertEqual(seen('one = "two"', 'two = "three"'), 3)
+        self.assertEqual(seen("", 'one = { type = "emissive", radiance = 5 }'), 5)
+        self.assertEqual(seen('one = { type = "emissive", radiance = 5 }', 'one = "two"'), 5)
+        self.assertEqual(seen("", 'two = "three"'), 1)
+        scene = HEAD + shared + floor + middle + place
+        self.refuse(scene + 'materials = { four = "one" }\n', "scene", "no material is called 'four'")
+        self.refuse(scene + 'materials = { one = "four" }\n', "scene", "no material is called 'four'")
+        self.refuse(scene + "materials = 3\n", "scene", "materials")
+
+
 class FilteredShadows(Case):
     def lit(self, shape, more=""):
         """The transmittance of light onto a floor from straight above."""
@@ -288,6 +314,23 @@ class FilteredShadows(Case):
         panes = [pane(1 + number, 'type = "whitted", k_refr = 0.1') for number in range(3)]
         self.near(self.lit(panes[0] + panes[1]), [0.01] * 3, rel=1e-5)
         self.assertEqual(list(self.lit("".join(panes))), [0, 0, 0])
+
+    def test_shapes_without_a_shadow(self):
+        lamp = '[[light]]\ntype = "point"\nposition = [0, 4, 0]\nintensity = 10\n'
+        side = film() + '[camera]\ntype = "perspective"\nlook_at = { origin = [3, 0.3, 0], target = [0, 0, 0] }\n'
+        free = self.value(side + lamp + FLOOR)
+        dark = 'type = "matte"'
+        without = "casts_shadow = false\n"
+        for mode in ("opaque", "filtered"):
+            head = side + f'[integrator]\ntype = "whitted"\nshadows = "{mode}"\n' + lamp + FLOOR
+            self.near(self.value(head + pane(1, dark) + without), free, rel=1e-6)
+            self.assertEqual(list(self.value(head + pane(1, dark) + without + pane(2, dark))), [0, 0, 0])
+            group = "[[group.g.shape]]" + pane(1, dark).replace("[[shape]]", "")
+            place = '[[shape]]\ntype = "instance"\ngroup = "g"\n'
+            self.assertEqual(list(self.value(head + group + place)), [0, 0, 0])
+            self.near(self.value(head + group + place + without), free, rel=1e-6)
+            self.near(self.value(head + group + without + place), free, rel=1e-6)
+        self.refuse(side + FLOOR + "casts_shadow = 1\n", "scene", "casts_shadow")
 
     def test_opaque_surfaces_block_light(self):
         self.assertEqual(list(self.lit(pane(1, 'type = "thin_dielectric"') + pane(2, 'type = "mirror"'))), [0, 0, 0])

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 import unittest
 
 from support import DOWN, FLOOR, ROOT, film
@@ -16,6 +17,15 @@ def run(*arguments, text="", **variables):
     environment = {**os.environ, "PYTHONPATH": ROOT, **variables}
     command = [sys.executable, "-m", "whitstone_mitsuba", *arguments]
     return subprocess.run(command, input=text, capture_output=True, text=True, env=environment, timeout=300, check=False)
+
+
+def _runs(process):
+    """Whether a process runs; one that has ended and waits for its parent does not."""
+    try:
+        with open(f"/proc/{process}/stat", encoding="ascii") as file:
+            return file.read().rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False
 
 
 class Serve(unittest.TestCase):
@@ -51,6 +61,30 @@ class Serve(unittest.TestCase):
             self.assertIn(word, answers[7]["error"])
         self.assertIn("gyroid", answers[8]["error"])
         self.assertEqual((answers[12]["nodes"][0]["shape"], answers[12]["nodes"][0]["t"]), (-1, "inf"))
+
+    @unittest.skipUnless(os.path.isdir("/proc"), "it reads /proc")
+    def test_the_driver_ends_with_its_parent(self):
+        """The parent is killed while the driver renders for many seconds."""
+        text = film(1500, 1500) + DOWN + FLOOR + '[sampler]\ntype = "grid"\nsamples_per_axis = 16\n'
+        parent = (
+            "import subprocess, sys, time\n"
+            "child = subprocess.Popen([sys.executable, '-m', 'whitstone_mitsuba', 'serve'], stdin=subprocess.PIPE, start_new_session=True)\n"
+            "child.stdin.write(sys.argv[1].encode()); child.stdin.flush()\n"
+            "print(child.pid, flush=True); time.sleep(600)"
+        )
+        with tempfile.TemporaryDirectory() as folder:
+            request = json.dumps({"op": "render", "scene": text, "base": folder, "out": os.path.join(folder, "out.exr")})
+            command = [sys.executable, "-c", parent, request + "\n"]
+            environment = {**os.environ, "PYTHONPATH": ROOT}
+            with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
+                driver = int(process.stdout.readline())
+                time.sleep(8)
+                self.assertTrue(_runs(driver))
+                process.kill()
+            deadline = time.monotonic() + 5
+            while _runs(driver) and time.monotonic() < deadline:
+                time.sleep(0.05)
+            self.assertFalse(_runs(driver))
 
     def test_without_llvm(self):
         """A missing library gives an answer with instructions, not a crash."""

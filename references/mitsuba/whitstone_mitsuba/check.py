@@ -89,7 +89,7 @@ def _direct(built: Built, setting: Setting) -> Dict[str, Any]:
     used = document.used()
     if any(document.materials[number].parts or document.materials[number].type == "emissive" for number in used):
         raise NotApplicable("only the driver evaluates composite and emissive materials")
-    if any(built.shaders[number].passes(document.integrator.filtered) for number in used):
+    if any(built.shaders[number].passes(document.integrator.filtered) for number in used) or not built.casts_shadow.all():
         raise NotApplicable("Mitsuba's shadow rays are blocked by every surface; some surfaces of this scene let them pass")
     if not any(document.materials[number].smooth for number in used):
         raise NotApplicable("no surface has a local term")

@@ -61,7 +61,8 @@ class Tracer:
         # Whether any surface lets shadow rays pass.
         integrator = self.document.integrator
         used = {shape.material for shape in self.document.shapes}
-        self.through = integrator.shadows and any(built.shaders[number].passes(integrator.filtered) for number in used)
+        passed = any(built.shaders[number].passes(integrator.filtered) for number in used)
+        self.through = integrator.shadows and (passed or not built.casts_shadow.all())
         table = self.settings + [self.settings[-1]]
         self._k = mi.Float(np.array([setting.k * ULP for setting in table], dtype=np.float32))
         self._noise = mi.Float(np.array([setting.ulps * ULP for setting in table], dtype=np.float32))

@@ -160,6 +160,7 @@ class Built:
         wraps = [np.zeros((3, 4)) if rule.wrap is None else rule.wrap for rule in rules]
         self.balls = spawn.Balls(np.array(balls), np.array(axes), np.array(wraps))
         self.material_of_shape = _integers([shape.material for shape in shapes] + [0, 0])
+        self.casts_shadow = np.array([shape.casts_shadow for shape in shapes] + [True, True])
         self.ambient_light = mi.Color3f(*[dr.opaque(mi.Float, float(value)) for value in self.document.lights.ambient])
         dr.eval(self.ambient_light)
 

@@ -13,6 +13,9 @@ from .runtime import ULP, dr, mi
 # Less than this in every channel counts as blocked.
 CUT = 0.002
 
+# In the place of the number of a material: that of a shape that casts no shadow.
+NO_MATERIAL = -1
+
 # A shadow ray that has crossed this many surfaces counts as blocked.
 MOST_CROSSINGS = 1000
 
@@ -84,19 +87,26 @@ def through(tracer: Any, level: Any, lanes: Any, number: int, p: Any, n_g: Any, 
         stopped = np.flatnonzero(blocked.numpy()[: len(real)])
         if len(stopped) == 0:
             break
-        # Transmittance of the surfaces, by material.
+        # Transmittance of the surfaces, by material. Shapes that cast no shadow have none.
         kept = dr.zeros(mi.Color3f, dr.width(o))
         behind = mi.Color3f(medium)
         entered = mi.UInt64(inside)
         for array in (kept, behind, entered):
             dr.make_opaque(array)
-        numbers = hits.material.numpy()[stopped]
+        numbers = hits.material.numpy()[stopped].astype(np.int64)
+        numbers[~tracer.built.casts_shadow[hits.shape.numpy()[stopped]]] = NO_MATERIAL
         stage = Level(ray, hits, hits.local, hits.transmittance)
         for material in np.unique(numbers):
+            some = pad(stopped[numbers == material])
+            if material == NO_MATERIAL:
+                before = dr.gather(mi.Color3f, medium, some)
+                segment = dr.exp(-before * dr.gather(mi.Float, hits.t, some))
+                dr.scatter(kept, dr.gather(mi.Color3f, left, some) * segment, some)
+                dr.eval(kept)
+                continue
             shader = tracer.built.shaders[int(material)]
             if not shader.passes(filtered):
                 continue
-            some = pad(stopped[numbers == material])
             si = tracer._interaction(stage, some)
             # The ray enters the body if it comes from outside.
             enters = dr.dot(mi.Vector3f(si.n), si.to_world(si.wi)) > 0

@@ -125,6 +125,7 @@ class Shape:
     # group.
     path: Tuple[int, ...] = ()
     world: Optional[np.ndarray] = None
+    casts_shadow: bool = True
     # The surfaces that may coincide with other shapes.
     outline: Optional[coincident.Outline] = None
     # Reads it again with a change: (rules, builder) or (surface, reason).
@@ -489,6 +490,25 @@ MAX_NESTING = 16
 MAX_INSTANCES = 4096
 
 
+@dataclass(frozen=True)
+class _Around:
+    """What encloses the shapes of a list."""
+
+    world: np.ndarray
+    # The indices of the enclosing instances in their lists, from the outermost.
+    path: Tuple[int, ...] = ()
+    # Their `materials`, from the innermost.
+    replaced: Tuple[Dict[str, Any], ...] = ()
+    casts_shadow: bool = True
+
+    def shown(self, material: Any) -> Any:
+        """The material that is seen of a shape with this one (model §9)."""
+        for replaced in self.replaced:
+            if isinstance(material, str):
+                material = replaced.get(material, material)
+        return material
+
+
 class _Reader:
     """Traverses the `[[shape]]` tables and the groups that they instance."""
 
@@ -532,7 +552,7 @@ class _Reader:
             self.first[name] = following
             following += len(self.tables(self.groups[name], f"group.{name}."))
 
-    def walk(self, tables: List[Any], where: str, first: int, around: np.ndarray, path: Tuple[int, ...] = ()) -> None:
+    def walk(self, tables: List[Any], where: str, first: int, around: _Around) -> None:
         """Reads the shapes of one list; the first has the number `first`."""
         names: Dict[str, int] = {}
         for index, table in enumerate(tables):
@@ -547,19 +567,23 @@ class _Reader:
             if name and names.setdefault(name, index) != index:
                 fields.error("id", f"{name!r} is already the id of {where}shape[{names[name]}]")
             own = transforms.read(fields.take("transform"), f"{fields.where}.transform", self.errors)
+            casts_shadow = fields.flag("casts_shadow", True) and around.casts_shadow
+            path = (*around.path, index)
             if kind == "instance":
-                self.instance(fields, around @ own, (*path, index))
+                replaced = (self.replaced(fields), *around.replaced)
+                self.instance(fields, _Around(around.world @ own, path, replaced, casts_shadow))
                 fields.close()
                 continue
-            material = self.materials.number(fields.take("material"), f"{fields.where}.material")
+            material = self.materials.number(around.shown(fields.take("material")), f"{fields.where}.material")
             known = self.materials.all
             if where and material < len(known) and known[material].priority is not None:
                 fields.error("material", "a shape in a group must not have a `priority`: all instances would count as one body")
-            place = Place(own, around, self.unsupported, self.textures)
+            place = Place(own, around.world, self.unsupported, self.textures)
             what, how = READERS[kind](fields, place, self.base)
             fields.close()
             again = partial(self.again, kind, table, place)
-            more = {"type": kind, "number": first + index, "material": material, "path": (*path, index), "world": place.world}
+            more = {"type": kind, "number": first + index, "material": material, "path": path, "world": place.world}
+            more["casts_shadow"] = casts_shadow
             self.shapes.append(Shape.of(what, how, again=again, **more))
 
     def again(self, kind: str, table: Any, place: Place, change: coincident.Change) -> Tuple[Any, Any]:
@@ -580,11 +604,24 @@ class _Reader:
         for place, change in found.changes.items():
             old = self.shapes[place]
             assert old.again is not None, "every shape of a document can be read again"
-            more = {name: getattr(old, name) for name in ("type", "number", "material", "path", "world", "again")}
+            kept = ("type", "number", "material", "path", "world", "casts_shadow", "again")
+            more = {name: getattr(old, name) for name in kept}
             self.shapes[place] = Shape.of(*old.again(change), **more)
         return found
 
-    def instance(self, fields: Fields, around: np.ndarray, path: Tuple[int, ...]) -> None:
+    def replaced(self, fields: Fields) -> Dict[str, Any]:
+        """The materials that an instance replaces, by the names of shared ones."""
+        table = fields.take("materials", {})
+        if not isinstance(table, dict):
+            fields.error("materials", "expected a table from names of materials to materials")
+            return {}
+        for name, value in table.items():
+            where = f"{fields.where}.materials.{name}"
+            self.materials.number(name, where)
+            self.materials.number(value, where)
+        return table
+
+    def instance(self, fields: Fields, around: _Around) -> None:
         """Adds an instance of all shapes of a group."""
         name = fields.string("group", REQUIRED)
         if name is None:
@@ -607,7 +644,7 @@ class _Reader:
             if not tables:
                 group.error(None, "has no shapes")
             self.open.append(name)
-            self.walk(tables, where, self.first[name], around, path)
+            self.walk(tables, where, self.first[name], around)
             self.open.pop()
 
 
@@ -621,7 +658,7 @@ def read(
     reader = _Reader(groups, materials, textures, base, errors, unsupported)
     tables = reader.tables(document, "")
     reader.number(tables)
-    reader.walk(tables, "", 0, np.eye(4))
+    reader.walk(tables, "", 0, _Around(np.eye(4)))
     bodies = [shape for shape in reader.shapes if shape.material < len(materials.all) and materials.all[shape.material].priority is not None]
     if len(bodies) > MAX_BODIES:
         errors.append(f"shape: at most {MAX_BODIES} shapes with a priority, found {len(bodies)}")

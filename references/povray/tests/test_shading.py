@@ -215,8 +215,24 @@ class Materials(Case):
     def test_glass_casts_an_opaque_shadow(self):
         ball = '[[shape]]\ntype = "sphere"\ncenter = [1.5, 2, 0]\nradius = 0.5\nmaterial = { type = "dielectric" }\n'
         self.assertEqual(self.values(HEAD + BLACK_LIMIT + POINT + FLOOR + ball)[0], [0, 0, 0])
+        without = "casts_shadow = false\n"
+        self.near(self.values(HEAD + BLACK_LIMIT + POINT + FLOOR + ball + without)[0], [0.5 / math.pi * 0.8 * n for n in (1, 2, 3)])
         unshadowed = BLACK_LIMIT + 'shadows = "none"\n'
         self.near(self.values(HEAD + unshadowed + POINT + FLOOR + ball)[0], [0.5 / math.pi * 0.8 * n for n in (1, 2, 3)])
+
+    def test_instances_replace_materials_and_shadows(self):
+        glow = '[material.{}]\ntype = "emissive"\nradiance = {}\n'
+        shared = "".join(glow.format(name, number) for name, number in (("one", 1), ("two", 2), ("three", 3)))
+        floor = FLOOR.replace("[[shape]]", "[[group.inner.shape]]") + 'material = "one"\n'
+        middle = '[[group.outer.shape]]\ntype = "instance"\ngroup = "inner"\nmaterials = { one = "two" }\n'
+        place = '[[shape]]\ntype = "instance"\ngroup = "outer"\n'
+        self.near(self.values(HEAD + shared + floor + middle + place)[0], [2] * 3)
+        self.near(self.values(HEAD + shared + floor + middle + place + 'materials = { two = "three" }\n')[0], [3] * 3)
+        roof = '[[group.roof.shape]]\ntype = "box"\ntransform = { translate = [1.5, 2, 0] }\n'
+        above = '[[shape]]\ntype = "instance"\ngroup = "roof"\n'
+        self.assertEqual(self.values(HEAD + POINT + FLOOR + roof + above)[0], [0, 0, 0])
+        lit = self.values(HEAD + POINT + FLOOR + roof + above + "casts_shadow = false\n")[0]
+        self.near(lit, [0.5 / math.pi * 0.8 * n for n in (1, 2, 3)])
 
 
 if __name__ == "__main__":

@@ -73,11 +73,29 @@ class _Placed:
     """An instance of a shape; `place` is the position of its table."""
 
     shape: _Shape
-    around: transforms.Matrix
+    around: "_Around"
     place: str
     # See `coincident.Placed`.
     rank: Tuple[str, int, int]
-    index: int
+
+
+@dataclass(frozen=True)
+class _Around:
+    """What encloses the shapes of a list."""
+
+    world: transforms.Matrix = transforms.IDENTITY
+    # The index, in the list of the document, of the shape or instance that contains them.
+    outermost: Optional[int] = None
+    # The `materials` of the instances, from the innermost.
+    replaced: Tuple[Dict[str, Any], ...] = ()
+    casts_shadow: bool = True
+
+    def shown(self, material: Any) -> Any:
+        """The material that is seen of a shape with this one (model §9)."""
+        for replaced in self.replaced:
+            if isinstance(material, str):
+                material = replaced.get(material, material)
+        return material
 
 
 @dataclass
@@ -98,25 +116,30 @@ class _Scene:
     # Placed objects that light can enter.
     entered: List[checks.Body] = field(default_factory=list)
 
-    def walk(self, tables: Any, group: str, around: transforms.Matrix, outermost: Optional[int] = None) -> None:
-        """Adds the shapes of one list: of a group, or of the document if its name is empty. The
-        index `outermost` is that of the instance of the document that contains them.
-        """
+    def walk(self, tables: Any, group: str, around: "_Around") -> None:
+        """Adds the shapes of one list: of a group, or of the document if its name is empty."""
         where = f"group.{group}." if group else ""
         if not isinstance(tables, list):
             self.context.errors.append(f"{where}shape: expected an array of tables")
             return
         for index, table in enumerate(tables):
             place = f"{where}shape[{index}]"
+            inside = around if around.outermost is not None else replace(around, outermost=index)
+            if isinstance(table, dict) and table.get("casts_shadow") is False:
+                inside = replace(inside, casts_shadow=False)
             if isinstance(table, dict) and table.get("type") == "instance":
-                self.instance(Fields(table, place, self.context), around, index if outermost is None else outermost)
+                self.instance(Fields(table, place, self.context), inside)
                 continue
-            if place not in self.known:
-                self.known[place] = self.shape(Fields(table, place, self.context))
-            entry = self.known[place]
+            shown = table
+            if isinstance(table, dict) and "material" in table:
+                shown = {**table, "material": around.shown(table["material"])}
+            key = place if shown == table else f"{place} with {shown['material']}"
+            if key not in self.known:
+                self.known[key] = self.shape(Fields(shown, place, self.context))
+            entry = self.known[key]
             if entry is not None:
                 rank = (group, index, len(self.placed))
-                self.placed.append(_Placed(entry, around, place, rank, index if outermost is None else outermost))
+                self.placed.append(_Placed(entry, inside, place, rank))
                 if len(self.placed) > MAX_COPIES:
                     raise Unsupported(f"shape: POV-Ray has no twin of more than {MAX_COPIES} copies of shapes")
 
@@ -126,6 +149,7 @@ class _Scene:
         if twin is None:
             return None
         fields.text("id")
+        fields.flag("casts_shadow", True)
         own = transforms.read(fields.take("transform"), f"{fields.where}.transform", self.context)
         material = self.materials.of(fields)
         solid = twin(fields, Place(self.context.setting, own))
@@ -156,7 +180,7 @@ class _Scene:
         many times, at several exposures and positions in the pixel.
         """
         outlined = [
-            coincident.Placed(p.shape.solid.outline, transforms.product(p.around, p.shape.own), p.rank, p.index) for p in self.placed
+            coincident.Placed(p.shape.solid.outline, transforms.product(p.around.world, p.shape.own), p.rank, p.around.outermost or 0) for p in self.placed
         ]
         if key not in _SEPARATED:
             if len(_SEPARATED) == MAX_SEPARATED:
@@ -171,7 +195,7 @@ class _Scene:
         """Adds an instance of a shape. The maps `inner`, of object space, and `outer`, of world
         space, separate it from others.
         """
-        name, solid, material, around = placed.shape.name, placed.shape.solid, placed.shape.material, placed.around
+        name, solid, material, around = placed.shape.name, placed.shape.solid, placed.shape.material, placed.around.world
         scale = self.context.setting.scale
         own = solid.matrix or transforms.IDENTITY
         if (inner, outer) != coincident.STAYS:
@@ -179,23 +203,29 @@ class _Scene:
         else:
             own_moved, around_moved = own, around
         moves = " ".join(transforms.write(matrix, scale) for matrix in (own_moved, around_moved))
-        dark = not self.shadows or material.transparent
+        shadows = self.shadows and placed.around.casts_shadow
+        dark = not shadows or material.transparent
         flag = (" no_shadow" if dark else "") + (" hollow" if material.transparent else "")
         # Textures see the point before the separation.
         surface = solid.surface.placed(transforms.product(around, own), scale)
         self.objects.append(f"object {{ {name} {material.texture(surface)} {material.interior} {moves}{flag} }}")
         if material.transparent:
             self.entered.append(checks.Body(placed.place, name, moves))
-        if material.transparent and self.shadows:
+        if material.transparent and shadows:
             black = "texture { pigment { rgb 0 } finish { ambient 0 diffuse 0 } }"
             self.objects.append(f"object {{ {name} {black} {moves} no_image no_reflection }}")
         if len(self.objects) > MAX_COPIES:
             raise Unsupported(f"shape: POV-Ray has no twin of more than {MAX_COPIES} copies of shapes")
 
-    def instance(self, fields: Fields, around: transforms.Matrix, outermost: int) -> None:
+    def instance(self, fields: Fields, around: "_Around") -> None:
         """Adds an instance of the shapes of a group."""
         fields.take("type")
         fields.text("id")
+        fields.flag("casts_shadow", True)
+        replaced = fields.take("materials", {})
+        if not isinstance(replaced, dict):
+            fields.error("materials", "expected a table from names of materials to materials")
+            replaced = {}
         own = transforms.read(fields.take("transform"), f"{fields.where}.transform", self.context)
         name = fields.text("group", REQUIRED)
         fields.close()
@@ -209,7 +239,8 @@ class _Scene:
             tables = group.take("shape", REQUIRED)
             group.close()
             self.open.append(name)
-            self.walk(tables, name, transforms.product(around, own), outermost)
+            world = transforms.product(around.world, own)
+            self.walk(tables, name, replace(around, world=world, replaced=(replaced, *around.replaced)))
             self.open.pop()
 
 
@@ -314,7 +345,7 @@ def parse(text: str, base: str, setting: Setting, channel: Optional[int] = None)
     library = Library(root.get("texture", {}), context)
     materials = Materials(root.get("material", {}), library, lit.ambient, context)
     scene = _Scene(context, materials, root.get("group", {}), integrator.shadows)
-    scene.walk(root.get("shape", []), "", transforms.IDENTITY)
+    scene.walk(root.get("shape", []), "", _Around())
     told = [] if context.errors else scene.put_all((text, base, setting.scale))
     _check_media(scene.used, context)
     if integrator.limit_shown and any(lit.background) and any(material.branches for material in scene.used):

@@ -14,3 +14,33 @@ pub(super) fn load() -> f64 {
     let first = text.split_whitespace().next();
     first.and_then(|word| word.parse().ok()).unwrap_or(f64::NAN)
 }
+
+/// The name of the processor, if the system reports it.
+pub(super) fn processor() -> Option<String> {
+    let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
+    let line = text.lines().find(|line| line.starts_with("model name"))?;
+    Some(line.split_once(':')?.1.trim().to_owned())
+}
+
+/// Today, as year-month-day.
+pub(super) fn date() -> String {
+    let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+    let mut days = since.map_or(0, |since| since.as_secs() / 86_400);
+    let (mut year, mut month) = (1970, 1);
+    loop {
+        let leap = year % 4 == 0 && (year % 100 != 0 || year % 400 == 0);
+        let length = match month {
+            2 => 28 + u64::from(leap),
+            4 | 6 | 9 | 11 => 30,
+            _ => 31,
+        };
+        if days < length {
+            return format!("{year}-{month:02}-{:02}", days + 1);
+        }
+        days -= length;
+        month += 1;
+        if month > 12 {
+            (year, month) = (year + 1, 1);
+        }
+    }
+}

@@ -120,6 +120,8 @@ pub struct Instance {
     transform: Transform,
     /// The path of this instance; nested instances follow.
     pub(crate) first_path: InstanceId,
+    /// See [`Self::set_variants`]: (number of a shape, number of its variant here), ascending.
+    variants: Vec<(u32, u32)>,
     bounds: Aabb,
     /// Bounds how far a hit lies off the surface, in the group's space: entry (i, j) is the offset
     /// along axis i per unit of coordinate j.
@@ -141,6 +143,33 @@ impl Instance {
             group,
             transform,
             first_path: InstanceId(1),
+            variants: Vec::new(),
+        }
+    }
+
+    /// Shows shapes of the group, given by their scene-wide numbers, under other numbers: hits have
+    /// the second number of a pair instead of the first. Numbers are what materials are looked up
+    /// by, so an instance can have materials of its own. The second numbers must ascend with the
+    /// first ones, and be used nowhere else.
+    pub fn set_variants(&mut self, mut variants: Vec<(u32, u32)>) {
+        variants.sort_unstable();
+        self.variants = variants;
+    }
+
+    /// From a scene-wide number in the group to that in the enclosing space.
+    fn shown(&self, shape: u32) -> u32 {
+        match self.variants.binary_search_by_key(&shape, |(from, _)| *from) {
+            Ok(place) => self.variants[place].1,
+            Err(_) => shape,
+        }
+    }
+
+    /// The inverse of [`Self::shown`].
+    fn hidden(&self, shape: u32) -> u32 {
+        // Second numbers ascend with the first ones.
+        match self.variants.binary_search_by_key(&shape, |(_, to)| *to) {
+            Ok(place) => self.variants[place].0,
+            Err(_) => shape,
         }
     }
 
@@ -190,8 +219,23 @@ impl Instance {
         let instance = InstanceId(self.first_path.0 + hit.instance.0);
         PreliminaryIntersection {
             instance,
-            shape,
+            shape: self.shown(shape),
             ..hit
+        }
+    }
+
+    /// The inverse of [`Self::outside`].
+    fn within(&self, hit: &PreliminaryIntersection) -> PreliminaryIntersection {
+        let instance = InstanceId(hit.instance.0 - self.first_path.0);
+        let shape = self.hidden(hit.shape);
+        let shape = match instance {
+            InstanceId::TOP_LEVEL => shape - self.group.first_shape,
+            _ => shape,
+        };
+        PreliminaryIntersection {
+            instance,
+            shape,
+            ..*hit
         }
     }
 
@@ -315,6 +359,7 @@ impl Instance {
         let Some((path, shape, primitive)) = skip.id() else {
             return SelfHitFilter::NOTHING;
         };
+        let shape = self.hidden(shape);
         match self.path_inside(path) {
             None => SelfHitFilter::NOTHING,
             Some(InstanceId::TOP_LEVEL) => {
@@ -336,28 +381,10 @@ impl Instance {
     ) -> SurfaceInteraction {
         let local = self.transform.ray_to_object(ray);
         let geometry = &self.group.geometry;
-        let inside = InstanceId(hit.instance.0 - self.first_path.0);
-        let point = match inside {
-            InstanceId::TOP_LEVEL => {
-                let shape = hit.shape - self.group.first_shape;
-                geometry.surface(
-                    &local,
-                    &PreliminaryIntersection {
-                        instance: inside,
-                        shape,
-                        ..*hit
-                    },
-                    needs,
-                )
-            }
-            _ => geometry.instanced(
-                &local,
-                &PreliminaryIntersection {
-                    instance: inside,
-                    ..*hit
-                },
-                needs,
-            ),
+        let hit = self.within(hit);
+        let point = match hit.instance {
+            InstanceId::TOP_LEVEL => geometry.surface(&local, &hit, needs),
+            _ => geometry.instanced(&local, &hit, needs),
         };
         let forward = self.transform.world_from_object();
         let across = self.transform.object_from_world().matrix3.transpose() * point.n_g;
@@ -392,16 +419,7 @@ impl Instance {
         q: DVec3,
         needs: SurfaceAttributes,
     ) -> Option<SurfaceInteraction> {
-        let inside = InstanceId(hit.instance.0 - self.first_path.0);
-        let shape = match inside {
-            InstanceId::TOP_LEVEL => hit.shape - self.group.first_shape,
-            _ => hit.shape,
-        };
-        let hit = PreliminaryIntersection {
-            instance: inside,
-            shape,
-            ..*hit
-        };
+        let hit = self.within(hit);
         let into = self.transform.object_from_world();
         let mut local = *point;
         local.position = into.transform_point3(point.position);

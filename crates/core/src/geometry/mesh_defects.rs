@@ -2,7 +2,7 @@
 //! leaves twice.
 
 use crate::{BsdfFlags, LoweredShape, Scene, TriangleMesh};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fmt;
 
 /// The defects that keep a mesh from bounding a body. Vertices at the same position count as one.
@@ -99,29 +99,36 @@ impl Scene {
     /// groups count once, however many instances there are.
     pub fn open_refracting_meshes(&self) -> Vec<(u32, MeshDefects)> {
         let mut found = BTreeMap::new();
-        self.find_open(self.geometry.shapes(), 0, &mut found);
+        let refracting = (self.materials.iter().zip(0..))
+            .filter(|(material, _)| material.flags().contains(BsdfFlags::TRANSMISSION))
+            .map(|(_, number)| self.shape_id(number))
+            .collect();
+        find_open(self.geometry.shapes(), 0, &refracting, &mut found);
         found
             .into_iter()
             .filter(|(_, defects)| !defects.is_empty())
             .collect()
     }
+}
 
-    fn find_open(&self, shapes: &[LoweredShape], first: u32, found: &mut BTreeMap<u32, MeshDefects>) {
-        for (shape, number) in shapes.iter().zip(first..) {
-            match shape {
-                LoweredShape::Triangles(mesh) => {
-                    let material = self.materials.get(number as usize);
-                    let refracts = material.is_some_and(|m| m.flags().contains(BsdfFlags::TRANSMISSION));
-                    if refracts {
-                        found.entry(number).or_insert_with(|| MeshDefects::of(mesh));
-                    }
+fn find_open(
+    shapes: &[LoweredShape],
+    first: u32,
+    refracting: &BTreeSet<u32>,
+    found: &mut BTreeMap<u32, MeshDefects>,
+) {
+    for (shape, number) in shapes.iter().zip(first..) {
+        match shape {
+            LoweredShape::Triangles(mesh) => {
+                if refracting.contains(&number) {
+                    found.entry(number).or_insert_with(|| MeshDefects::of(mesh));
                 }
-                LoweredShape::Instance(instance) => {
-                    let group = instance.group();
-                    self.find_open(group.geometry().shapes(), group.first_shape(), found);
-                }
-                LoweredShape::Custom(_) => {}
             }
+            LoweredShape::Instance(instance) => {
+                let group = instance.group();
+                find_open(group.geometry().shapes(), group.first_shape(), refracting, found);
+            }
+            LoweredShape::Custom(_) => {}
         }
     }
 }

@@ -64,7 +64,7 @@ pub struct Scene {
     pub geometry: Arc<Geometry>,
     /// Built over the geometry.
     pub accelerator: Box<dyn Accelerator>,
-    /// The material of each shape, by its number.
+    /// The material of each shape, by its number, then those of the variants.
     pub materials: Vec<Arc<dyn Material>>,
     /// Lights that give samples, in the order of the scene.
     pub lights: Vec<Arc<dyn Light>>,
@@ -84,6 +84,8 @@ pub struct Scene {
     pub(crate) has_glossy_reflections: bool,
     /// See [`Scene::requires_scalar_tracing`].
     requires_scalar_tracing: bool,
+    /// The shape of each variant: see [`Self::set_variants`].
+    variants: Vec<u32>,
     /// The attributes that each material reads, by shape, cached here to avoid a call per hit.
     needs: Vec<SurfaceAttributes>,
     /// The responses of each material, in the same order.
@@ -139,10 +141,38 @@ impl Scene {
             requires_scalar_tracing: bodies.is_some() || has_glossy_reflections,
             bodies,
             has_glossy_reflections,
+            variants: Vec::new(),
             needs,
             responses,
             flags,
             footprints,
+        }
+    }
+
+    /// Declares that the last numbers of `materials` are variants of other shapes: the same shape
+    /// with another material, as instances show it ([`crate::Instance::set_variants`]). `variants`
+    /// holds the number of the shape of each.
+    pub fn set_variants(&mut self, variants: Vec<u32>) {
+        assert!(variants.len() <= self.materials.len());
+        self.variants = variants;
+    }
+
+    /// The number of a shape in the scene file, given the number of a hit, which may be that of a
+    /// variant.
+    pub fn shape_id(&self, shape: u32) -> u32 {
+        let shapes = self.materials.len() - self.variants.len();
+        match (shape as usize).checked_sub(shapes) {
+            None => shape,
+            Some(variant) => self.variants[variant],
+        }
+    }
+
+    /// Makes shapes (or variants of shapes) cast no shadow.
+    pub fn let_light_through(&mut self, shapes: impl IntoIterator<Item = u32>) {
+        for shape in shapes {
+            let flags = &mut self.responses[shape as usize];
+            *flags = *flags | BsdfFlags::NO_SHADOW;
+            self.flags = self.flags | BsdfFlags::NO_SHADOW;
         }
     }
 

@@ -143,7 +143,7 @@ pub struct IncidentLight {
 
 /// The set of responses that a material can have (BSDF flags).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct BsdfFlags(u8);
+pub struct BsdfFlags(u16);
 
 impl BsdfFlags {
     /// [`Material::local_illumination`] can be other than black.
@@ -162,6 +162,9 @@ impl BsdfFlags {
     pub const TRANSPARENT_SHADOWS: Self = Self(64);
     /// The material shades with a normal other than the shape's (normal or bump map).
     pub const NORMAL_MAPPED: Self = Self(128);
+    /// Light passes the surface as if it were not there. A property of the shape, not of its
+    /// material: see [`crate::Scene::let_light_through`].
+    pub const NO_SHADOW: Self = Self(256);
     /// Every kind of specular ray.
     pub const SPECULAR: Self = Self(2 + 4 + 8);
     /// Everything that the surface shows without following rays: local illumination and emission.

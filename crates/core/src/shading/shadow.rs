@@ -2,7 +2,7 @@
 
 use crate::{
     BsdfFlags, Counters, Interval, LightSample, MediumState, Ray, Rgb, Scene, SelfHitFilter,
-    SurfaceInteraction,
+    SurfaceInteraction, Transmittance,
 };
 use glam::DVec3;
 use schemars::JsonSchema;
@@ -32,8 +32,8 @@ impl ShadowMode {
     pub(crate) fn passing(self) -> BsdfFlags {
         match self {
             Self::None => BsdfFlags::NOTHING,
-            Self::Opaque => BsdfFlags::CUT_OUTS,
-            Self::Filtered => BsdfFlags::CUT_OUTS | BsdfFlags::TRANSPARENT_SHADOWS,
+            Self::Opaque => BsdfFlags::CUT_OUTS | BsdfFlags::NO_SHADOW,
+            Self::Filtered => BsdfFlags::CUT_OUTS | BsdfFlags::NO_SHADOW | BsdfFlags::TRANSPARENT_SHADOWS,
         }
     }
 }
@@ -104,15 +104,19 @@ impl Scene {
             if !self.flags_of(hit.shape).intersects(shadowing.passing()) {
                 return Rgb::BLACK;
             }
-            self.count_shaded(hit.shape, 1, counters);
             let point = self.surface(&ray, &hit).seen_from(-ray.direction);
-            let face = self.face(hit.shape, inside, &point, -ray.direction);
-            let filter = match (face, material.prioritized()) {
-                (Some(face), Some(body)) if filtered => {
-                    inside = face.behind;
-                    face.filter(body, &point, ray.direction)
+            let filter = if self.flags_of(hit.shape).intersects(BsdfFlags::NO_SHADOW) {
+                Transmittance::straight(Rgb::WHITE)
+            } else {
+                self.count_shaded(hit.shape, 1, counters);
+                let face = self.face(hit.shape, inside, &point, -ray.direction);
+                match (face, material.prioritized()) {
+                    (Some(face), Some(body)) if filtered => {
+                        inside = face.behind;
+                        face.filter(body, &point, ray.direction)
+                    }
+                    _ => material.shadow_transmittance(&point, ray.direction, filtered),
                 }
-                _ => material.shadow_transmittance(&point, ray.direction, filtered),
             };
             left = left * medium.transmittance(hit.t) * filter.weight;
             if left.max_component() < CUT {

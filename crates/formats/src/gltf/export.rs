@@ -212,7 +212,7 @@ impl<'a> Exporter<'a> {
         let material = shape.get("material");
         let colors = material.is_some_and(|material| self.reads_colors(material, &mut BTreeSet::new()));
         let mut keys = shape.clone();
-        for key in ["id", "material", "transform"] {
+        for key in ["id", "material", "transform", "casts_shadow"] {
             keys.remove(key);
         }
         if !colors {
@@ -386,6 +386,12 @@ impl<'a> Exporter<'a> {
             }
             let own = table::transform(shape);
             let world = *world * own;
+            if shape.get("casts_shadow").and_then(Value::as_bool) == Some(false) {
+                self.note("[[shape]] without a shadow", &name);
+            }
+            if shape.contains_key("materials") {
+                self.note("[[shape]] materials of an instance", &name);
+            }
             if table::kind(shape) == "instance" {
                 let Some(inside) = table::text(shape, "group") else {
                     continue;

@@ -82,6 +82,8 @@ pub(crate) const FEATURES: &[Feature] = features! {
     Dropped "[[shape]] without triangles": "Other programs do not show curved and infinite shapes and csg; they are kept for Whitstone.";
     Dropped "[[shape]] that is not written": "Other programs do not show it; it is kept for Whitstone with its file.";
     Dropped "[[shape]] instance beyond the limit": "Other programs show at most 200,000 nodes; it is kept for Whitstone.";
+    Dropped "[[shape]] materials of an instance": "Other programs see the materials of the group; they are kept for Whitstone.";
+    Dropped "[[shape]] without a shadow": "Other programs may show its shadow; it is kept for Whitstone.";
     Dropped "[camera] of another type": "Other programs see no camera; it is kept for Whitstone.";
     Dropped "[[light]] of another type": "Other programs see point, directional and spot lights; it is kept for Whitstone.";
     Dropped "[material] of another type": "Other programs see grey; it is kept for Whitstone.";

@@ -5,14 +5,18 @@ use crate::interval::Decided;
 use crate::root::Roots;
 use crate::vector::Line;
 use serde::Deserialize;
+use std::collections::BTreeMap;
 use whitstone_core::config::GroupRef;
-use whitstone_core::{SceneError, SceneErrors};
+use whitstone_core::{MaterialRef, SceneError, SceneErrors};
 use whitstone_scene::Description;
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Config {
     pub(crate) group: GroupRef,
+    /// By the ids of the shared materials that are replaced.
+    #[serde(default)]
+    pub(crate) materials: BTreeMap<String, MaterialRef>,
 }
 
 pub(crate) struct Instance(Vec<Placed>);

@@ -12,9 +12,9 @@ use bodies::Face;
 use medium::{Medium, MediumState};
 use read::Source;
 use std::f64::consts::PI;
-use whitstone_core::config::Color;
+use whitstone_core::config::{Color, PluginRef};
 use whitstone_core::{DVec2, DVec3, Rgb, SceneErrors};
-use whitstone_scene::{Description, ShapeTable};
+use whitstone_scene::Description;
 
 /// A direction in which the ray tree continues.
 pub(super) struct SpecularRay {
@@ -137,11 +137,11 @@ pub(super) struct Material(Kind);
 impl Material {
     pub(super) fn of_shape(
         description: &Description<'_>,
-        shape: &ShapeTable<'_>,
+        shown: Option<&PluginRef>,
     ) -> Result<Self, SceneErrors> {
-        Ok(Self(match &shape.material {
+        Ok(Self(match shown {
             None => Kind::Matte(Texture::Constant(Rgb::splat(0.5))),
-            Some((_, reference)) => Source { description }.kind(reference)?,
+            Some(reference) => Source { description }.kind(reference)?,
         }))
     }
 

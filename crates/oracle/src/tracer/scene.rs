@@ -14,9 +14,9 @@ use crate::vector::Line;
 use crate::{FIRST_BITS, MAX_BITS};
 use serde::Deserialize;
 use std::cmp::Ordering;
-use std::collections::BTreeSet;
-use whitstone_core::config::decode;
-use whitstone_core::{DAffine3, DMat3, DVec2, DVec3, Ray, SceneErrors};
+use std::collections::{BTreeMap, BTreeSet};
+use whitstone_core::config::{PluginRef, decode};
+use whitstone_core::{DAffine3, DMat3, DVec2, DVec3, MaterialRef, Ray, SceneErrors};
 use whitstone_scene::{Description, ShapeTable};
 
 /// A root of the surface that a ray leaves counts as the start itself if it is this close to it,
@@ -36,6 +36,7 @@ struct Part {
     coordinates: Coordinates,
     continues: Continues,
     material: Material,
+    casts_shadow: bool,
     standing: Standing,
 }
 
@@ -67,8 +68,8 @@ impl Continues {
 /// All shapes of the scene.
 pub(super) struct Scene {
     parts: Vec<Part>,
-    /// Whether any material has holes that light passes through.
-    pub(super) has_masks: bool,
+    /// Whether light passes through anything, even with opaque shadows.
+    pub(super) has_holes: bool,
 }
 
 /// The first hit of a ray.
@@ -117,15 +118,23 @@ impl Scene {
             .zip(bodies::faces(description)?)
             .enumerate()
         {
-            place(description, shape, &[], &[number], &mut parts)?;
+            place(description, shape, &Around::default(), &[number], &mut parts)?;
             // A prioritised dielectric is never a group.
             if let (Some(face), Some(part)) = (face, parts.last_mut()) {
                 part.material = Material::of_body(face);
             }
         }
         Standing::join(parts.iter_mut().map(|part| &mut part.standing).collect());
-        let has_masks = parts.iter().any(|part| part.material.has_masks());
-        Ok(Self { parts, has_masks })
+        let has_holes = |part: &Part| part.material.has_masks() || !part.casts_shadow;
+        Ok(Self {
+            has_holes: parts.iter().any(has_holes),
+            parts,
+        })
+    }
+
+    /// Whether light is stopped or attenuated where this shape was hit.
+    pub(super) fn casts_shadow(&self, hit: &Hit) -> bool {
+        self.parts[hit.shape].casts_shadow
     }
 
     /// The nearest hit with 0 < t < end; `from` is the primitive that the ray starts on.
@@ -433,23 +442,55 @@ impl Part {
     }
 }
 
-/// Adds the parts of a shape, which are several for an instance. `around` are the maps of the
-/// enclosing instances, the innermost first; `path` is its position in the lists.
+/// The instances that enclose a shape, the innermost first.
+#[derive(Clone, Default)]
+struct Around {
+    maps: Vec<DAffine3>,
+    /// The materials that they replace.
+    replaced: Vec<BTreeMap<String, MaterialRef>>,
+    /// Whether one of them takes the shadows of its shapes.
+    without_shadow: bool,
+}
+
+impl Around {
+    /// The material that is seen of a shape.
+    fn shown<'a>(&'a self, shape: &'a ShapeTable<'_>) -> Option<&'a PluginRef> {
+        let mut material = &shape.material.as_ref()?.1;
+        for replaced in &self.replaced {
+            if let PluginRef::Shared(id) = material
+                && let Some(by) = replaced.get(id)
+            {
+                material = &by.material;
+            }
+        }
+        Some(material)
+    }
+}
+
+/// Adds the parts of a shape, which are several for an instance. `path` is its position in the
+/// lists.
 fn place(
     description: &Description<'_>,
     shape: &ShapeTable<'_>,
-    around: &[DAffine3],
+    around: &Around,
     path: &[usize],
     parts: &mut Vec<Part>,
 ) -> Result<(), SceneErrors> {
     check(shape)?;
     let own = *shape.transform.world_from_object();
-    let maps = [&[own], around].concat();
+    let maps = [&[own], &*around.maps].concat();
+    let without_shadow = around.without_shadow || !shape.casts_shadow;
     if shape.plugin.name == "instance" {
         let copies: Copies = decode(&shape.plugin.table)?;
         let group = description.groups.get(&copies.group.id);
+        let mut inside = Around {
+            maps,
+            replaced: vec![copies.materials],
+            without_shadow,
+        };
+        inside.replaced.extend_from_slice(&around.replaced);
         for (number, inner) in group.into_iter().flat_map(|group| &group.shapes).enumerate() {
-            place(description, inner, &maps, &[path, &[number]].concat(), parts)?;
+            place(description, inner, &inside, &[path, &[number]].concat(), parts)?;
         }
         return Ok(());
     }
@@ -461,7 +502,7 @@ fn place(
         surface: shapes::surface(description, &shape.plugin)?,
         map: own,
     };
-    for map in around {
+    for map in &around.maps {
         placed = Placed {
             surface: Box::new(placed),
             map: *map,
@@ -474,7 +515,8 @@ fn place(
         placed,
         normals: maps.iter().map(|map| map.matrix3.inverse().transpose()).collect(),
         maps,
-        material: Material::of_shape(description, shape)?,
+        material: Material::of_shape(description, around.shown(shape))?,
+        casts_shadow: !without_shadow,
         continues: Continues::of(&shape.plugin.name),
         coordinates,
     });

@@ -34,7 +34,7 @@ const PICTURES: &str = "images/converge";
 #[derive(Args, Debug)]
 #[command(
     help_template = super::HELP_TEMPLATE,
-    after_help = "Examples:\n  whitstone converge samples\n  whitstone converge studies/lens.toml --plots plots\n  whitstone converge scenes/showcase/cornell.toml\n  whitstone converge --quick"
+    after_help = "Examples:\n  whitstone converge samples\n  whitstone converge studies/lens.toml --plots plots\n  whitstone converge scenes/showcase/cornell.toml\n  whitstone converge scenes/showcase/cornell.toml --recommend 0.005\n  whitstone converge --quick"
 )]
 pub struct Arguments {
     /// Names of stored studies, study files, or scenes, whose samples per pixel are swept [default:
@@ -48,6 +48,10 @@ pub struct Arguments {
     /// List the stored studies and exit
     #[arg(long)]
     list: bool,
+    /// Name the cheapest setting of a scene that reaches this error (RMSE): its sampler and the
+    /// number of samples. Mitsuba is not run
+    #[arg(long, value_name = "ERROR", value_parser = super::positive, conflicts_with_all = ["quick", "list", "page"])]
+    recommend: Option<f64>,
     /// Print every point, not only the curves
     #[arg(long)]
     points: bool,
@@ -125,7 +129,12 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         let stage = |what: &str| bar.set_message(format!("{}: {what}", study.name));
         let report = lab.measure(study, &stage).map_err(Failure::usage)?;
         bar.inc(1);
-        bar.suspend(|| print(&report, arguments.points));
+        bar.suspend(|| {
+            print(&report, arguments.points);
+            if let Some(error) = arguments.recommend {
+                recommend(&report, error);
+            }
+        });
         reports.push(report);
         // Written after each study, so that an interrupted run keeps its results.
         write(arguments, &reports)?;
@@ -139,6 +148,10 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         .iter()
         .filter(|report| report.verdict == Verdict::Pass)
         .count();
+    if let Some(error) = arguments.recommend {
+        let all = reports.iter().all(|report| report.cheapest(error).is_some());
+        return Ok(if all { Exit::Pass } else { Exit::Differs });
+    }
     println!("studies: {}, pass: {good}", reports.len());
     Ok(if good == reports.len() {
         Exit::Pass
@@ -159,6 +172,11 @@ fn chosen(arguments: &Arguments) -> Result<Vec<Study>, Failure> {
         Ok(files)
     };
     let load = |path: &Path| Study::load(path, arguments.quick).map_err(Failure::usage);
+    let scenes = arguments.studies.iter().map(Path::new);
+    let scenes = scenes.filter(|path| path.is_file() && is_scene(path)).count();
+    if arguments.recommend.is_some() && (scenes == 0 || scenes < arguments.studies.len()) {
+        return Err(Failure::usage("--recommend needs scene files, not studies"));
+    }
     if arguments.studies.is_empty() {
         return stored()?.iter().map(|path| load(path)).collect();
     }
@@ -167,7 +185,7 @@ fn chosen(arguments: &Arguments) -> Result<Vec<Study>, Failure> {
         let path = Path::new(name);
         let by_name = Path::new(STUDIES).join(name).with_extension("toml");
         studies.push(if path.is_file() && is_scene(path) {
-            of_scene(path)?
+            of_scene(path, arguments.recommend.is_some())?
         } else if path.is_file() || !by_name.is_file() && path.extension().is_some() {
             load(path)?
         } else if by_name.is_file() {
@@ -194,16 +212,50 @@ fn chosen(arguments: &Arguments) -> Result<Vec<Study>, Failure> {
     Ok(studies)
 }
 
-/// Whether a file is a scene: it has no list of series, and has a key that only scenes have.
+/// Whether a file is a scene: of another format, or without a list of series and with a key that
+/// only scenes have.
 fn is_scene(path: &Path) -> bool {
+    if path.extension().is_some_and(|extension| extension != "toml") {
+        return true;
+    }
     let text = std::fs::read_to_string(path).unwrap_or_default();
     let first = |key: &str| text.lines().any(|line| line.trim_start().starts_with(key));
     !first("[[series") && ["[camera]", "[[shape]]", "include"].iter().any(|key| first(key))
 }
 
+/// The series of the default study of a scene, with Mitsuba.
+const SERIES: &str = r#"
+[[series]]
+name = "grid"
+engines = ["whitstone", "mitsuba"]
+set = ["sampler={ type = \"grid\" }"]
+sweep = { "sampler.samples_per_axis" = [1, 2, 3, 4, 6, 8] }
+[[series]]
+name = "sobol"
+engines = ["whitstone", "mitsuba"]
+set = ["sampler={ type = \"sobol\" }"]
+sweep = { "sampler.samples" = [1, 4, 16, 64] }
+"#;
+
+/// Finer series, for a recommendation.
+const CANDIDATES: &str = r#"
+[[series]]
+name = "grid"
+set = ["sampler={ type = \"grid\" }"]
+sweep = { "sampler.samples_per_axis" = [1, 2, 3, 4, 5, 6, 8, 10, 12, 16] }
+[[series]]
+name = "sobol"
+set = ["sampler={ type = \"sobol\" }"]
+sweep = { "sampler.samples" = [2, 4, 8, 16, 32, 64, 128, 256] }
+[[series]]
+name = "adaptive"
+set = ["sampler={ type = \"adaptive\", samples = 1024 }"]
+sweep = { "sampler.threshold" = [0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001] }
+"#;
+
 /// A default study for a scene: samples per pixel, for every sampler that supports any number of
 /// samples.
-fn of_scene(path: &Path) -> Result<Study, Failure> {
+fn of_scene(path: &Path, candidates: bool) -> Result<Study, Failure> {
     let absolute = std::path::absolute(path).map_err(Failure::environment)?;
     let scene = toml_text(&absolute.display().to_string());
     let shown = toml_text(&path.display().to_string());
@@ -214,17 +266,8 @@ scene = {scene}
 [truth]
 set = ["sampler={{ type = \"grid\", samples_per_axis = 32 }}"]
 check = [{{ set = ["sampler={{ type = \"sobol\", samples = 1024 }}"] }}]
-[[series]]
-name = "grid"
-engines = ["whitstone", "mitsuba"]
-set = ["sampler={{ type = \"grid\" }}"]
-sweep = {{ "sampler.samples_per_axis" = [1, 2, 3, 4, 6, 8] }}
-[[series]]
-name = "sobol"
-engines = ["whitstone", "mitsuba"]
-set = ["sampler={{ type = \"sobol\" }}"]
-sweep = {{ "sampler.samples" = [1, 4, 16, 64] }}
-"#
+{}"#,
+        if candidates { CANDIDATES } else { SERIES }
     );
     let name = path.display().to_string();
     Study::parse(&name, &text, Path::new(""), false).map_err(Failure::usage)
@@ -312,6 +355,31 @@ fn write_page(path: &Path, reports: &[StudyReport]) -> Result<(), Failure> {
         path,
         &[(TABLE, table(reports, PICTURES)), (HEADLINE, headline(reports))],
     )
+}
+
+/// Prints the cheapest setting that reaches an error, or how near the best one comes.
+fn recommend(report: &StudyReport, error: f64) {
+    if let Some((series, point)) = report.cheapest(error) {
+        let number = |value: Option<f64>| value.unwrap_or(f64::NAN);
+        println!(
+            "  cheapest for an error of {error:e}: {} with {} (RMSE {:.2e}, {:.4} s, {} rays)\n    {}",
+            series.configuration,
+            point.setting,
+            number(point.rmse),
+            number(point.seconds),
+            point.rays.unwrap_or(0),
+            point.command,
+        );
+        return;
+    }
+    let points = report.series.iter().flat_map(|series| &series.points);
+    let best = points
+        .filter_map(|point| point.rmse)
+        .fold(f64::INFINITY, f64::min);
+    println!(
+        "  no setting reaches an error of {error:e}: the smallest one is {best:.2e}, and the truth's own error is {:.2e}",
+        report.floor_rmse
+    );
 }
 
 fn print(report: &StudyReport, points: bool) {

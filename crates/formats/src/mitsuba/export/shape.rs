@@ -20,6 +20,12 @@ impl<'a> Exporter<'a> {
     ) -> Vec<Node> {
         let world = table::transform(shape);
         let kind = table::kind(shape);
+        if shape.get("casts_shadow").and_then(Value::as_bool) == Some(false) {
+            self.note("[[shape]] without a shadow", name);
+        }
+        if shape.contains_key("materials") {
+            self.note("[[shape]] materials of an instance", name);
+        }
         let textured = shape.get("material").is_some_and(|value| self.lies_by_uv(value));
         let mut sides = PLAIN;
         let mut nodes = match kind {

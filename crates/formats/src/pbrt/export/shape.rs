@@ -17,6 +17,12 @@ impl<'a> Exporter<'a> {
     pub(super) fn shape(&mut self, shape: &'a Table, name: &str, areas: Option<&mut Vec<Area<'a>>>) {
         let kind = table::kind(shape);
         let map = table::transform(shape);
+        if shape.get("casts_shadow").and_then(Value::as_bool) == Some(false) {
+            self.note("[[shape]] without a shadow", name);
+        }
+        if shape.contains_key("materials") {
+            self.note("[[shape]] materials of an instance", name);
+        }
         if kind == "instance" {
             return self.instance(shape, &map, name, areas.is_none());
         }
