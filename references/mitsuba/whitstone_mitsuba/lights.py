@@ -200,7 +200,7 @@ class Lamp:
         if self.normal is not None:
             normal = dict(zip(("nx", "ny", "nz"), self.normal))
             return mi.load_dict({"type": "whitstone_facing", "inner": inner, **normal})
-        if self.frame is not None:
+        if self.slide is not None and self.frame is not None:
             parts = {f"{name}{axis}": float(number) for name, row in zip("uvfp", self.frame) for axis, number in zip("xyz", row)}
             return mi.load_dict({"type": "whitstone_spot_image", "inner": inner, "image": self.slide.build(), **parts})
         if self.slide is not None:
