@@ -3,10 +3,10 @@
 //! Soft shadows as in Cook, Porter and Carpenter, *Distributed ray tracing*, 1984, but with a fixed
 //! quadrature instead of random points, so that two renderers that agree on the points must agree
 //! on the image. Each point has an intensity of radiance times its area times the cosine with the
-//! normal; its irradiance falls off with the square of the distance unless `falloff` is "none". The
-//! surface itself is invisible; place a shape of material `emissive` there to show it. Each triangle
-//! of a mesh is divided into equal triangles, with one point at the centroid of each. This keeps the
-//! area exact and avoids a selection of triangles that could depend on rounding.
+//! normal; its irradiance falls off with the square of the distance unless `falloff` is "none".
+//! The surface itself is invisible; place a shape of material `emissive` there to show it. Each
+//! triangle of a mesh is divided into equal triangles, with one point at the centroid of each. This
+//! keeps the area exact and avoids a selection of triangles that could depend on rounding.
 //! `scenes/showcase/mesh_light.toml` has a mesh light, `scenes/showcase/even_area.toml` lights
 //! without falloff.
 //!
@@ -61,8 +61,8 @@ pub struct Config {
     #[serde(default)]
     #[schemars(extend("x-default" = format!("{GRID_SAMPLES}; {MESH_SAMPLES} for \"mesh\"")), with = "IntegerIn<1, 32>")]
     samples: Option<Spanned<IntegerIn<1, 32>>>,
-    /// Falloff of the irradiance with the distance d of a point: "inverse_square" (1/d²), or "none":
-    /// radiance times area is then the irradiance in W/m² on the normal, at any distance.
+    /// Falloff of the irradiance with the distance d of a point: "inverse_square" (1/d²), or
+    /// "none": radiance times area is then the irradiance in W/m² on the normal, at any distance.
     #[serde(default)]
     falloff: Falloff,
 }

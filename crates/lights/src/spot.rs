@@ -2,8 +2,8 @@
 //!
 //! The angle from the axis is the arc tangent of the length of the cross product over the dot
 //! product. An arc cosine would lose half the digits in a narrow beam. The image is a factor on the
-//! intensity, as the `texture` of Mitsuba's `spot`: unlike that of a `projector` it does not light a
-//! screen evenly. `scenes/showcase/gobo.toml` has images.
+//! intensity, as the `texture` of Mitsuba's `spot`: unlike that of a `projector` it does not light
+//! a screen evenly. `scenes/showcase/gobo.toml` has images.
 //!
 //! - Twin: Mitsuba `spot` (native); a formula for `falloff = "none"` and for the image.
 //! - Example: `scenes/lights/spot.toml`.
@@ -51,9 +51,9 @@ pub struct Config {
     /// `intensity` is the irradiance itself, in W/m², at any distance.
     #[serde(default)]
     falloff: Falloff,
-    /// An image that is projected into the cone, as a factor on the intensity: a texture with (0, 0)
-    /// at the bottom left corner, or a colour. The edge of the cone is the circle inscribed in the
-    /// image.
+    /// An image that is projected into the cone, as a factor on the intensity: a texture with
+    /// (0, 0) at the bottom left corner, or a colour. The edge of the cone is the circle inscribed
+    /// in the image.
     #[serde(default)]
     #[schemars(extend("x-default" = "none"), with = "TextureRef")]
     image: Option<TextureRef>,

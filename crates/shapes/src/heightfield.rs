@@ -39,7 +39,8 @@ pub struct Config {
     #[serde(default)]
     #[schemars(extend("default" = AMPLITUDE), with = "NonNegative")]
     amplitude: Option<Spanned<NonNegative>>,
-    /// Of noise: lattice cells ("hills") per side in the first octave; they double with each octave.
+    /// Of noise: lattice cells ("hills") per side in the first octave; they double with each
+    /// octave.
     #[serde(default)]
     #[schemars(extend("default" = HILLS), with = "IntegerIn<1, 1024>")]
     hills: Option<Spanned<IntegerIn<1, 1024>>>,
@@ -351,7 +352,7 @@ mod tests {
             ("place", [-10.0, -9.0, -8.0, 10.0, 11.0, 12.0]),
         ] {
             let text = format!("columns = 2\nrows = 1\nheight = \"{texture}\"\nscale = 0.3\noffset = 0.1");
-            let Ok(LoweredShape::Triangles(mesh)) = with_textures(&text, turned.clone()) else {
+            let Ok(LoweredShape::Triangles(mesh)) = with_textures(&text, turned) else {
                 panic!("a heightfield is triangles");
             };
             for (p, h) in mesh.positions.iter().zip(expected) {

@@ -98,8 +98,8 @@ impl<'a> Translator<'a> {
         light
     }
 
-    /// `image` and `up` of a spot light. Mitsuba's u grows along the x axis of `to_world`, its v along
-    /// the y axis.
+    /// `image` and `up` of a spot light. Mitsuba's u grows along the x axis of `to_world`, its v
+    /// along the y axis.
     fn spot_image(&mut self, fields: &mut Fields<'a>, world: &DAffine3) -> [(String, Value); 2] {
         let [x, y, forward] = [world.matrix3.x_axis, world.matrix3.y_axis, world.matrix3.z_axis];
         // With this vector upwards the model's u grows along x, and its v along -y, or along y if

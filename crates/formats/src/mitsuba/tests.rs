@@ -235,7 +235,8 @@ fn textures_of_spots_are_images() {
         let parts = light[key].as_array().unwrap().iter().map(number);
         parts.collect::<Vec<f64>>()
     };
-    // `lookat` has x to the left and y up: seen from the light, the bitmap is turned by 180 degrees.
+    // `lookat` has x to the left and y up: seen from the light, the bitmap is turned by 180
+    // degrees.
     let upright = spot("<lookat origin='0,5,0' target='0,4,0' up='1,0,0'/>", bitmap);
     assert_eq!(vector(&upright, "up"), [-1.0, 0.0, 0.0]);
     assert_eq!(

@@ -562,7 +562,8 @@ mod tests {
         );
     }
 
-    /// A spot light from 2 m above; the image is 4 m wide at z = 0, with +x to the left and +y down.
+    /// A spot light from 2 m above; the image is 4 m wide at z = 0, with +x to the left and +y
+    /// down.
     #[test]
     fn images_of_spot_lights() {
         let spot = "type = \"spot\"\nposition = [0, 0, 2]\ntarget = [0, 0, 0]\nup = [0, -3, 1]\nintensity = 2\n\
