@@ -137,11 +137,12 @@ impl Plugin<Lights> for Spot {
             return Err(errors);
         };
         let (cutoff, beam) = (cutoff.to_radians(), beam.to_radians());
-        let image = color.and_then(|color| {
-            let axes = errors.take(image_axes(axis, config.up.as_ref(), config.target.span()))?;
-            let half = cutoff.tan();
-            Some(Image { axes, half, color })
-        });
+        let axes = match config.image {
+            None => None,
+            Some(_) => errors.take(image_axes(axis, config.up.as_ref(), config.target.span())),
+        };
+        let half = cutoff.tan();
+        let image = color.zip(axes).map(|(color, axes)| Image { axes, half, color });
         errors.into_result(Arc::new(Self {
             position,
             axis,
@@ -375,6 +376,8 @@ mod tests {
             let error = with_image(&text).err().unwrap().0.remove(0);
             assert_eq!(&text[error.span.unwrap()], place, "{}", error.message);
         }
+        let both = with_image(&format!("{text}\nimage = \"none\"\nup = [0, 0, 0]"));
+        assert_eq!(both.err().unwrap().0.len(), 2);
         assert!(with_image(&format!("{text}\nimage = 1\nup = [0, 1, 1]")).is_ok());
     }
 }
