@@ -49,8 +49,7 @@ const FEATURES: &[Feature] = features! {
     Dropped "srf": "There are no spectra.";
     Kept "emitter point": "point.";
     Kept "emitter directional": "directional.";
-    Kept "emitter spot": "spot.";
-    Dropped "texture of a spot": "spot has no image; projector has.";
+    Kept "emitter spot": "spot; its texture is the image.";
     Kept "emitter projector": "projector, with pi times the scale as intensity.";
     Approximated "emitter constant": "An environment that lights from 32 directions.";
     Approximated "emitter envmap": "An environment that lights from 32 directions; what is visible is the same.";
@@ -107,6 +106,7 @@ const FEATURES: &[Feature] = features! {
     Dropped "[[shape]] cylinder that is stretched": "Mitsuba's cylinders have circular sections.";
     Kept "[[shape]] triangles": "Meshes of glTF and STL, subdivided meshes and height fields are written as PLY.";
     Approximated "[[shape]] mesh with displacement": "The mesh without it.";
+    Dropped "[[shape]] heightfield with a texture": "Only heights of noise or of one number are written.";
     Dropped "[[shape]] instance in a group": "Mitsuba's groups cannot contain instances.";
     Dropped "[[shape]] materials of an instance": "Its shapes have the materials of their group.";
     Dropped "[[shape]] without a shadow": "Every surface casts shadows.";

@@ -94,6 +94,7 @@ const FEATURES: &[Feature] = features! {
     Approximated "[integrator] shadows": "Shadows are opaque.";
     Dropped "[[light]] falloff none": "Lights in pbrt always fall off with the squared distance.";
     Approximated "[[light]] spot": "spot, whose falloff is smooth in the cosine of the angle.";
+    Dropped "[[light]] image of a spot": "The light is written without it.";
     Approximated "[[light]] area": "An area light, which lights from random points; without a visible surface its alpha is 0.";
     Dropped "[[light]] ambient": "pbrt has no ambient light.";
     Dropped "[[light]] projector": "It is not written.";
@@ -105,6 +106,7 @@ const FEATURES: &[Feature] = features! {
     Kept "[[shape]] triangles": "PLY files are copied; other meshes and height fields are written as PLY.";
     Approximated "[[shape]] mesh with displacement": "The mesh without it.";
     Approximated "[[shape]] mesh with colors": "The mesh without them.";
+    Dropped "[[shape]] heightfield with a texture": "Only heights of noise or of one number are written.";
     Dropped "[[shape]] instance in a group": "pbrt's objects cannot contain instances.";
     Dropped "[[shape]] materials of an instance": "Its shapes have the materials of their group.";
     Dropped "[[shape]] without a shadow": "Every surface casts shadows.";

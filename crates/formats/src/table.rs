@@ -56,6 +56,11 @@ pub(crate) fn as_color(value: &Value) -> Option<[f64; 3]> {
     numbers(value)?.try_into().ok()
 }
 
+/// Whether a key is a texture, not a colour.
+pub(crate) fn has_texture(table: &Table, key: &str) -> bool {
+    table.get(key).is_some_and(|value| as_color(value).is_none())
+}
+
 pub(crate) fn color(table: &Table, key: &str, default: [f64; 3]) -> [f64; 3] {
     table.get(key).and_then(as_color).unwrap_or(default)
 }

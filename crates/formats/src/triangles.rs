@@ -3,7 +3,7 @@
 use crate::table;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
-use whitstone_core::config::{FilePath, TextureRef};
+use whitstone_core::config::{FilePath, TextureRef, TextureValue};
 use whitstone_core::{
     ColorSource, DVec3, Diagnostics, LoweredShape, Registry, Resources, SceneError, SceneErrors, Shapes,
     Storage, Transform, TriangleMesh,
@@ -160,8 +160,11 @@ struct Files<'a> {
 }
 
 impl Resources for Files<'_> {
-    fn texture(&mut self, _: &TextureRef) -> Result<ColorSource, SceneErrors> {
-        Err(SceneError::anywhere("textures are not available here").into())
+    fn texture(&mut self, reference: &TextureRef) -> Result<ColorSource, SceneErrors> {
+        match reference.value {
+            TextureValue::Constant(color) => Ok(ColorSource::Constant(color)),
+            TextureValue::Plugin(_) => Err(SceneError::anywhere("textures are not available here").into()),
+        }
     }
 
     fn file(&self, file: &FilePath) -> Result<PathBuf, SceneError> {

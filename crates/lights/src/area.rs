@@ -3,11 +3,12 @@
 //! Soft shadows as in Cook, Porter and Carpenter, *Distributed ray tracing*, 1984, but with a fixed
 //! quadrature instead of random points, so that two renderers that agree on the points must agree
 //! on the image. Each point has an intensity of radiance times its area times the cosine with the
-//! normal; its irradiance falls off with the square of the distance. The surface itself is
-//! invisible; place a shape of material `emissive` there to show it. Each triangle of a mesh is
-//! divided into equal triangles, with one point at the centroid of each. This keeps the area exact
-//! and avoids a selection of triangles that could depend on rounding.
-//! `scenes/showcase/mesh_light.toml` has a mesh light.
+//! normal; its irradiance falls off with the square of the distance unless `falloff` is "none".
+//! The surface itself is invisible; place a shape of material `emissive` there to show it. Each
+//! triangle of a mesh is divided into equal triangles, with one point at the centroid of each. This
+//! keeps the area exact and avoids a selection of triangles that could depend on rounding.
+//! `scenes/showcase/mesh_light.toml` has a mesh light, `scenes/showcase/even_area.toml` lights
+//! without falloff.
 //!
 //! - Twin: Mitsuba `point` lights at the same points (native), weighted by the driver.
 //! - Example: `scenes/lights/area.toml`.
@@ -60,6 +61,10 @@ pub struct Config {
     #[serde(default)]
     #[schemars(extend("x-default" = format!("{GRID_SAMPLES}; {MESH_SAMPLES} for \"mesh\"")), with = "IntegerIn<1, 32>")]
     samples: Option<Spanned<IntegerIn<1, 32>>>,
+    /// Falloff of the irradiance with the distance d of a point: "inverse_square" (1/d²), or
+    /// "none": radiance times area is then the irradiance in W/m² on the normal, at any distance.
+    #[serde(default)]
+    falloff: Falloff,
 }
 
 fn none() -> Spanned<TransformSteps> {
@@ -113,6 +118,7 @@ pub struct Area {
     points: Vec<LightPoint>,
     /// For each point, the intensity along its normal: radiance times its share of the area.
     intensities: Vec<Rgb>,
+    falloff: Falloff,
 }
 
 impl Plugin<Lights> for Area {
@@ -142,7 +148,11 @@ impl Plugin<Lights> for Area {
         {
             return Err(SceneError::at(place, "the surface is too large for double precision").into());
         }
-        Ok(Arc::new(Self { points, intensities }))
+        Ok(Arc::new(Self {
+            points,
+            intensities,
+            falloff: config.falloff,
+        }))
     }
 }
 
@@ -286,7 +296,7 @@ impl Light for Area {
 
     fn samples(&self, point: DVec3, out: &mut Vec<LightSample>) {
         for (LightPoint { position, normal, .. }, intensity) in self.points.iter().zip(&self.intensities) {
-            let sample = emission::sample(*position, point, *intensity, Falloff::InverseSquare);
+            let sample = emission::sample(*position, point, *intensity, self.falloff);
             out.extend(sample.map(|sample| LightSample {
                 irradiance: sample.irradiance * facing(*normal, sample.direction),
                 ..sample
@@ -297,7 +307,7 @@ impl Light for Area {
     fn samples_stream(&self, len: usize, points: &Vectors, out: &mut SampleStreams) {
         for (LightPoint { position, normal, .. }, intensity) in self.points.iter().zip(&self.intensities) {
             let place = out.len();
-            emission::sample_stream(*position, len, points, *intensity, Falloff::InverseSquare, out);
+            emission::sample_stream(*position, len, points, *intensity, self.falloff, out);
             let stream = out.stream(place);
             for lane in 0..len.min(LANES) {
                 let irradiance = stream.irradiance.get(lane);
@@ -346,6 +356,7 @@ mod tests {
         for text in [
             "radiance = [1, 0, 7]",
             "radiance = 3\nshape = \"disk\"\nsamples = 3\ntransform = { scale = [1, 2, 3] }",
+            "radiance = 3\nshape = \"disk\"\nfalloff = \"none\"",
             "radiance = 3\nshape = \"sphere\"\nsamples = 2\ntransform = [{ scale = 0.5 }, { translate = [1, 0, 0] }]",
         ] {
             light_laws(&*build::<Lights, Area>(text, ()).unwrap());
@@ -413,6 +424,7 @@ mod tests {
         for text in [
             "file = \"square.obj\"\nradiance = [1, 0, 7]",
             "file = \"corner.obj\"\nradiance = 3\nsamples = 3\ntransform = { scale = [1, -2, 3] }",
+            "file = \"corner.obj\"\nradiance = 3\nfalloff = \"none\"",
         ] {
             light_laws(&*of_mesh(text).unwrap());
         }
@@ -505,6 +517,33 @@ mod tests {
             .0
             .remove(0);
         assert_eq!(&text[error.span.unwrap()], "\"square.obj\"");
+    }
+
+    /// Without falloff, every point gives its radiance times its area times both cosines, at any
+    /// distance.
+    #[test]
+    fn without_falloff_the_distance_has_no_effect() {
+        let none = "falloff = \"none\"";
+        for height in [0.01, 1.0, 1e9] {
+            // Far away, all points are in the direction of the normal.
+            for (shape, area) in [("rectangle", 4.0), ("disk", PI)] {
+                let text = format!("radiance = 2\nshape = \"{shape}\"\n{none}");
+                let found = irradiance(&text, DVec3::new(0.0, 0.0, 1e9 * height), DVec3::NEG_Z);
+                assert!((found / (2.0 * area) - 1.0).abs() < 1e-12, "{shape}: {found}");
+            }
+            let text = format!("radiance = 3\nsamples = 1\n{none}");
+            let at = DVec3::new(0.6 * height, 0.0, 0.8 * height);
+            let found = irradiance(&text, at, DVec3::NEG_Z);
+            assert!((found - 3.0 * 4.0 * 0.64).abs() < 1e-9, "{height}: {found}");
+            // Two triangles of area 2, with their centroids at (±1/3, ∓1/3, 0).
+            let text = format!("file = \"square.obj\"\nradiance = 3\n{none}");
+            let found = from_mesh(&text, DVec3::new(0.0, 0.0, height), DVec3::NEG_Z);
+            let cosine = height * height / (height * height + 2.0 / 9.0);
+            assert!((found - 3.0 * 4.0 * cosine).abs() < 1e-9, "{height}: {found}");
+        }
+        let text = "radiance = 2\nfalloff = \"linear\"";
+        let error = build::<Lights, Area>(text, ()).err().unwrap().0.remove(0);
+        assert_eq!(&text[error.span.unwrap()], "\"linear\"");
     }
 
     #[test]

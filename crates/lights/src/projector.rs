@@ -11,6 +11,7 @@
 //! - Example: `scenes/lights/projector.toml`.
 
 use crate::support::emission::{self, Falloff};
+use crate::support::projection::{image_axes, image_color};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -19,7 +20,7 @@ use whitstone_core::config::{Color, Finite, TextureRef, Vector3};
 use whitstone_core::stream::{SampleStreams, Vectors};
 use whitstone_core::{
     Aabb, ColorSource, Context, DVec2, DVec3, Light, LightFlags, LightSample, Lights, Plugin, Rgb,
-    SceneError, SceneErrors, SurfaceInteraction,
+    SceneError, SceneErrors,
 };
 
 /// Default angle of the image, in degrees.
@@ -86,7 +87,8 @@ impl Plugin<Lights> for Projector {
             errors.0.push(error.with_help(help));
         }
         let half = errors.take(half_size(&config));
-        let axes = axis.and_then(|(axis, _)| errors.take(across(&config, axis)));
+        let axes = axis
+            .and_then(|(axis, _)| errors.take(image_axes(axis, config.up.as_ref(), config.target.span())));
         let (Some(image), Some((axis, _)), Some(half), Some([right, up])) = (image, axis, half, axes) else {
             return Err(errors);
         };
@@ -122,29 +124,6 @@ fn half_size(config: &Config) -> Result<DVec2, SceneErrors> {
     }
     let width = (0.5 * fov.to_radians()).tan();
     errors.into_result(DVec2::new(width, width / aspect))
-}
-
-/// The right and up axes of the image.
-fn across(config: &Config, axis: DVec3) -> Result<[DVec3; 2], SceneErrors> {
-    let place = config
-        .up
-        .as_ref()
-        .map_or_else(|| config.target.span(), Spanned::span);
-    let up = config.up.as_ref().map_or(DVec3::Y, |up| up.get_ref().get());
-    let Some((up, _)) = emission::direction_and_length(up) else {
-        return Err(SceneError::at(place, "`up` has no direction: all its components are zero").into());
-    };
-    let right = axis.cross(up);
-    if right.length() <= 1e-12 {
-        let error = SceneError::at(place, "`up` is parallel to the axis");
-        let help = "give another `up`, such as [0, 0, 1] for an image that is projected straight down";
-        return Err(error.with_help(help).into());
-    }
-    // If `up` is nearly parallel to the axis, rounding leaves a component along the axis. Remove
-    // it.
-    let right = right.normalize();
-    let right = (right - axis * axis.dot(right)).normalize();
-    Ok([right, right.cross(axis)])
 }
 
 impl Light for Projector {
@@ -199,10 +178,8 @@ impl Projector {
             return None;
         }
         let uv = 0.5 + 0.5 * at / edge;
-        let mut place = SurfaceInteraction::new(uv.extend(0.0), 0.0, DVec3::Z);
-        place.uv = uv;
         let stronger = 1.0 / (cosine * cosine * cosine);
-        let irradiance = sample.irradiance * self.image.value(&place);
+        let irradiance = sample.irradiance * image_color(&self.image, uv);
         Some(irradiance.map(|e| (e * stronger).min(f64::MAX)))
     }
 }
@@ -210,7 +187,7 @@ impl Projector {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::{SurfaceAttributes, Texture};
+    use whitstone_core::{SurfaceAttributes, SurfaceInteraction, Texture};
     use whitstone_testkit::{TestContext, build_in, light_laws, light_near_laws};
 
     /// A texture with (u, v) as red and green, and blue where a solid texture evaluates it.

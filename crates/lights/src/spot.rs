@@ -1,20 +1,24 @@
-//! A spot light: a point light restricted to a cone.
+//! A spot light: a point light restricted to a cone, optionally with an image.
 //!
 //! The angle from the axis is the arc tangent of the length of the cross product over the dot
-//! product. An arc cosine would lose half the digits in a narrow beam.
+//! product. An arc cosine would lose half the digits in a narrow beam. The image is a factor on the
+//! intensity, as the `texture` of Mitsuba's `spot`: unlike that of a `projector` it does not light
+//! a screen evenly. `scenes/showcase/gobo.toml` has images.
 //!
-//! - Twin: Mitsuba `spot` (native); a formula for `falloff = "none"`.
+//! - Twin: Mitsuba `spot` (native); a formula for `falloff = "none"` and for the image.
 //! - Example: `scenes/lights/spot.toml`.
 
 use crate::support::emission::{self, Falloff};
+use crate::support::projection::{image_axes, image_color};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use toml::Spanned;
-use whitstone_core::config::{Color, Finite, Vector3};
+use whitstone_core::config::{Color, Finite, TextureRef, Vector3};
 use whitstone_core::stream::{SampleStreams, Vectors};
 use whitstone_core::{
-    Aabb, Context, DVec3, Light, LightFlags, LightSample, Lights, Plugin, Rgb, SceneError, SceneErrors,
+    Aabb, ColorSource, Context, DVec2, DVec3, Light, LightFlags, LightSample, Lights, Plugin, Rgb,
+    SceneError, SceneErrors,
 };
 
 /// Default half angle of the cone, in degrees.
@@ -47,6 +51,17 @@ pub struct Config {
     /// `intensity` is the irradiance itself, in W/m², at any distance.
     #[serde(default)]
     falloff: Falloff,
+    /// An image that is projected into the cone, as a factor on the intensity: a texture with
+    /// (0, 0) at the bottom left corner, or a colour. The edge of the cone is the circle inscribed
+    /// in the image.
+    #[serde(default)]
+    #[schemars(extend("x-default" = "none"), with = "TextureRef")]
+    image: Option<TextureRef>,
+    /// With an `image` only: the direction that is up in it, of any length and not parallel to the
+    /// axis.
+    #[serde(default)]
+    #[schemars(extend("default" = [0, 1, 0]), with = "Vector3")]
+    up: Option<Spanned<Vector3>>,
 }
 
 /// The `spot` light, with angles in radians; see the module documentation.
@@ -60,6 +75,16 @@ pub struct Spot {
     beam: f64,
     cos_beam: f64,
     falloff: Falloff,
+    image: Option<Image>,
+}
+
+/// The image of a spot light.
+struct Image {
+    /// Unit vectors to the right and up in the image, as seen from the light.
+    axes: [DVec3; 2],
+    /// Half the width and height of the image at distance 1.
+    half: f64,
+    color: ColorSource,
 }
 
 /// Well above the rounding error of a cosine of unit vectors.
@@ -72,8 +97,12 @@ impl Plugin<Lights> for Spot {
     const TYPE: &'static str = "spot";
     type Config = Config;
 
-    fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Arc<dyn Light>, SceneErrors> {
+    fn build(config: Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Light>, SceneErrors> {
         let mut errors = SceneErrors::default();
+        let color = match &config.image {
+            None => None,
+            Some(image) => errors.take(context.texture(image)),
+        };
         let position = config.position.get();
         let axis = emission::direction_and_length(config.target.get_ref().get() - position);
         if axis.is_none() {
@@ -100,10 +129,20 @@ impl Plugin<Lights> for Spot {
             );
             errors.0.push(SceneError::at(angle.span(), message));
         }
+        if let (None, Some(up)) = (&config.image, &config.up) {
+            let error = SceneError::at(up.span(), "`up` has no effect without an `image`");
+            errors.0.push(error.with_help("remove it, or add an `image`"));
+        }
         let Some((axis, _)) = axis else {
             return Err(errors);
         };
         let (cutoff, beam) = (cutoff.to_radians(), beam.to_radians());
+        let axes = match config.image {
+            None => None,
+            Some(_) => errors.take(image_axes(axis, config.up.as_ref(), config.target.span())),
+        };
+        let half = cutoff.tan();
+        let image = color.zip(axes).map(|(color, axes)| Image { axes, half, color });
         errors.into_result(Arc::new(Self {
             position,
             axis,
@@ -113,6 +152,7 @@ impl Plugin<Lights> for Spot {
             beam,
             cos_beam: beam.cos(),
             falloff: config.falloff,
+            image,
         }))
     }
 }
@@ -125,7 +165,7 @@ impl Light for Spot {
     fn samples(&self, point: DVec3, out: &mut Vec<LightSample>) {
         let sample = emission::sample(self.position, point, self.intensity, self.falloff);
         out.extend(sample.and_then(|sample| {
-            let irradiance = self.inside_cone(&sample)?;
+            let irradiance = self.irradiance(&sample)?;
             Some(LightSample { irradiance, ..sample })
         }));
     }
@@ -134,7 +174,7 @@ impl Light for Spot {
         emission::sample_stream(self.position, len, points, self.intensity, self.falloff, out);
         let samples = out.stream(out.len() - 1);
         for lane in 0..len {
-            let irradiance = self.inside_cone(&samples.get(lane)).unwrap_or(Rgb::BLACK);
+            let irradiance = self.irradiance(&samples.get(lane)).unwrap_or(Rgb::BLACK);
             samples.irradiance.set(lane, irradiance);
         }
     }
@@ -148,11 +188,34 @@ impl Light for Spot {
         // radius of the sphere. If a distance is NaN, the light is assumed to reach the box.
         let beyond = across.atan2(along) - self.cutoff - ANGLE_MARGIN;
         let misses = beyond > 0.0 && (radius / out.length()).asin() < beyond;
-        !(self.intensity.is_black() || misses)
+        let dark = self.image.as_ref().is_some_and(|image| image.color.is_black());
+        !(self.intensity.is_black() || dark || misses)
+    }
+}
+
+impl Image {
+    /// The colour in the direction `travel`, which leaves the light inside the cone.
+    fn color(&self, axis: DVec3, travel: DVec3) -> Rgb {
+        let [x, y] = self.axes.map(|across| across.dot(travel));
+        let uv = 0.5 + 0.5 * DVec2::new(x, y) / (self.half * axis.dot(travel));
+        image_color(&self.color, uv)
     }
 }
 
 impl Spot {
+    /// The irradiance inside the cone, with the image; `None` outside.
+    #[inline]
+    fn irradiance(&self, sample: &LightSample) -> Option<Rgb> {
+        let irradiance = self.inside_cone(sample)?;
+        Some(match &self.image {
+            None => irradiance,
+            Some(image) => {
+                let lit = irradiance * image.color(self.axis, -sample.direction);
+                lit.map(|e| e.min(f64::MAX))
+            }
+        })
+    }
+
     /// The irradiance inside the cone; `None` outside.
     #[inline]
     fn inside_cone(&self, sample: &LightSample) -> Option<Rgb> {
@@ -181,7 +244,26 @@ impl Spot {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_testkit::{build, light_laws, light_near_laws};
+    use whitstone_core::{SurfaceAttributes, SurfaceInteraction, Texture};
+    use whitstone_testkit::{TestContext, build, build_in, light_laws, light_near_laws};
+
+    /// A texture with (u, v) as red and green, and blue where a solid texture evaluates it.
+    struct Ramp;
+
+    impl Texture for Ramp {
+        fn needs(&self) -> SurfaceAttributes {
+            SurfaceAttributes::UV
+        }
+
+        fn value(&self, point: &SurfaceInteraction) -> Rgb {
+            Rgb::new(point.uv.x, point.uv.y, point.position.x + 2.0 * point.position.y)
+        }
+    }
+
+    fn with_image(text: &str) -> Result<Arc<dyn Light>, SceneErrors> {
+        let mut context = TestContext::default().with_texture("ramp", Ramp);
+        build_in::<Lights, Spot>(text, (), &mut context)
+    }
 
     fn irradiance(light: &dyn Light, point: DVec3) -> f64 {
         let mut samples = Vec::new();
@@ -198,6 +280,50 @@ mod tests {
         let text = "position = [0, 0, 0]\ntarget = [3, 0, 4]\nintensity = 2";
         let light = build::<Lights, Spot>(text, ()).unwrap();
         light_near_laws(&*light, DVec3::ZERO, Rgb::splat(2.0), DVec3::new(0.6, 0.0, 0.8));
+        for more in [
+            "image = \"ramp\"",
+            "image = [1, 2, 3]\ncutoff_angle = 89.9\nbeam_width = 0\nfalloff = \"none\"",
+            "image = \"ramp\"\ncutoff_angle = 1e-6\nup = [0, -3, 1]",
+        ] {
+            let text = format!("position = [0, 2, 0]\ntarget = [0, 0, 0.1]\nintensity = 1\n{more}");
+            light_laws(&*with_image(&text).unwrap());
+        }
+        let light = with_image(&format!("{text}\nimage = 1")).unwrap();
+        light_near_laws(&*light, DVec3::ZERO, Rgb::splat(2.0), DVec3::new(0.6, 0.0, 0.8));
+    }
+
+    /// Orientation and size of the image, and its product with the falloff and the soft edge.
+    #[test]
+    fn the_image_is_where_the_model_says() {
+        let text = "position = [0, 0, 0]\ntarget = [0, 0, -5]\nintensity = [8, 4, 2]\nimage = \"ramp\"\n\
+            cutoff_angle = 45\nbeam_width = 25";
+        for (more, up) in [("", 1.0), ("up = [0, -2, 1]", -1.0)] {
+            let light = with_image(&format!("{text}\n{more}")).unwrap();
+            // At depth 2 the image is 4 wide and high.
+            for (x, y) in [(0.0, 0.0), (0.5, 0.25), (-0.8, -0.2), (0.0, 1.5), (-1.2, 1.1)] {
+                let p = DVec3::new(x, y, -2.0);
+                let (u, v) = (0.5 + up * x / 4.0, 0.5 + up * y / 4.0);
+                let angle = (p.truncate().length() / 2.0).atan().to_degrees();
+                let share = ((45.0 - angle) / 20.0).clamp(0.0, 1.0) / p.length_squared();
+                let mut samples = Vec::new();
+                light.samples(p, &mut samples);
+                let found = samples[0].irradiance.to_array();
+                let expected = [8.0 * u, 4.0 * v, 2.0 * (u + 2.0 * v)].map(|e| e * share);
+                for (found, expected) in found.into_iter().zip(expected) {
+                    assert!((found - expected).abs() < 1e-13, "{p}: {found}, not {expected}");
+                }
+            }
+            assert_eq!(irradiance(&*light, DVec3::new(1.5, 1.5, -2.0)), 0.0);
+            assert_eq!(irradiance(&*light, DVec3::new(0.0, 0.1, 2.0)), 0.0);
+        }
+        let none = format!("{text}\nfalloff = \"none\"");
+        let light = with_image(&none).unwrap();
+        for distance in [0.1, 1.0, 1e6] {
+            let found = irradiance(&*light, distance * DVec3::new(0.0, 0.25, -1.0));
+            assert!((found - 4.0 * 0.625).abs() < 1e-13, "{distance}: {found}");
+        }
+        let dark = text.replace("\"ramp\"", "0");
+        assert!(!with_image(&dark).unwrap().affects_bounds(&Aabb::EVERYTHING));
     }
 
     #[test]
@@ -238,5 +364,20 @@ mod tests {
         assert_eq!(found, ["[0, 1, 0]", "90", "95"]);
         let text = "position = [0, 1, 0]\ntarget = [0, 0, 0]\nintensity = 1\nbeam_width = 20";
         assert!(build::<Lights, Spot>(text, ()).is_err());
+        let text = "position = [0, 1, 0]\ntarget = [0, 5, 0]\nintensity = 1";
+        for (more, place) in [
+            ("up = [1, 0, 0]", "[1, 0, 0]"),
+            ("image = 1", "[0, 5, 0]"),
+            ("image = 1\nup = [0, -2, 0]", "[0, -2, 0]"),
+            ("image = 1\nup = [0, 0, 0]", "[0, 0, 0]"),
+            ("image = -1\nup = [0, 1, 1]", "-1"),
+        ] {
+            let text = format!("{text}\n{more}");
+            let error = with_image(&text).err().unwrap().0.remove(0);
+            assert_eq!(&text[error.span.unwrap()], place, "{}", error.message);
+        }
+        let both = with_image(&format!("{text}\nimage = \"none\"\nup = [0, 0, 0]"));
+        assert_eq!(both.err().unwrap().0.len(), 2);
+        assert!(with_image(&format!("{text}\nimage = 1\nup = [0, 1, 1]")).is_ok());
     }
 }

@@ -22,7 +22,7 @@ const fn case(shape: &'static str, keys: &'static str) -> Case {
 }
 
 /// At least one example for every type; the first one of a type is the basic one.
-pub const CASES: [Case; 41] = [
+pub const CASES: [Case; 42] = [
     case("sphere", ""),
     case("sphere", "center = [1, -2, 3]\nradius = 0.01"),
     case("plane", ""),
@@ -38,6 +38,11 @@ pub const CASES: [Case; 41] = [
     case(
         "heightfield",
         "columns = 6\nrows = 5\namplitude = 0.6\nhills = 2\nseed = 5",
+    ),
+    case(
+        "heightfield",
+        "columns = 6\nrows = 5\nscale = -0.7\noffset = 0.4\n\
+         height = { type = \"image\", file = \"assets/stones.png\", wrap = \"mirror\" }",
     ),
     case("ellipsoid", "radii = [1.4, 0.5, 0.9]"),
     case("ellipsoid", "radii = [1, 1e-3, 30]"),

@@ -249,7 +249,11 @@ fn of_table<R: Real>(
         "box" => placed(map, solid::Cuboid),
         "triangle" => triangles(&[decode::<triangle::Triangle>(table)?.vertices]),
         "mesh" => triangles(&mesh::read(description, &decode(table)?)?.triangles),
-        "heightfield" => triangles(&decode::<heightfield::Heightfield>(table)?.triangles().0),
+        "heightfield" => triangles(
+            &decode::<heightfield::Heightfield>(table)?
+                .triangles(description)?
+                .0,
+        ),
         "polygon" => {
             let polygon: polygon::Polygon = decode(table)?;
             Box::new(flat::Polygon::new(

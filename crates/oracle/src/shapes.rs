@@ -123,7 +123,7 @@ pub(crate) fn surface(
         "cylinder" => Box::new(decode::<cylinder::Cylinder>(table)?),
         "disk" => Box::new(decode::<disk::Disk>(table)?),
         "ellipsoid" => Box::new(decode::<ellipsoid::Ellipsoid>(table)?),
-        "heightfield" => Box::new(decode::<heightfield::Heightfield>(table)?.triangles()),
+        "heightfield" => Box::new(decode::<heightfield::Heightfield>(table)?.triangles(description)?),
         "fractal" => Box::new(decode::<level::fractal::Fractal>(table)?.shape()),
         "hyperboloid" => Box::new(decode::<hyperboloid::Hyperboloid>(table)?),
         "implicit" => Box::new(decode::<level::implicit::Implicit>(table)?.shape()),

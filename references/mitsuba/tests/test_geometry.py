@@ -395,6 +395,38 @@ class Meshes(Case):
         refuse("1, depth = 2", "depth")
         refuse("1, scale = nan, offset = 0 } #", "scale")
 
+    def test_heightfield_of_a_texture(self):
+        """A grid of 2 x 1 quads, whose heights are voxels at the vertices."""
+        values = "[0.0, 0.5, 0.25, 1.0, 0.75, 0.125]"
+        # The voxels along x and y have their middles at (i + 0.5)/3 and (j + 0.5)/2.
+        by_uv = f'{{ type = "solid", size = [3, 2, 1], values = {values}, filter = "nearest", wrap = "clamp", mapping = {{ projection = "uv" }} }}'
+        by_place = by_uv.replace('projection = "uv"', "transform = [{ translate = [1, 1, 0] }, { scale = 0.5 }]")
+        for height in (by_uv, by_place):
+            shape = f'[[shape]]\ntype = "heightfield"\ncolumns = 2\nrows = 1\nheight = {height}\nscale = 2\noffset = 0.25\n'
+            z = [[2 * (h - 0.25) for h in row] for row in ([0.0, 0.5, 0.25], [1.0, 0.75, 0.125])]
+            # On the edges and diagonals of the triangles, halfway between two vertices.
+            for x, y, expected in (
+                (-0.5, -0.999999, (z[0][0] + z[0][1]) / 2),
+                (0.5, 0.999999, (z[1][1] + z[1][2]) / 2),
+                (-0.5, 0, (z[0][0] + z[1][1]) / 2),
+                (0.5, 0, (z[0][1] + z[1][2]) / 2),
+            ):
+                node = self.nodes(looking([x + 1e-6, y, 5], (x + 1e-6, y, 0)) + shape)[0]
+                self.near(5 - node["t"], expected, atol=2e-5)
+            node = self.nodes(looking([0.5, -0.5, 5], (0.5, -0.5, 0)) + shape)[0]
+            n = np.array([z[0][1] - z[0][2], (z[0][2] - z[1][2]) / 2, 1])
+            self.near(node["n_g"], n / np.linalg.norm(n), rel=1e-5)
+
+        def refuse(text, *words):
+            self.refuse(looking([0, 0, 5]) + '[[shape]]\ntype = "heightfield"\n' + text, "scene", *words)
+
+        refuse("height = 0.5\nseed = 1", "seed", "together")
+        refuse("height = 0.5\namplitude = 1", "amplitude", "together")
+        refuse("scale = 2", "scale", "requires `height`")
+        refuse("offset = 2", "offset", "requires `height`")
+        refuse("height = -1", ">= 0")
+        refuse("height = 1e30\nscale = 1e30", "height", "single precision")
+
     def test_displacement_at_seams(self):
         """A point of two triangles with different texture coordinates: the mean over its corners.
         """

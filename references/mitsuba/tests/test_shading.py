@@ -50,6 +50,66 @@ class Lights(Case):
         wide = "cutoff_angle = 60\nbeam_width = 10\n"
         self.near(self.spot(30, wide), 0.6, rel=1e-5)
 
+    def test_spot_image(self):
+        """From height 2 above the origin, +x to the right in the image and -z up: on the floor, the
+        image is 4 m wide.
+        """
+        cone = "cutoff_angle = 45\nbeam_width = 44.9\nup = [0, 0, -1]\n"
+        light = '[[light]]\ntype = "spot"\nposition = [0, 2, 0]\ntarget = [0, 0, 0]\nintensity = 1\n'
+
+        def spot(image, x, z, more="", cone=cone):
+            look = HEAD.replace("origin = [0, 5, 0], target = [0, 0, 0]", f"origin = [{x}, 5, {z}], target = [{x}, 0, {z}]")
+            return self.value(look + light + cone + f"image = {image}\n" + more + FLOOR)
+
+        def expected(x, z, color, falloff=True):
+            d2 = 4 + x * x + z * z
+            return [0.5 / math.pi * 2 / math.sqrt(d2) / (d2 if falloff else 1) * part for part in color]
+
+        # Ramps along a and along c.
+        ramp = '{{ type = "gradient", a = 0, b = {}, wrap = "clamp", mapping = {{ transform = {{ matrix = {} }} }} }}'
+        along_a, along_c = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], [[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0]]
+        for x, z in ((0, 0), (1, 0), (0, -1.5), (-0.9, 0.7)):
+            a, c = (1 + x / 2) / 2, (1 - z / 2) / 2
+            self.near(spot(ramp.format([1, 2, 3], along_a), x, z), expected(x, z, [a, 2 * a, 3 * a]), rel=1e-5)
+            self.near(spot(ramp.format([1, 2, 3], along_c), x, z), expected(x, z, [c, 2 * c, 3 * c]), rel=1e-5)
+            self.near(spot("[1, 2, 0.5]", x, z), expected(x, z, [1, 2, 0.5]), rel=1e-5)
+            found = spot(ramp.format(1, along_a), x, z, 'falloff = "none"\n')
+            self.near(found, expected(x, z, [a] * 3, falloff=False), rel=1e-5)
+        # Outside of the cone, but inside of the square of the image.
+        self.assertEqual(list(spot("1", 1.5, 1.5)), [0, 0, 0])
+        # A texture of (u, v) whose two columns differ in width.
+        quarters = '{ type = "checker", a = [1, 2, 3], b = 0, scale = [1.5, 2] }'
+        for x, z, lit in ((1, -1, 1), (-1, 1, 1), (1, 0.5, 0), (-1, -1, 0)):
+            self.near(spot(quarters, x, z), [lit * part for part in expected(x, z, [1, 2, 3])], rel=1e-5)
+        # The soft edge is that of a spot light without an image.
+        wide = "up = [1, 0, 0]\ncutoff_angle = 60\nbeam_width = 10\n"
+        x = 2 * math.tan(math.radians(35))
+        self.near(spot("0.5", x, 0, cone=wide), expected(x, 0, [0.5 * 0.5] * 3), rel=1e-5)
+        self.refuse(HEAD + light + "image = 1\n" + FLOOR, "scene", "parallel")
+        self.refuse(HEAD + light + "up = [1, 0, 0]\n" + FLOOR, "scene", "requires `image`")
+        self.refuse(HEAD + light + "image = -1\nup = [1, 0, 0]\n" + FLOOR, "scene", ">= 0")
+
+    def test_spot_image_is_that_of_mitsuba_turned(self):
+        """Mitsuba's own spot light with a texture, at points of a plane."""
+        pixels = np.random.default_rng(3).random((4, 4, 3), dtype=np.float32)
+        axes = mi.ScalarTransform4f().look_at(origin=[1, 2, 3], target=[1, 0, 2], up=[0, 1, 0.3])
+        bitmap = {"type": "bitmap", "bitmap": mi.Bitmap(pixels), "raw": True, "filter_type": "nearest"}
+        native = {"type": "spot", "to_world": axes, "cutoff_angle": 40.0, "beam_width": 20.0, "texture": bitmap}
+        native = mi.load_dict({**native, "intensity": {"type": "rgb", "value": [1.0, 2.0, 3.0]}})
+        up = -np.array(axes.matrix)[:3, 1]
+        with tempfile.TemporaryDirectory() as base:
+            mi.Bitmap(pixels).write(os.path.join(base, "image.exr"))
+            light = '[[light]]\ntype = "spot"\nposition = [1, 2, 3]\ntarget = [1, 0, 2]\nintensity = [1, 2, 3]\ncutoff_angle = 40\nbeam_width = 20\n'
+            light += f'up = {up.tolist()}\nimage = {{ type = "image", file = "image.exr", filter = "nearest" }}\n'
+            for x, z in ((1, 2), (1.3, 1.4), (0.2, 2.1), (1.7, 2.6), (0.6, 1.3)):
+                it = mi.SurfaceInteraction3f()
+                it.p = mi.Point3f(x, 0, z)
+                ds, value = native.sample_direction(it, mi.Point2f(0.5))
+                expected = 0.5 / math.pi * np.array(value).reshape(3) * float(ds.d.y[0])
+                self.assertGreater(min(expected), 0)
+                look = HEAD.replace("origin = [0, 5, 0], target = [0, 0, 0]", f"origin = [{x}, 5, {z}], target = [{x}, 0, {z}]")
+                self.near(self.value(look + light + FLOOR, base=base), expected, rel=1e-5)
+
     def test_background_is_visible_and_lights_nothing(self):
         scene = HEAD + '[[light]]\ntype = "background"\nradiance = [1, 2, 3]\n' * 2
         self.assertEqual(list(self.value(scene)), [2, 4, 6])
@@ -74,6 +134,13 @@ class Lights(Case):
         expected = 0.5 / math.pi * 2 * math.pi * cosine * 3.5 / d2**1.5
         self.near(self.value(HEAD + light.format("sphere", "", turn) + FLOOR), [expected * n for n in (1, 2, 3)])
         self.refuse(HEAD + light.format("sphere", "{ scale = [1, 2, 1] }, ", turn) + FLOOR, "scene", "similarity")
+        # Without falloff only both cosines remain.
+        none = 'falloff = "none"\n'
+        expected = 0.5 / math.pi * 4 * 16 / 16.5
+        self.near(self.value(HEAD + light.format("rectangle", "", turn) + none + FLOOR), [expected * n for n in (1, 2, 3)])
+        expected = 0.5 / math.pi * 2 * math.pi * cosine * 3.5 / math.sqrt(d2)
+        self.near(self.value(HEAD + light.format("sphere", "", turn) + none + FLOOR), [expected * n for n in (1, 2, 3)])
+        self.refuse(HEAD + light.format("disk", "", turn) + 'falloff = "linear"\n' + FLOOR, "scene", "falloff")
 
     def test_area_of_a_mesh(self):
         """A square of two triangles that faces down at height 4, by the centroids of their parts.
@@ -92,6 +159,8 @@ class Lights(Case):
             d2 = 16 + (1 / 3) ** 2 + (1 / 3) ** 2
             expected = 0.5 / math.pi * 4 * 16 / d2**2
             self.near(self.value(scene, base=base), [expected * n for n in (1, 2, 3)])
+            even = HEAD + light.format("square.obj", 'falloff = "none"') + FLOOR
+            self.near(self.value(even, base=base), [expected * d2 * n for n in (1, 2, 3)])
             # Mirrored in its own plane, the front stays in front; turned over, it is dark.
             mirrored = light.format("square.obj", "transform = { scale = [-1, 1, 1] }")
             self.near(self.value(HEAD + mirrored + FLOOR, base=base), [expected * n for n in (1, 2, 3)])

@@ -1,5 +1,5 @@
-"""Displacement maps of meshes (model §9). Textures are looked up in float64, because single
-precision would roughen the surface.
+"""Displacement maps of meshes and heights of height fields (model §9). Textures are looked up in
+float64, because single precision would roughen the surface.
 """
 
 from __future__ import annotations

@@ -5,7 +5,8 @@ distance and irradiance. `falloff = "none"` has no native twin: the emitter is a
 cancels the inverse square of the native one. An area light is a set of native point lights, one per
 sample point, each multiplied by the cosine to its normal. A projector is Mitsuba's own with a white
 slide: it determines whether a point is in the frame, at which image position, and how much light
-arrives. The driver looks up the slide there.
+arrives. The driver looks up the slide there. A spot light with an image is Mitsuba's own without a
+texture, multiplied by the image, which the driver looks up by the model's formula.
 """
 
 from __future__ import annotations
@@ -77,6 +78,19 @@ class Facing(NoFalloff):
 mi.register_emitter("whitstone_facing", lambda props: Facing(props))
 
 
+def _look_up(image: Any, u: Any, v: Any, seen: Any) -> Any:
+    """The colour of a projected image at (u, v) where `seen`; black elsewhere, where (u, v) may be
+    NaN.
+    """
+    u, v = dr.select(seen, u, 0.5), dr.select(seen, v, 0.5)
+    dr.eval(u, v)
+    at = dr.zeros(mi.SurfaceInteraction3f, dr.width(seen))
+    at.uv, at.p = mi.Point2f(u, v), mi.Point3f(u, v, 0)
+    at.n = mi.Normal3f(0, 0, 1)
+    at.sh_frame = mi.Frame3f(mi.Vector3f(0, 0, 1))
+    return dr.select(seen, image.eval(at), 0)
+
+
 class Slide(NoFalloff):
     """The nested native projector with a white slide, times a texture at the image position, and a
     colour.
@@ -89,15 +103,8 @@ class Slide(NoFalloff):
 
     def sample_direction(self, it: Any, sample: Any, active: Any = True) -> Any:
         ds, value = self.inner.sample_direction(it, sample, active)
-        # Outside of the frame and at the light, the image position may be NaN.
         seen = dr.max(value) > 0
-        u, v = dr.select(seen, ds.uv.x, 0.5), dr.select(seen, 1 - ds.uv.y, 0.5)
-        dr.eval(u, v)
-        at = dr.zeros(mi.SurfaceInteraction3f, dr.width(value))
-        at.uv, at.p = mi.Point2f(u, v), mi.Point3f(u, v, 0)
-        at.n = mi.Normal3f(0, 0, 1)
-        at.sh_frame = mi.Frame3f(mi.Vector3f(0, 0, 1))
-        return ds, dr.select(seen, value * self.intensity * self.slide.eval(at), 0)
+        return ds, value * self.intensity * _look_up(self.slide, ds.uv.x, 1 - ds.uv.y, seen)
 
     def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
         return self.sample_direction(it, mi.Point2f(0.5), active)[1]
@@ -107,6 +114,37 @@ class Slide(NoFalloff):
 
 
 mi.register_emitter("whitstone_slide", lambda props: Slide(props))
+
+
+class SpotImage(NoFalloff):
+    """The nested spot light, times a texture at the image position.
+
+    Mitsuba's own `texture` of a spot light shows only textures of (u, v), and turned by 180
+    degrees.
+    """
+
+    def __init__(self, props: "mi.Properties") -> None:
+        NoFalloff.__init__(self, props)
+        self.image = props["image"]
+        # The rows: to the right and up in the image, each divided by half its size at 1 m, and the
+        # axis.
+        self.rows = [mi.Vector3f(*[dr.opaque(mi.Float, props[f"{row}{column}"]) for column in "xyz"]) for row in "uvf"]
+        self.position = mi.Point3f(*[dr.opaque(mi.Float, props[f"p{column}"]) for column in "xyz"])
+
+    def sample_direction(self, it: Any, sample: Any, active: Any = True) -> Any:
+        ds, value = self.inner.sample_direction(it, sample, active)
+        q = mi.Vector3f(it.p - self.position)
+        x, y, z = (dr.dot(row, q) for row in self.rows)
+        return ds, value * _look_up(self.image, (1 + x / z) / 2, (1 + y / z) / 2, dr.max(value) > 0)
+
+    def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+        return self.sample_direction(it, mi.Point2f(0.5), active)[1]
+
+    def to_string(self) -> str:
+        return f"SpotImage[{self.inner}]"
+
+
+mi.register_emitter("whitstone_spot_image", lambda props: SpotImage(props))
 
 Hosted = Optional[Tuple[str, str]]
 
@@ -128,9 +166,11 @@ class Lamp:
     # the surface.
     normal: Optional[Vector] = None
     off: float = 0.0
-    # For a projector: its slide and its intensity.
+    # The image of a projector or spot light, and the intensity of a projector.
     slide: Optional[Any] = None
     intensity: Vector = (1.0, 1.0, 1.0)
+    # For a spot light with an image: the rows of `SpotImage`.
+    frame: Optional[np.ndarray] = None
     # Distance in metres before the lamp at which shadow rays end, if it lies in coincident
     # surfaces.
     margin: float = 0.0
@@ -147,19 +187,26 @@ class Lamp:
         """(plugin type, reason) if the twin is not native."""
         if self.normal is not None:
             return self.type, "the sample points are Python emitters around native point lights"
+        if self.frame is not None:
+            return self.type, "a Python emitter looks up the image; the native spot light inside it gives cone and falloff"
         if self.slide is not None:
             return self.type, "a Python emitter looks up the slide; the native projector inside it gives frame and falloff"
         return None if self.falloff else (self.type, '`falloff = "none"` is a Python emitter around the native one')
 
     def build(self) -> "mi.Emitter":
         inner = mi.load_dict(self.plugin)
+        if not self.falloff:
+            inner = mi.load_dict({"type": "whitstone_no_falloff", "inner": inner})
         if self.normal is not None:
             normal = dict(zip(("nx", "ny", "nz"), self.normal))
             return mi.load_dict({"type": "whitstone_facing", "inner": inner, **normal})
+        if self.slide is not None and self.frame is not None:
+            parts = {f"{name}{axis}": float(number) for name, row in zip("uvfp", self.frame) for axis, number in zip("xyz", row)}
+            return mi.load_dict({"type": "whitstone_spot_image", "inner": inner, "image": self.slide.build(), **parts})
         if self.slide is not None:
             color = dict(zip("rgb", self.intensity))
             return mi.load_dict({"type": "whitstone_slide", "inner": inner, "slide": self.slide.build(), **color})
-        return inner if self.falloff else mi.load_dict({"type": "whitstone_no_falloff", "inner": inner})
+        return inner
 
 
 @dataclass(frozen=True)
@@ -340,7 +387,17 @@ def _directional(fields: Fields, index: int) -> Lamp:
     return Lamp(index, plugin, False, True, "directional")
 
 
-def _spot(fields: Fields, index: int) -> Lamp:
+def _across(fields: Fields, forward: np.ndarray) -> np.ndarray:
+    """The unit vector to the right in a projected image, by the key `up`."""
+    upwards = _direction(fields, "up", np.array(fields.vector("up", (0.0, 1.0, 0.0))))
+    right = np.cross(forward, upwards)
+    if np.linalg.norm(right) <= 1e-12:
+        fields.error("up", "must not be parallel to the direction from position to target")
+        right = np.array([1.0, 0.0, 0.0])
+    return right / np.linalg.norm(right)
+
+
+def _spot(fields: Fields, index: int, reader: Any) -> Lamp:
     position = np.array(fields.vector("position", REQUIRED))
     target = np.array(fields.vector("target", REQUIRED))
     intensity = fields.color("intensity", REQUIRED)
@@ -348,8 +405,18 @@ def _spot(fields: Fields, index: int) -> Lamp:
     expected = f"a half angle from 0 to below the cutoff of {cutoff:g} degrees"
     beam = fields.number("beam_width", 0.75 * cutoff, lambda angle: 0 <= angle < cutoff, expected)
     matrix = np.eye(4)
-    matrix[:3, :3] = facing(_direction(fields, "target", target - position))
+    forward = _direction(fields, "target", target - position)
+    matrix[:3, :3] = facing(forward)
     matrix[:3, 3] = position
+    slide, frame = None, None
+    if fields.has("image"):
+        slide = reader.value(fields, "image", REQUIRED, 0.0, float("inf"))
+        right = _across(fields, forward)
+        half = np.tan(np.radians(cutoff))
+        frame = np.stack([right / half, np.cross(right, forward) / half, forward, position])
+    elif fields.has("up"):
+        fields.take("up")
+        fields.error("up", "requires `image`")
     plugin = {
         "type": "spot",
         "to_world": mi.ScalarTransform4f(matrix),
@@ -357,23 +424,18 @@ def _spot(fields: Fields, index: int) -> Lamp:
         "cutoff_angle": cutoff,
         "beam_width": beam,
     }
-    return Lamp(index, plugin, True, _falloff(fields), "spot")
+    return Lamp(index, plugin, True, _falloff(fields), "spot", slide=slide, frame=frame)
 
 
 def _projector(fields: Fields, index: int, reader: Any) -> Lamp:
     position = np.array(fields.vector("position", REQUIRED))
     target = np.array(fields.vector("target", REQUIRED))
-    upwards = _direction(fields, "up", np.array(fields.vector("up", (0.0, 1.0, 0.0))))
     fov = fields.number("fov", 45.0, lambda angle: 0 < angle < 180, "an angle between 0 and 180 degrees")
     aspect = fields.number("aspect", 1.0, lambda ratio: 0.001 <= ratio <= 1000, "a ratio from 0.001 to 1000")
     slide = reader.value(fields, "image", REQUIRED, 0.0, float("inf"))
     intensity = fields.color("intensity", REQUIRED)
     forward = _direction(fields, "target", target - position)
-    right = np.cross(forward, upwards)
-    if np.linalg.norm(right) <= 1e-12:
-        fields.error("up", "must not be parallel to the direction from position to target")
-        right = np.array([1.0, 0.0, 0.0])
-    right /= np.linalg.norm(right)
+    right = _across(fields, forward)
     matrix = np.eye(4)
     # Mitsuba's x runs to the left. It treats a white slide as square, so a wider frame is stretched
     # horizontally.
@@ -403,6 +465,7 @@ def _mesh(fields: Fields, index: int, base: Folder) -> List[Lamp]:
     matrix = transforms.read(fields.take("transform"), f"{fields.where}.transform", fields.errors)
     radiance = np.array(fields.color("radiance", REQUIRED))
     n = fields.integer("samples", 1, 1, 32)
+    falls = _falloff(fields)
     name = fields.string("file", REQUIRED)
     try:
         triangles = meshes.load(base.path(name), base=base)
@@ -427,7 +490,7 @@ def _mesh(fields: Fields, index: int, base: Folder) -> List[Lamp]:
             place = a + (b - a) * (s / (3 * n)) + (c - a) * (t / (3 * n))
             power = _rgb(tuple(radiance * (twice / (2 * n**2))))
             plugin = {"type": "point", "position": place.tolist(), "intensity": power}
-            lamps.append(Lamp(index, plugin, True, True, "area", tuple(normal.tolist()), off))
+            lamps.append(Lamp(index, plugin, True, falls, "area", tuple(normal.tolist()), off))
     if not lamps:
         fields.error("file", f"{name}: every triangle is degenerate")
     return lamps
@@ -440,6 +503,7 @@ def _area(fields: Fields, index: int, base: Folder) -> List[Lamp]:
     matrix = transforms.read(fields.take("transform"), f"{fields.where}.transform", fields.errors)
     radiance = np.array(fields.color("radiance", REQUIRED))
     n = fields.integer("samples", 4, 1, 32)
+    falls = _falloff(fields)
     middles = (np.arange(n) + 0.5) / n
     u, v = np.tile(middles, n), np.repeat(middles, n)
     linear = matrix[:3, :3]
@@ -465,11 +529,11 @@ def _area(fields: Fields, index: int, base: Folder) -> List[Lamp]:
     lamps = []
     for place, normal in zip(places, normals):
         plugin = {"type": "point", "position": place.tolist(), "intensity": _rgb(tuple(radiance * (area / n**2)))}
-        lamps.append(Lamp(index, plugin, True, True, "area", tuple(normal.tolist()), off))
+        lamps.append(Lamp(index, plugin, True, falls, "area", tuple(normal.tolist()), off))
     return lamps
 
 
-LAMPS = {"point": _point, "directional": _directional, "spot": _spot}
+LAMPS = {"point": _point, "directional": _directional}
 
 
 def read(tables: Any, reader: Any, base: Folder, errors: List[str], unsupported: List[str]) -> Lights:
@@ -492,6 +556,8 @@ def read(tables: Any, reader: Any, base: Folder, errors: List[str], unsupported:
             lamps.extend(sky_lamps)
         elif kind == "area":
             lamps.extend(_area(fields, index, base))
+        elif kind == "spot":
+            lamps.append(_spot(fields, index, reader))
         elif kind == "projector":
             lamps.append(_projector(fields, index, reader))
         elif kind == "ambient":
@@ -500,7 +566,7 @@ def read(tables: Any, reader: Any, base: Folder, errors: List[str], unsupported:
             background = background + np.array(fields.color("radiance", REQUIRED))
         else:
             if kind is not None:
-                known = [*LAMPS, "area", "projector", "ambient", "background", "environment"]
+                known = [*LAMPS, "spot", "area", "projector", "ambient", "background", "environment"]
                 unsupported.append(f"light[{index}]: no twin for a light of type {kind!r}; {nearest(kind, known)}")
             continue
         fields.close()

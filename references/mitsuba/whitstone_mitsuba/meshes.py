@@ -447,8 +447,8 @@ def _lattice(octave: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.nd
     return _lowbias(_words(line[:, None].astype(np.uint64) + columns.astype(np.uint64)[None, :])) / 2.0**31 - 1.0
 
 
-def heightfield(columns: int, rows: int, amplitude: float, hills: int, octaves: int, seed: int) -> Triangles:
-    """The model's procedural height field."""
+def noise_heights(columns: int, rows: int, amplitude: float, hills: int, octaves: int, seed: int) -> np.ndarray:
+    """The heights of the model's procedural height field: (rows + 1, columns + 1)."""
     i, j = np.arange(columns + 1), np.arange(rows + 1)
     z = np.zeros((rows + 1, columns + 1))
     for k in range(octaves):
@@ -463,8 +463,24 @@ def heightfield(columns: int, rows: int, amplitude: float, hills: int, octaves: 
         near = v00 + u[None, :] * (v01 - v00)
         far = v10 + u[None, :] * (v11 - v10)
         z += amplitude * 0.5**k * (near + v[:, None] * (far - near))
+    return z
+
+
+def heightfield_points(columns: int, rows: int) -> Tuple[np.ndarray, np.ndarray]:
+    """The vertices of a height field row by row: (n, 3) points with z = 0 and (n, 2) coordinates.
+    """
+    i, j = np.arange(columns + 1), np.arange(rows + 1)
     x, y = np.meshgrid(2.0 * i / columns - 1.0, 2.0 * j / rows - 1.0)
-    positions = np.stack([x, y, z], axis=2).reshape(-1, 3).astype(np.float32).astype(np.float64)
+    u, v = np.meshgrid(i / columns, j / rows)
+    return np.stack([x, y, 0 * x], axis=2).reshape(-1, 3), np.stack([u, v], axis=2).reshape(-1, 2)
+
+
+def heightfield(z: np.ndarray) -> Triangles:
+    """The model's height field with these heights: (rows + 1, columns + 1)."""
+    rows, columns = z.shape[0] - 1, z.shape[1] - 1
+    positions = heightfield_points(columns, rows)[0]
+    positions[:, 2] = z.reshape(-1)
+    positions = positions.astype(np.float32).astype(np.float64)
     corner = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)[None, :]).reshape(-1)
     a, b, c, d = corner, corner + 1, corner + columns + 2, corner + columns + 1
     faces = np.stack([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)], axis=1).reshape(-1, 3)

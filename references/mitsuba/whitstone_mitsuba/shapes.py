@@ -430,13 +430,31 @@ def _heightfield(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any
     amplitude = fields.number("amplitude", 0.2, lambda metres: metres >= 0, "a number >= 0")
     hills, octaves = fields.integer("hills", 4, 1, 1024), fields.integer("octaves", 8, 1, 16)
     seed = fields.integer("seed", 0, 0, 2**32 - 1)
+    scale, offset = fields.number("scale", 1.0), fields.number("offset", 0.0)
+    height = None
+    if fields.has("height"):
+        height = place.textures.value(fields, "height", REQUIRED, 0.0, float("inf"))
+    noise = ("amplitude", "hills", "octaves", "seed")
+    for key in noise if height is not None else ("scale", "offset"):
+        if fields.has(key):
+            fields.error(key, "cannot be given together with `height`" if height is not None else "requires `height`")
     triangles = box_triangles()
     if columns * rows > 2**26:
         fields.error(None, f"at most 2^26 quads, found {columns} x {rows}")
     elif columns * rows > MAX_QUADS:
         place.unsupported.append(f"{fields.where}: no twin for more than {MAX_QUADS} quads")
-    else:
-        triangles = meshes.heightfield(columns, rows, amplitude, hills, octaves, seed)
+    elif height is None:
+        triangles = meshes.heightfield(meshes.noise_heights(columns, rows, amplitude, hills, octaves, seed))
+    elif not fields.errors:
+        points, uvs = meshes.heightfield_points(columns, rows)
+        up = np.broadcast_to([0.0, 0.0, 1.0], points.shape)
+        z = scale * (displacement.heights(height, points, up, uvs) - offset)
+        with np.errstate(over="ignore"):
+            finite = np.all(np.isfinite(z.astype(np.float32)))
+        if finite:
+            triangles = meshes.heightfield(z.reshape(rows + 1, columns + 1))
+        else:
+            fields.error("height", "a vertex has no finite height in single precision")
     return Rules(primitive=PRIMITIVE_NATIVE), _triangles(triangles, place, False)
 
 

@@ -104,7 +104,7 @@ def why_not(document: Document) -> List[str]:
     if document.footprints:
         reasons.append("texture: Mitsuba has no filters over the footprint of a ray")
     if any(lamp.slide is not None for lamp in document.lights.lamps):
-        reasons.append("light: the slide of a projector is looked up in Python, which Mitsuba's integrators cannot call")
+        reasons.append("light: the image of a projector or spot light is looked up in Python, which Mitsuba's integrators cannot call")
     looks = [texture for material in materials for texture in material.textures.values()]
     if any(is_python(texture) for texture in looks):
         reasons.append("texture: it is computed in Python, which Mitsuba's integrators cannot call")

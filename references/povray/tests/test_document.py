@@ -83,6 +83,10 @@ class Documents(Case):
             (dark + '[[shape]]\ntype = "triangle"\nvertices = [[0, 0, 0], [1, 0, 0], [0, 0, 1]]\n'
              + 'normals = [[0, 1, 0], [0, 1, 0], [0, 1, 0]]\n', "shape[0]", "behind"),
             (dark + SPOT + SPOT.replace("[0, 0, 0]", "[9, 0, 0]"), "light[1]", "same place"),
+            (dark + SPOT + 'up = [1, 0, 0]\nimage = { type = "checker" }\n', "light[0].image", "no texture"),
+            (dark + SPOT + 'up = [1, 0, 0]\nimage = "slide"\n[texture.slide]\ntype = "checker"\n', "light[0].image", "no texture"),
+            (dark + '[[light]]\ntype = "area"\nradiance = 1\nfalloff = "none"\n', "light[0]", "light type 'area'"),
+            (dark + '[[shape]]\ntype = "heightfield"\nheight = { type = "noise" }\n', "shape[0]", "shape type 'heightfield'"),
             (dark + POINT + SPOT, "light[1]", "same place"),
             (dark + BALL % 'type = "emissive", material = { type = "matte" }', "material.material", "one pigment"),
             (dark + BALL % 'type = "phong", k_s = { type = "checker" }', "k_s", "no texture"),

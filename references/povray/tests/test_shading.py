@@ -56,6 +56,10 @@ class Lights(Case):
         self.near([spot(17.5)], [0.5])
         self.assertEqual(spot(20.5), 0)
         self.near([spot(30, "cutoff_angle = 60\nbeam_width = 10\n")], [0.6])
+        light = '[[light]]\ntype = "spot"\nposition = [0, 1, 0]\ntarget = [0, 0, 0]\nintensity = [1, 2, 3]\n'
+        self.near(self.floor(light + "up = [1, 0, 0]\nimage = [4, 2, 0.5]\n"), [0.5 / math.pi * lit for lit in (4, 4, 1.5)])
+        for keys, word in (("image = 1\n", "parallel"), ("up = [1, 0, 0]\n", "requires"), ("up = [1, 0, 0]\nimage = -1\n", "components")):
+            self.refuse(HEAD + BLACK_LIMIT + light + keys, "scene", word)
 
     def test_ambient_and_background(self):
         ambient = '[[light]]\ntype = "ambient"\nradiance = [1, 2, 3]\n' * 2

@@ -50,6 +50,7 @@ pub(crate) const FEATURES: &[Feature] = features! {
     Approximated "[camera] near_kind": "Other programs have a plane as near limit; it is kept for Whitstone.";
     Approximated "[camera] window that is not centred": "Other programs see a centred window of the same size; it is kept for Whitstone.";
     Approximated "[[light]] falloff none": "In other programs lights fall off with the squared distance; it is kept for Whitstone.";
+    Approximated "[[light]] image of a spot": "Other programs see the light without it; it is kept for Whitstone.";
     Approximated "[material] phong, blinn_phong, whitted": "The base colour is pi k_d, at most 1, plus k_refl; the exponent becomes a roughness; it is kept for Whitstone.";
     Approximated "[material] glossy": "A metal of the same width of reflection; it is kept for Whitstone.";
     Approximated "[material] conductor": "A metal with the reflectance at normal incidence; it is kept for Whitstone.";

@@ -217,11 +217,21 @@ impl Restorer<'_> {
         match table::kind(light) {
             "area" => self.place(light),
             kind => {
-                if kind == "projector" {
+                if kind == "projector" || (kind == "spot" && light.contains_key("image")) {
                     light.entry("up").or_insert_with(|| numbers([0.0, 1.0, 0.0]));
                 }
                 self.vectors(light, &["position", "target"].into(), &["direction", "up"]);
             }
+        }
+    }
+
+    /// The same for heights, which are looked up in object space.
+    fn still(&self) -> Self {
+        Self {
+            file: self.file,
+            map: DAffine3::IDENTITY,
+            materials: BTreeMap::new(),
+            textures: self.textures.clone(),
         }
     }
 
@@ -231,16 +241,10 @@ impl Restorer<'_> {
             match (key.as_str(), value) {
                 ("id" | "group", Value::String(id)) => *id = format!("{prefix}{id}"),
                 ("material", value) => self.material_value(value),
+                ("height", value) => self.still().texture_value(value),
                 ("displacement", Value::Table(displacement)) => {
                     if let Some(height) = displacement.get_mut("height") {
-                        // Its heights are looked up in object space.
-                        let still = Restorer {
-                            file: self.file,
-                            map: DAffine3::IDENTITY,
-                            materials: BTreeMap::new(),
-                            textures: self.textures.clone(),
-                        };
-                        still.texture_value(height);
+                        self.still().texture_value(height);
                     }
                 }
                 _ => {}

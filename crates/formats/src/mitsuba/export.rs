@@ -191,10 +191,18 @@ struct Area<'a> {
 }
 
 impl<'a> Exporter<'a> {
-    fn area_lights(&self) -> Vec<Area<'a>> {
+    fn area_lights(&mut self) -> Vec<Area<'a>> {
         let lights = table::tables(self.document, "light").into_iter().enumerate();
         lights
             .filter(|(_, light)| table::kind(light) == "area")
+            .filter(|(place, light)| {
+                let falls = table::text(light, "falloff") != Some("none");
+                if !falls {
+                    let name = format!("light[{place}]");
+                    self.note("[[light]] falloff none", &name);
+                }
+                falls
+            })
             .map(|(place, light)| Area {
                 name: format!("light[{place}]"),
                 table: light,

@@ -70,14 +70,17 @@ impl<'a> Translator<'a> {
     }
 
     fn spot(&mut self, fields: &mut Fields<'a>) -> Table {
-        if fields.take("texture").is_some() {
-            self.note("texture of a spot", fields.at());
-        }
         let intensity = self.color(fields, "intensity", [1.0; 3]);
         let world = self.emitter_to_world(fields);
+        let image = fields
+            .object
+            .entries
+            .iter()
+            .any(|entry| entry.name == "texture")
+            .then(|| self.spot_image(fields, &world));
         let cutoff = self.number(fields, "cutoff_angle", 20.0);
         let beam = self.number(fields, "beam_width", 0.75 * cutoff);
-        typed(
+        let mut light = typed(
             "spot",
             [
                 ("position", numbers(world.translation.to_array())),
@@ -90,7 +93,27 @@ impl<'a> Translator<'a> {
                 // A border without a width is not allowed.
                 ("beam_width", Value::Float(beam.min(cutoff * (1.0 - 1e-9)))),
             ],
-        )
+        );
+        light.extend(image.into_iter().flatten());
+        light
+    }
+
+    /// `image` and `up` of a spot light. Mitsuba's u grows along the x axis of `to_world`, its v
+    /// along the y axis.
+    fn spot_image(&mut self, fields: &mut Fields<'a>, world: &DAffine3) -> [(String, Value); 2] {
+        let [x, y, forward] = [world.matrix3.x_axis, world.matrix3.y_axis, world.matrix3.z_axis];
+        // With this vector upwards the model's u grows along x, and its v along -y, or along y if
+        // the transform mirrors.
+        let up = x.cross(forward);
+        let look = Look {
+            flip_v: up.dot(y) < 0.0,
+            ..Look::default()
+        };
+        let image = self.texture_or_color(fields, "texture", [1.0; 3], &look);
+        [
+            ("image".to_owned(), image),
+            ("up".to_owned(), numbers(up.to_array())),
+        ]
     }
 
     fn projector(&mut self, fields: &mut Fields<'a>) -> Table {

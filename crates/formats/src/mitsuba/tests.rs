@@ -218,6 +218,39 @@ fn emitters_are_lights() {
     assert_eq!(notes[2..], ["emitter constant", "emitter envmap"]);
 }
 
+/// Mitsuba's u grows along x of `to_world` and its v along y, from the top row of an image.
+#[test]
+fn textures_of_spots_are_images() {
+    let spot = |to_world: &str, texture: &str| {
+        let text = format!(
+            "<emitter type='spot'><transform name='to_world'>{to_world}</transform>
+             <texture name='texture' {texture}</texture></emitter>"
+        );
+        let (scene, notes) = load(&text);
+        assert_eq!(notes[..], ["integrator path", "unlimited max_depth"]);
+        scene["light"][0].clone()
+    };
+    let bitmap = "type='bitmap'><string name='filename' value='t.png'/>";
+    let vector = |light: &Value, key: &str| {
+        let parts = light[key].as_array().unwrap().iter().map(number);
+        parts.collect::<Vec<f64>>()
+    };
+    // `lookat` has x to the left and y up: seen from the light, the bitmap is turned by 180
+    // degrees.
+    let upright = spot("<lookat origin='0,5,0' target='0,4,0' up='1,0,0'/>", bitmap);
+    assert_eq!(vector(&upright, "up"), [-1.0, 0.0, 0.0]);
+    assert_eq!(
+        upright["image"],
+        Value::Table(toml("type = 'image'\nfile = 't.png'"))
+    );
+    // A transform that mirrors exchanges left and right; only the direction of v differs.
+    let mirrored = spot("<matrix value='1 0 0 0 0 1 0 0 0 0 -1 5 0 0 0 1'/>", bitmap);
+    assert_eq!(vector(&mirrored, "target"), [0.0, 0.0, 4.0]);
+    assert_eq!(vector(&mirrored, "up"), [0.0, 1.0, 0.0]);
+    let flipped = toml("type = 'image'\nfile = 't.png'\nscale = [1.0, -1.0]\noffset = [0.0, 1.0]");
+    assert_eq!(mirrored["image"], Value::Table(flipped));
+}
+
 #[test]
 fn shapes_keep_their_geometry() {
     let (scene, _) = load(

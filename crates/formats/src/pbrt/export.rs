@@ -132,10 +132,12 @@ impl<'a> Exporter<'a> {
         }
     }
 
+    /// All area lights but those without falloff, which [`Self::light`] notes.
     fn area_lights(&self) -> Vec<Area<'a>> {
         let lights = table::tables(self.document, "light").into_iter().enumerate();
         lights
             .filter(|(_, light)| table::kind(light) == "area")
+            .filter(|(_, light)| table::text(light, "falloff") != Some("none"))
             .map(|(place, light)| Area {
                 name: format!("light[{place}]"),
                 table: light,
@@ -210,6 +212,9 @@ impl<'a> Exporter<'a> {
             }
             "spot" => {
                 self.note("[[light]] spot", name);
+                if light.contains_key("image") {
+                    self.note("[[light]] image of a spot", name);
+                }
                 let cutoff = table::number(light, "cutoff_angle").unwrap_or(20.0);
                 let beam = table::number(light, "beam_width").unwrap_or(0.75 * cutoff);
                 let target = table::vector(light, "target").unwrap_or(position + DVec3::Z);

@@ -774,6 +774,20 @@ fn lights_come_back() {
     near(&lights[2]["beam_width"], &[30.0]);
     near(&lights[3]["radiance"], &[0.25]);
     assert!(notes.contains(&"[[light]] ambient"));
+    let (_, notes) = back(&format!(
+        "{CAMERA}[[light]]\ntype = \"spot\"\nposition = [1, 2, 3]\ntarget = [0, 0, 0]\nintensity = 2\nimage = 1\n\
+         [[light]]\ntype = \"area\"\nradiance = 2\nfalloff = \"none\"\n\
+         [[shape]]\ntype = \"heightfield\"\nheight = {{ type = \"noise\" }}\n\
+         [[shape]]\ntype = \"heightfield\"\nheight = 0.25\n"
+    ));
+    for feature in [
+        "[[light]] image of a spot",
+        "[[light]] falloff none",
+        "[[shape]] heightfield with a texture",
+    ] {
+        assert!(notes.contains(&feature), "{feature}: {notes:?}");
+    }
+    assert!(!notes.contains(&"[[light]] area"));
 }
 
 #[test]

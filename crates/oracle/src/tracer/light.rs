@@ -31,6 +31,8 @@ struct Spot {
     cutoff_angle: f64,
     beam_width: Option<f64>,
     falloff: Option<String>,
+    image: Option<TextureRef>,
+    up: Option<[f64; 3]>,
 }
 
 fn twenty() -> f64 {
@@ -58,6 +60,12 @@ struct Area {
     transform: Option<TransformSteps>,
     radiance: Color,
     samples: Option<u32>,
+    falloff: Option<String>,
+}
+
+/// Whether light falls off with the squared distance.
+fn falls_off(falloff: Option<&str>) -> bool {
+    falloff != Some("none")
 }
 
 #[derive(Deserialize)]
@@ -115,6 +123,14 @@ pub(super) struct Slide {
     slide: Texture,
 }
 
+/// The image of a spot light.
+pub(super) struct SpotImage {
+    /// Axes to the right and up, each divided by half the size of the image at 1 m, and the axis of
+    /// the light.
+    frame: [DVec3; 3],
+    texture: Texture,
+}
+
 /// A light that illuminates surfaces.
 pub(super) enum Light {
     At {
@@ -123,6 +139,7 @@ pub(super) enum Light {
         by_square: bool,
         /// The axis, and the angles of beam and cutoff in radians.
         cone: Option<(DVec3, [f64; 2])>,
+        image: Option<SpotImage>,
     },
     Far {
         towards: DVec3,
@@ -134,6 +151,7 @@ pub(super) enum Light {
         normal: DVec3,
         /// Its share of the area, times the radiance.
         power: Rgb,
+        by_square: bool,
     },
     Thrown(Slide),
 }
@@ -154,7 +172,6 @@ impl Lights {
             background: Rgb::splat(0.0),
             environments: Vec::new(),
         };
-        let by_square = |falloff: Option<String>| falloff.as_deref() != Some("none");
         for plugin in &description.lights {
             match &*plugin.name {
                 "point" => {
@@ -162,8 +179,9 @@ impl Lights {
                     lights.all.push(Light::At {
                         position: point.position.into(),
                         intensity: point.intensity.get(),
-                        by_square: by_square(point.falloff),
+                        by_square: falls_off(point.falloff.as_deref()),
                         cone: None,
+                        image: None,
                     });
                 }
                 "spot" => {
@@ -171,11 +189,21 @@ impl Lights {
                     let [position, target] = [spot.position, spot.target].map(DVec3::from_array);
                     let beam = spot.beam_width.unwrap_or(0.75 * spot.cutoff_angle);
                     let angles = [beam, spot.cutoff_angle].map(f64::to_radians);
+                    let axis = (target - position).normalize();
+                    let image = match &spot.image {
+                        Some(image) => Some(SpotImage {
+                            frame: frame(axis, spot.up, angles[1].tan()),
+                            texture: Texture::new(description, image)?,
+                        }),
+                        None if spot.up.is_some() => return Err(unknown(plugin, "light")),
+                        None => None,
+                    };
                     lights.all.push(Light::At {
                         position,
                         intensity: spot.intensity.get(),
-                        by_square: by_square(spot.falloff),
-                        cone: Some(((target - position).normalize(), angles)),
+                        by_square: falls_off(spot.falloff.as_deref()),
+                        cone: Some((axis, angles)),
+                        image,
                     });
                 }
                 "directional" => {
@@ -303,15 +331,21 @@ fn cube(description: &Description<'_>, faces: &Faces) -> Result<Vec<Picture>, Sc
 /// A projector with its frame.
 fn thrown(config: &Projector, slide: Texture) -> Slide {
     let position = DVec3::from_array(config.position);
-    let f = (DVec3::from_array(config.target) - position).normalize();
-    let u = f.cross(config.up.map_or(DVec3::Y, DVec3::from_array)).normalize();
+    let axis = (DVec3::from_array(config.target) - position).normalize();
     let half = (config.fov.unwrap_or(45.0).to_radians() / 2.0).tan();
+    let [u, v, f] = frame(axis, config.up, half);
     Slide {
         position,
-        frame: [u / half, u.cross(f) * (config.aspect.unwrap_or(1.0) / half), f],
+        frame: [u, v * config.aspect.unwrap_or(1.0), f],
         intensity: config.intensity.get(),
         slide,
     }
+}
+
+/// Axes to the right and up in an image that is projected along f, each divided by `half`, and f.
+fn frame(f: DVec3, up: Option<[f64; 3]>, half: f64) -> [DVec3; 3] {
+    let u = f.cross(up.map_or(DVec3::Y, DVec3::from_array)).normalize();
+    [u / half, u.cross(f) / half, f]
 }
 
 /// Offset of the sample points of an area light from its surface, relative to the largest
@@ -346,6 +380,7 @@ fn of_triangles(light: &Area, triangles: &[[[f64; 3]; 3]]) -> Vec<Light> {
                     position: a + s * (b - a) + t * (c - a) + OFF * size * normal,
                     normal,
                     power,
+                    by_square: falls_off(light.falloff.as_deref()),
                 });
             }
         }
@@ -388,6 +423,7 @@ fn area(light: &Area) -> Vec<Light> {
             position: map.transform_point3(q) + OFF * size * normal,
             normal,
             power,
+            by_square: falls_off(light.falloff.as_deref()),
         }
     };
     (0..n * n).map(place).collect()
@@ -403,9 +439,11 @@ impl Light {
                 position,
                 normal,
                 power,
+                by_square,
             } => {
                 let (l, distance) = towards(position, p)?;
-                let part = (-normal.dot(l)).max(0.0) / (distance * distance);
+                let square = if by_square { distance * distance } else { 1.0 };
+                let part = (-normal.dot(l)).max(0.0) / square;
                 Some((l, distance, power * part))
             }
             Self::At {
@@ -413,6 +451,7 @@ impl Light {
                 intensity,
                 by_square,
                 cone,
+                ref image,
             } => {
                 let (l, distance) = towards(position, p)?;
                 let part = cone.map_or(1.0, |(axis, [beam, cutoff])| {
@@ -427,10 +466,33 @@ impl Light {
                     }
                 });
                 let square = if by_square { distance * distance } else { 1.0 };
-                Some((l, distance, intensity * (part / square)))
+                let color = match image {
+                    Some(image) if part > 0.0 => image.at(p - position),
+                    _ => Rgb::splat(1.0),
+                };
+                Some((l, distance, intensity * color * (part / square)))
             }
         }
     }
+}
+
+impl SpotImage {
+    /// The colour towards q, seen from the light.
+    fn at(&self, q: DVec3) -> Rgb {
+        let [x, y, z] = self.frame.map(|axis| axis.dot(q));
+        look(&self.texture, DVec2::new(x / z, y / z))
+    }
+}
+
+/// The colour of a projected image; both coordinates run from -1 to 1.
+fn look(image: &Texture, at: DVec2) -> Rgb {
+    let uv = (1.0 + at) / 2.0;
+    image.at(&Place {
+        uv,
+        p: uv.extend(0.0),
+        n_s: DVec3::Z,
+        ..Place::default()
+    })
 }
 
 impl Slide {
@@ -440,15 +502,9 @@ impl Slide {
         if !(z > 0.0 && x.abs() <= z && y.abs() <= z) {
             return Some((l, distance, Rgb::splat(0.0)));
         }
-        let uv = DVec2::new((1.0 + x / z) / 2.0, (1.0 + y / z) / 2.0);
-        let place = Place {
-            uv,
-            p: uv.extend(0.0),
-            n_s: DVec3::Z,
-            ..Place::default()
-        };
         let factor = distance / (z * z * z);
-        Some((l, distance, self.intensity * self.slide.at(&place) * factor))
+        let color = look(&self.slide, DVec2::new(x / z, y / z));
+        Some((l, distance, self.intensity * color * factor))
     }
 }
 
@@ -457,4 +513,89 @@ fn towards(position: DVec3, p: DVec3) -> Option<(DVec3, f64)> {
     let to = position - p;
     let distance = to.length();
     (distance != 0.0).then(|| (to / distance, distance))
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::testing::{pixel, shows};
+    use std::f64::consts::PI;
+
+    /// A rectangle at z = 0 under this light and the ambient light of the test's head, which adds
+    /// the reflectance.
+    fn lit(light: &str) -> String {
+        format!(
+            "[[light]]\n{light}\n[[shape]]\ntype = \"rectangle\"\ntransform = {{ scale = 4 }}\n\
+            material = {{ type = \"matte\", reflectance = 0.5 }}\n"
+        )
+    }
+
+    #[test]
+    fn area_lights_without_falloff() {
+        let turn =
+            "transform = [{ rotate = { axis = [1, 0, 0], degrees = 180 } }, { translate = [0, 0, 4] }]";
+        let one = format!("type = \"area\"\nradiance = [1, 2, 3]\nsamples = 1\n{turn}");
+        // At (x, 0, 0), both cosines are 4/d.
+        for x in [0.0, 1.5] {
+            let d2: f64 = 16.0 + x * x;
+            let even = 0.5 / PI * 4.0 * 16.0 / d2;
+            let none = format!("{one}\nfalloff = \"none\"");
+            shows(
+                [x, 0.0],
+                &lit(&none),
+                &[],
+                [1.0, 2.0, 3.0].map(|l| 0.5 + l * even),
+            );
+            shows(
+                [x, 0.0],
+                &lit(&one),
+                &[],
+                [1.0, 2.0, 3.0].map(|l| 0.5 + l * even / d2),
+            );
+        }
+        let file = b"v -1 1 4\nv 1 1 4\nv 0 -2 4\nf 1 2 3\n";
+        let mesh = "type = \"area\"\nshape = \"mesh\"\nfile = \"m.obj\"\nradiance = 2\nfalloff = \"none\"";
+        shows(
+            [0.0, 0.0],
+            &lit(mesh),
+            &[("m.obj", file)],
+            [0.5 + 0.5 / PI * 2.0 * 3.0; 3],
+        );
+    }
+
+    /// A spot light from 2 m above; the image is 4 m wide at z = 0, with +x to the left and +y
+    /// down.
+    #[test]
+    fn images_of_spot_lights() {
+        let spot = "type = \"spot\"\nposition = [0, 0, 2]\ntarget = [0, 0, 0]\nup = [0, -3, 1]\nintensity = 2\n\
+            cutoff_angle = 45\nbeam_width = 40\n";
+        let ramp = |turn: &str| {
+            format!(
+                "image = {{ type = \"gradient\", a = 0, b = [1, 2, 3], wrap = \"clamp\", \
+                mapping = {{ transform = {{ matrix = {turn} }} }} }}"
+            )
+        };
+        let along_a = ramp("[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]");
+        let along_c = ramp("[[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0]]");
+        for (x, y) in [(0.0, 0.0), (1.0, 0.5), (-0.25, -1.5)] {
+            let d2: f64 = 4.0 + x * x + y * y;
+            // The light is seen from below, so that right is -x with -y up.
+            for (image, t) in [
+                (&along_a, (1.0 - x / 2.0) / 2.0),
+                (&along_c, (1.0 - y / 2.0) / 2.0),
+            ] {
+                let e = 0.5 / PI * 2.0 * t * 2.0 / d2.sqrt();
+                let text = format!("{spot}{image}");
+                shows(
+                    [x, y],
+                    &lit(&text),
+                    &[],
+                    [1.0, 2.0, 3.0].map(|b| 0.5 + b * e / d2),
+                );
+                let none = format!("{text}\nfalloff = \"none\"");
+                shows([x, y], &lit(&none), &[], [1.0, 2.0, 3.0].map(|b| 0.5 + b * e));
+            }
+        }
+        shows([1.6, 1.6], &lit(&format!("{spot}{along_a}")), &[], [0.5; 3]);
+        assert!(pixel([0.0; 2], &lit(spot), &[]).is_err());
+    }
 }

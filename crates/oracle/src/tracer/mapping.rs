@@ -11,7 +11,7 @@ use whitstone_core::{DAffine3, DVec2, DVec3, Rgb};
 pub(super) struct Place {
     /// Texture coordinates of the shape.
     pub(super) uv: DVec2,
-    /// In world space; for displacement, in the object space of the mesh.
+    /// In world space; for displacement and height fields, in the object space of the shape.
     pub(super) p: DVec3,
     /// The shading normal; its sign does not matter.
     pub(super) n_s: DVec3,

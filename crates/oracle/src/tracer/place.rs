@@ -68,7 +68,7 @@ impl Coordinates {
         let keys = &plugin.table;
         Ok(match &*plugin.name {
             "heightfield" => {
-                let triangles = decode::<Heightfield>(keys)?.triangles().0;
+                let triangles = decode::<Heightfield>(keys)?.triangles(description)?.0;
                 Self::Triangles(Box::new(Mesh::of(triangles, None, None)))
             }
             "patch" => Self::Parameters,

@@ -247,7 +247,7 @@ fn step(x: f64, limit: f64, nudge: f64) -> f64 {
     if x as f32 >= limit as f32 { 1.0 } else { 0.0 }
 }
 
-/// The texture of a displacement map.
+/// The texture of a displacement map or a height field.
 pub(crate) struct Height(Texture);
 
 impl Height {

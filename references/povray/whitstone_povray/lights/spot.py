@@ -8,16 +8,32 @@ lights would differ only if they passed through the shell's few square millimetr
 from __future__ import annotations
 
 from .. import sdl
-from ..fields import REQUIRED
-from ..transforms import sub, unit
+from ..fields import REQUIRED, Vector
+from ..transforms import cross, dot, sub, unit
 from . import Fields, Light, point_source
 
 # Radius of the shell in metres. POV-Ray ignores objects nearer to a light than 1e-3 of its units.
 SHELL = 1e-3
 
 
+def _image(fields: Fields, axis: Vector) -> Vector:
+    """The factor on the intensity by the keys `image`, which must be a colour, and `up`."""
+    up = unit(fields.vector("up", (0.0, 1.0, 0.0)))
+    if not fields.has("image"):
+        if fields.has("up"):
+            fields.error("up", "requires `image`")
+        return (1.0, 1.0, 1.0)
+    across = cross(axis, up)
+    if any(axis) and dot(across, across) <= 1e-24:
+        fields.error("up", "must have a direction that is not parallel to the axis")
+    if isinstance(fields.take("image"), (str, dict)):
+        fields.unsupported("the shell around the light shows no texture, only a colour", "image")
+        return (1.0, 1.0, 1.0)
+    return fields.color("image", REQUIRED)
+
+
 def twin(fields: Fields) -> Light:
-    """`position`, `target`, `intensity`, `cutoff_angle`, `beam_width`, `falloff`."""
+    """`position`, `target`, `intensity`, `cutoff_angle`, `beam_width`, `falloff`, `image`, `up`."""
     scale = fields.context.setting.scale
     position, target = fields.vector("position", REQUIRED), fields.vector("target", REQUIRED)
     axis = unit(sub(target, position))
@@ -25,7 +41,9 @@ def twin(fields: Fields) -> Light:
         fields.error("target", "must differ from the position")
     cutoff = fields.number("cutoff_angle", 20.0, lambda angle: 0 < angle < 90, "a half angle between 0 and 90 degrees")
     beam = fields.number("beam_width", 0.75 * cutoff, lambda angle: 0 <= angle < cutoff, "a half angle below the cutoff")
-    source = point_source(fields, position, fields.color("intensity", REQUIRED)) + " }"
+    intensity = fields.color("intensity", REQUIRED)
+    lit = tuple(i * t for i, t in zip(intensity, _image(fields, axis)))
+    source = point_source(fields, position, lit) + " }"
     x, y, z = ("(" + name + "-" + sdl.number(scale * p) + ")" for name, p in zip("xyz", position))
     along = f"({x}*{sdl.number(axis[0])}+{y}*{sdl.number(axis[1])}+{z}*{sdl.number(axis[2])})"
     cosine = f"max(-1,min(1,{along}/sqrt({x}*{x}+{y}*{y}+{z}*{z})))"

@@ -182,12 +182,15 @@ fn shapes_come_back_exactly() {
     }
 }
 
-const TABLES: [&str; 38] = [
+const TABLES: [&str; 41] = [
     "[[light]]\ntype = 'point'\nposition = [1, 2, 3]\nintensity = [1, 2, 3]\nfalloff = 'none'",
     "[[light]]\ntype = 'directional'\ndirection = [1, -2, 3]\nirradiance = 2",
     "[[light]]\ntype = 'spot'\nposition = [1, 2, 3]\ntarget = [0, 0, 0]\nintensity = 5",
     "[[light]]\ntype = 'projector'\nposition = [1, 2, 3]\ntarget = [0, 0, 0]\nintensity = 5\nimage = { type = 'checker' }",
     "[[light]]\ntype = 'area'\nradiance = 2\ntransform = { translate = [0, 3, 0] }",
+    "[[light]]\ntype = 'area'\nradiance = 2\nfalloff = 'none'",
+    "[[light]]\ntype = 'spot'\nposition = [1, 2, 3]\ntarget = [0, 0, 0]\nintensity = 5\nimage = { type = 'checker' }",
+    "[[shape]]\ntype = 'box'\n[[shape]]\ntype = 'heightfield'\ncolumns = 2\nrows = 2\nheight = { type = 'noise' }\nscale = 2",
     "[[light]]\ntype = 'ambient'\nradiance = 0.25",
     "[[light]]\ntype = 'background'\nradiance = [0.1, 0.2, 0.30000000000000004]",
     "[[light]]\ntype = 'environment'\nradiance = { type = 'gradient' }\nsamples = 2",

@@ -166,6 +166,9 @@ impl<'a> Exporter<'a> {
                 let outer = table::number(light, "cutoff_angle").unwrap_or(20.0);
                 let inner = table::number(light, "beam_width").unwrap_or(0.75 * outer);
                 self.note("spot light falloff", &name);
+                if light.contains_key("image") {
+                    self.note("[[light]] image of a spot", &name);
+                }
                 keys["spot"] = json!({
                     "innerConeAngle": single(inner.to_radians()),
                     "outerConeAngle": single(outer.to_radians()),

@@ -60,6 +60,10 @@ impl<'a> Exporter<'a> {
             "cylinder" => self.cylinder(shape, &world, name),
             "triangle" => self.triangle(shape, &world),
             "mesh" => self.mesh(shape, &world, name),
+            "heightfield" if table::has_texture(shape, "height") => {
+                self.note("[[shape]] heightfield with a texture", name);
+                return Vec::new();
+            }
             "heightfield" => self.triangles(shape, &world),
             "instance" => self.instance(shape, &world, name, areas.is_none()),
             _ => {

@@ -98,6 +98,31 @@ fn a_scene_survives_export_and_import() {
     assert_eq!(scene["material"]["gold"]["eta"][0].as_float(), Some(0.14304));
 }
 
+/// The image of a spot light, upright and turned, has the same place after export and import.
+#[test]
+fn images_of_spots_survive_export_and_import() {
+    for up in [[0.0, 0.0, -1.0], [0.6, 0.0, 0.8]] {
+        let image = "image = { type = 'image', file = 'a.png', wrap = 'clamp' }";
+        let text = format!(
+            "[[light]]\ntype = 'spot'\nposition = [1, 5, 0]\ntarget = [1, 0, 0]\nintensity = 2\nup = {up:?}\n{image}"
+        );
+        let scene = round_trip(&text);
+        let light = scene["light"][0].as_table().unwrap();
+        let found = table::vector(light, "up").unwrap();
+        assert!((found - DVec3::from(up)).length() < 1e-9, "{found}");
+        let image = light["image"].as_table().unwrap();
+        assert_eq!(image["file"].as_str(), Some("scenes/a.png"));
+        assert!(!image.contains_key("scale") && !image.contains_key("mapping"));
+        assert!(exported(&text).notes.is_empty() || exported(&text).notes == ["[sampler]"]);
+    }
+    // A colour becomes a factor of the intensity.
+    let scene = round_trip(
+        "[[light]]\ntype = 'spot'\nposition = [0, 5, 0]\ntarget = [1, 0, 0]\nintensity = [1, 2, 3]\nimage = 2",
+    );
+    assert_eq!(scene["light"][0]["intensity"].to_string(), "[2.0, 4.0, 6.0]");
+    assert!(!scene["light"][0].as_table().unwrap().contains_key("image"));
+}
+
 #[test]
 fn images_have_the_same_texture_coordinates() {
     let image = "reflectance = { type = 'image', file = 'a.png', color_space = 'linear', wrap = 'clamp', scale = [2, 3] }";
@@ -212,6 +237,14 @@ fn what_has_no_counterpart_is_noted() {
         (
             "[[light]]\ntype = 'point'\nposition = [0, 0, 0]\nintensity = 1\nfalloff = 'none'".to_owned(),
             "[[light]] falloff none",
+        ),
+        (
+            "[[light]]\ntype = 'area'\nradiance = 1\nfalloff = 'none'".to_owned(),
+            "[[light]] falloff none",
+        ),
+        (
+            "[[shape]]\ntype = 'heightfield'\nheight = { type = 'noise' }".to_owned(),
+            "[[shape]] heightfield with a texture",
         ),
         (
             "[[shape]]\ntype = 'torus'".to_owned(),

@@ -264,11 +264,33 @@ impl<'a> Exporter<'a> {
             "spot" => {
                 let cutoff = table::number(light, "cutoff_angle").unwrap_or(20.0);
                 let beam = table::number(light, "beam_width").unwrap_or(0.75 * cutoff);
-                let node = Node::new("emitter", "spot")
-                    .with("to_world", Item::Transform(looking(position, target - position)))
-                    .with("intensity", color("intensity"))
+                let mut world = looking(position, target - position);
+                let mut intensity = table::color(light, "intensity", [1.0; 3]);
+                let mut texture = None;
+                if let Some(image) = light.get("image") {
+                    let up = table::vector(light, "up").unwrap_or(DVec3::Y);
+                    let forward = (target - position).try_normalize()?;
+                    let right = forward.cross(up).try_normalize()?;
+                    // Mitsuba's u grows along x, its v along y, and v of its images points down.
+                    let axes = DMat3::from_cols(right, forward.cross(right), forward);
+                    world = DAffine3::from_mat3_translation(axes, position);
+                    let flipped = super::Sides {
+                        flip_v: true,
+                        ..PLAIN
+                    };
+                    match self.texture(image, flipped, name) {
+                        Item::Color(tint) => intensity = [0, 1, 2].map(|k| intensity[k] * tint[k]),
+                        item => texture = Some(item),
+                    }
+                }
+                let mut node = Node::new("emitter", "spot")
+                    .with("to_world", Item::Transform(world))
+                    .with("intensity", Item::Color(intensity))
                     .with("cutoff_angle", Item::Float(cutoff))
                     .with("beam_width", Item::Float(beam));
+                if let Some(texture) = texture {
+                    node.push("texture", texture);
+                }
                 Some(node)
             }
             "projector" => self.projector(light, name, position, target - position),

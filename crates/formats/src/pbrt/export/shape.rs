@@ -78,6 +78,9 @@ impl<'a> Exporter<'a> {
                     None => return,
                 }
             }
+            "heightfield" if table::has_texture(shape, "height") => {
+                return self.note("[[shape]] heightfield with a texture", name);
+            }
             "heightfield" => match self.mesh_file(shape) {
                 Some(file) => vec![(
                     DAffine3::IDENTITY,
