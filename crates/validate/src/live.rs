@@ -221,6 +221,7 @@ impl Live {
                 libllvm,
                 cpu,
                 scene_hash: scene_hash.to_owned(),
+                files_hash: String::new(),
                 twin: rendered.twin,
                 floor: worst,
                 moved: Some(moved),

@@ -40,6 +40,9 @@ pub struct Meta {
     pub cpu: String,
     /// Hash of the flattened scene.
     pub scene_hash: String,
+    /// Hash of the files of the image and of the variants. It is set when they are written.
+    #[serde(default)]
+    pub files_hash: String,
     /// How independent the twin is: "native", "hosted" or "formula".
     pub twin: String,
     /// Its own error: see [`crate::floor`].
@@ -128,6 +131,21 @@ pub fn read_variants(path: &Path) -> Result<Variants, StoredError> {
     Variants::from_image(&file).ok_or_else(|| broken(path, "it lacks one of the channels R, G, B, X and Y"))
 }
 
+/// Hash of the image of a reference and of its variants, as they are in the files.
+fn files_hash(folder: &Path, renderer: Renderer) -> Result<String, StoredError> {
+    let mut hasher = blake3::Hasher::new();
+    for name in [renderer.image_file(), renderer.variants_file()] {
+        let path = folder.join(name);
+        let bytes = match std::fs::read(&path) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Vec::new(),
+            read => read.map_err(|error| broken(&path, error))?,
+        };
+        hasher.update(&(bytes.len() as u64).to_le_bytes());
+        hasher.update(&bytes);
+    }
+    Ok(hasher.finalize().to_hex()[..32].to_owned())
+}
+
 impl Stored {
     /// Reads the reference in a folder and checks that it belongs to the scene.
     pub fn read(folder: &Path, renderer: Renderer, scene_hash: &str) -> Result<Self, StoredError> {
@@ -160,7 +178,16 @@ impl Stored {
             folder.join(renderer.meta_file()),
         );
         let text = std::fs::read_to_string(&meta).map_err(|error| broken(&meta, error))?;
-        let meta = toml::from_str(&text).map_err(|error| broken(&meta, error))?;
+        let path = meta;
+        let meta: Meta = toml::from_str(&text).map_err(|error| broken(&path, error))?;
+        if !(meta.floor.is_finite() && meta.floor >= 0.0) {
+            return Err(broken(&path, "`floor` is no error"));
+        }
+        if meta.files_hash != files_hash(folder, renderer)? {
+            let problem = "the images beside it are not those that it was written for: writing was interrupted, \
+                or a file was replaced; store the reference again";
+            return Err(broken(&path, problem));
+        }
         let image = exr_io::read(&exr, Limits::IMAGE).map_err(|error| broken(&exr, error))?;
         let variants = read_variants(&folder.join(renderer.variants_file()))?;
         Ok(Self {
@@ -170,7 +197,8 @@ impl Stored {
         })
     }
 
-    /// Writes the reference to a folder.
+    /// Writes the reference to a folder. The metadata comes last and identifies the other files, so
+    /// that an interrupted write is detected.
     pub fn write(&self, folder: &Path, renderer: Renderer) -> Result<(), StoredError> {
         std::fs::create_dir_all(folder).map_err(|error| broken(folder, error))?;
         let exr = folder.join(renderer.image_file());
@@ -183,7 +211,11 @@ impl Stored {
             None => {}
         }
         let path = folder.join(renderer.meta_file());
-        let text = toml::to_string(&self.meta).map_err(|error| broken(&path, error))?;
+        let meta = Meta {
+            files_hash: files_hash(folder, renderer)?,
+            ..self.meta.clone()
+        };
+        let text = toml::to_string(&meta).map_err(|error| broken(&path, error))?;
         atomic::write_bytes(&path, text.as_bytes()).map_err(|error| broken(&path, error))
     }
 
@@ -251,5 +283,60 @@ impl Variation<'_> {
             &trial,
             &[self.values(pixel)],
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn stored(value: f32) -> Stored {
+        let mut image = Image::new(2, 1).unwrap();
+        for name in ["R", "G", "B"] {
+            image.add_channel(name, vec![value; 2]).unwrap();
+        }
+        Stored {
+            image,
+            variants: Variants::default(),
+            meta: Meta {
+                renderer: "mitsuba".to_owned(),
+                version: String::new(),
+                variant: String::new(),
+                integrator: String::new(),
+                k: 4.0,
+                libllvm: String::new(),
+                cpu: String::new(),
+                scene_hash: "s".to_owned(),
+                files_hash: String::new(),
+                twin: "native".to_owned(),
+                floor: f64::from(value),
+                moved: None,
+                samples: 1,
+                seconds: 0.0,
+                rays: [0, 0],
+                rehits: 0,
+                notes: Vec::new(),
+            },
+        }
+    }
+
+    /// An image of one write and the metadata of another, as after an interruption.
+    #[test]
+    fn files_of_different_writes_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = folder.path();
+        let read = || Stored::read(at, Renderer::MITSUBA, "s");
+        stored(1.0).write(at, Renderer::MITSUBA).unwrap();
+        assert_eq!(read().ok().unwrap().meta.floor, 1.0);
+        let meta = at.join(Renderer::MITSUBA.meta_file());
+        let old = std::fs::read(&meta).unwrap();
+        stored(2.0).write(at, Renderer::MITSUBA).unwrap();
+        assert_eq!(read().ok().unwrap().meta.floor, 2.0);
+        std::fs::write(&meta, &old).unwrap();
+        let error = read().err().unwrap().to_string();
+        assert!(error.contains("writing was interrupted"), "{error}");
+        let text = String::from_utf8(old).unwrap();
+        std::fs::write(&meta, text.replace("floor = 1.0", "floor = nan")).unwrap();
+        assert!(read().err().unwrap().to_string().contains("`floor`"));
     }
 }
