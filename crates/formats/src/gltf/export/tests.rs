@@ -698,6 +698,31 @@ fn a_part_of_another_scene_has_its_prefix_and_place() {
     assert!(Gltf.import(&exported.path, &unknown).unwrap().is_err());
 }
 
+#[test]
+fn moved_images_of_spots_turn_and_heights_stay_in_object_space() {
+    let noise = "{ type = 'noise' }";
+    let spot = "[[light]]\ntype = 'spot'\nposition = [1, 0, 0]\ntarget = [1, 0, -1]\nintensity = 1\n";
+    let exported = export(&format!(
+        "{HEAD}{spot}image = 't'\n{spot}[[shape]]\ntype = 'box'\n\
+         [[shape]]\ntype = 'heightfield'\ncolumns = 2\nrows = 2\nheight = {noise}\n\
+         [texture.t]\ntype = 'checker'\n"
+    ));
+    let options = ImportOptions {
+        prefix: "p/".into(),
+        transform: DAffine3::from_rotation_z(-std::f64::consts::FRAC_PI_2),
+        part: true,
+        ..ImportOptions::all()
+    };
+    let (again, _) = exported.import_with(&options);
+    let [with, without] = [0, 1].map(|k| again["light"][k].as_table().unwrap());
+    let up = table::vector(with, "up").unwrap();
+    assert!((up - DVec3::X).length() < 1e-12, "{up}");
+    assert_eq!(with["image"].as_str(), Some("p/t"));
+    assert!(!without.contains_key("up"));
+    let height = again["shape"][1]["height"].as_table().unwrap();
+    assert!(!height.contains_key("mapping"));
+}
+
 /// A document without what names the files of its meshes and images.
 fn without_files(value: &mut Value) {
     match value {
