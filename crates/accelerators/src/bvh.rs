@@ -20,6 +20,8 @@ mod spatial;
 mod stream;
 mod tree;
 mod wide;
+#[cfg(all(test, feature = "all"))]
+mod worst_cases;
 
 use crate::support::elements::{MAX_ELEMENTS, check_count};
 use crate::support::leaves::Leaves;

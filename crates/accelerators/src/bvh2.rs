@@ -4,7 +4,9 @@
 //! - Traversal: nearer child first, with an explicit stack. The slab test selects planes by the
 //!   sign bits of the direction and uses comparisons that ignore NaN (Ize, *Robust BVH ray
 //!   traversal*, JCGT 2(2), 2013). Slabs are padded, so that rounding in a shape's own test cannot
-//!   put a hit outside its box; see `elements`.
+//!   put a hit outside its box; see `elements`. The padding is relative to the distance from the
+//!   origin of the ray to the box, not to the size of the scene: small elements next to large ones,
+//!   or far from the origin of the coordinates, keep tight boxes.
 //! - Cost model: a ray that hits a box hits a box inside it with probability equal to the ratio of
 //!   their areas (Goldsmith and Salmon, *Automatic creation of object hierarchies for ray tracing*,
 //!   1987, section 3). In units of one element test, a node costs 0.7 + (A_l C_l + A_r C_r) / A,
@@ -15,7 +17,7 @@
 //! - Example: `scenes/accelerators/bvh2.toml`.
 
 use crate::support::binary::{Builder, MAX_DEPTH, STEP_COST, Tree};
-use crate::support::elements::{Elements, Item, Searched, Structure, Visitor, WideRay, bounds};
+use crate::support::elements::{Elements, Item, Searched, Structure, Visitor, WideRay, bounds, relative_pad};
 use crate::support::split::{Axes, Split};
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -134,6 +136,9 @@ impl Bvh2 {
         let mut found = Self::default();
         if items.is_empty() {
             return found;
+        }
+        for item in &mut items {
+            item.aabb = item.aabb.padded(relative_pad(item));
         }
         let bounds = bounds(&items);
         let area = bounds.half_area();
@@ -294,13 +299,27 @@ impl Node {
     /// `limit`.
     #[inline]
     fn enter(&self, ray: &WideRay, min: f64, limit: f64) -> ([f64; 2], [bool; 2]) {
+        // The planes relative to the origin, near ones first, and the largest of them.
+        let mut planes = [[[0.0; 2]; 2]; 3];
+        let mut reach = [0.0; 2];
+        for axis in 0..3 {
+            let near_side = ray.near_side[axis];
+            for (to, side) in [near_side, 1 - near_side].into_iter().enumerate() {
+                for child in 0..2 {
+                    let plane: f64 = self.planes[axis][side][child] - ray.ray.origin[axis];
+                    planes[axis][to][child] = plane;
+                    let far = plane.abs();
+                    reach[child] = if far > reach[child] { far } else { reach[child] };
+                }
+            }
+        }
         let (mut near, mut far) = ([min; 2], [limit; 2]);
         for axis in 0..3 {
-            let near_planes = self.planes[axis][ray.near_side[axis]];
-            let far_planes = self.planes[axis][1 - ray.near_side[axis]];
+            let reciprocal = ray.reciprocal[axis];
             for child in 0..2 {
-                let enter = ray.arrives(axis, near_planes[child]);
-                let leave = ray.leaves(axis, far_planes[child]);
+                let forward = (ray.width * reach[child]).copysign(reciprocal);
+                let enter = (planes[axis][0][child] - forward) * reciprocal;
+                let leave = (planes[axis][1][child] + forward) * reciprocal;
                 // NaN (the ray lies in the plane) changes nothing.
                 near[child] = if enter > near[child] { enter } else { near[child] };
                 far[child] = if leave < far[child] { leave } else { far[child] };

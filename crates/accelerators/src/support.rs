@@ -12,6 +12,8 @@ pub(crate) mod oversized;
 #[cfg(any(feature = "bsp", feature = "kdtree"))]
 pub(crate) mod partition;
 pub(crate) mod polyhedron;
+#[cfg(feature = "bvh")]
+pub(crate) mod precision;
 #[cfg(any(feature = "bsp", feature = "obb_bvh"))]
 pub(crate) mod principal;
 pub(crate) mod split;

@@ -5,6 +5,7 @@ use crate::coincident::{self, Coincidence, Seen};
 use crate::memory::Memory;
 use crate::operands::Operands;
 use crate::unused::LookedUp;
+use std::any::Any;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use toml::Spanned;
@@ -70,6 +71,8 @@ pub(crate) struct Builder<'d, 's, 'o> {
     /// Inline shapes whose errors are already reported.
     pub(crate) faulty_operands: BTreeSet<usize>,
     pub(crate) used: BTreeSet<(FamilyName, &'static str)>,
+    /// See [`Storage::share`](whitstone_core::Storage::share).
+    pub(crate) shared: BTreeMap<String, Arc<dyn Any + Send + Sync>>,
     pub(crate) memory: Memory,
     pub(crate) options: BuildOptions<'o>,
     pub(crate) warnings: Vec<SceneError>,
@@ -109,6 +112,7 @@ impl<'d, 's, 'o> Builder<'d, 's, 'o> {
             operands: Operands::default(),
             faulty_operands: BTreeSet::new(),
             used: BTreeSet::new(),
+            shared: BTreeMap::new(),
             memory: Memory::new(options.max_memory),
             options,
             warnings: Vec::new(),

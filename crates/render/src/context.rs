@@ -2,6 +2,7 @@
 
 use crate::builder::{Builder, Key};
 use crate::operands;
+use std::any::Any;
 use std::path::PathBuf;
 use std::sync::Arc;
 use whitstone_core::config::{
@@ -105,6 +106,14 @@ impl Resources for Builder<'_, '_, '_> {
 impl Storage for Builder<'_, '_, '_> {
     fn reserve(&mut self, bytes: u64) -> Result<(), SceneErrors> {
         Ok(self.memory.take(bytes)?)
+    }
+
+    fn shared(&self, key: &str) -> Option<Arc<dyn Any + Send + Sync>> {
+        self.shared.get(key).cloned()
+    }
+
+    fn share(&mut self, key: String, data: Arc<dyn Any + Send + Sync>) {
+        self.shared.insert(key, data);
     }
 
     fn cached(&self, parts: &[&[u8]], length: usize) -> Option<Vec<u8>> {

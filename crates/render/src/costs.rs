@@ -2,7 +2,7 @@
 
 use crate::Pipeline;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::mem::size_of_val;
 use std::sync::Arc;
 use whitstone_core::{Accelerator, BsdfFlags, DVec3, Geometry, Light, LoweredShape, TextureBytes};
@@ -73,9 +73,7 @@ impl Pipeline {
             );
             let reported = self.textures.iter().map(|(_, texture)| texture.bytes());
             let reported: Option<Vec<TextureBytes>> = reported.collect();
-            let sum = |of: fn(&TextureBytes) -> u64| {
-                reported.as_ref().map(|reported| reported.iter().map(of).sum())
-            };
+            let sum = |of: fn(&TextureBytes) -> u64| reported.as_ref().map(|reported| total(reported, of));
             costs.push(cost("textures", sum(|bytes| bytes.texels), work));
             let levels: Option<u64> = sum(|bytes| bytes.levels);
             if self.scene.reads_footprints() {
@@ -130,6 +128,22 @@ impl Pipeline {
     }
 }
 
+/// The sum of a part of the memory of textures. Data that several of them share counts once.
+fn total(reported: &[TextureBytes], of: fn(&TextureBytes) -> u64) -> u64 {
+    let mut shared: BTreeMap<usize, u64> = BTreeMap::new();
+    let mut own = 0;
+    for bytes in reported {
+        match bytes.shared {
+            None => own += of(bytes),
+            Some(data) => {
+                let most = shared.entry(data).or_default();
+                *most = of(bytes).max(*most);
+            }
+        }
+    }
+    own + shared.into_values().sum::<u64>()
+}
+
 fn cost(part: &str, bytes: Option<u64>, work: String) -> Cost {
     Cost {
         part: part.to_owned(),
@@ -153,4 +167,27 @@ fn structure(part: &str, kind: &str, (geometry, accelerator): (&Geometry, &dyn A
     };
     let bytes = statistics.get("bytes").map_or(0, |bytes| *bytes as u64);
     cost(part, Some(bytes), work)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shared_data_of_textures_counts_once() {
+        let bytes = |texels, levels, shared| TextureBytes {
+            texels,
+            levels,
+            shared,
+        };
+        let reported = [
+            bytes(10, 0, Some(1)),
+            bytes(5, 1, None),
+            bytes(10, 4, Some(1)),
+            bytes(5, 1, None),
+            bytes(7, 0, Some(2)),
+        ];
+        assert_eq!(total(&reported, |bytes| bytes.texels), 27);
+        assert_eq!(total(&reported, |bytes| bytes.levels), 6);
+    }
 }

@@ -1,6 +1,7 @@
 //! The rendered image.
 
 use whitstone_core::Counters;
+use whitstone_image::planes::RGB;
 use whitstone_image::{Image, ImageError};
 
 /// A rendered image.
@@ -31,15 +32,84 @@ impl Film {
         self.rgb.iter().filter(unfit).count()
     }
 
-    /// Converts to an image with all layers and provenance attributes.
+    /// A copy as an image with all layers and provenance attributes.
     pub fn to_image(&self, scene_hash: &str) -> Result<Image, ImageError> {
         let mut image = Image::from_rgb(self.width as usize, self.height as usize, &self.rgb)?;
         for (name, values) in &self.layers {
             image.add_channel(name, values.clone())?;
         }
+        self.describe(image, scene_hash)
+    }
+
+    /// Converts to an image like [`Self::to_image`], in hardly more memory than the film itself.
+    pub fn into_image(mut self, scene_hash: &str) -> Result<Image, ImageError> {
+        let mut image = Image::new(self.width as usize, self.height as usize)?;
+        let planes = take_planes(&mut self.rgb);
+        for (name, plane) in RGB.into_iter().zip(planes) {
+            image.add_channel(name, plane)?;
+        }
+        for (name, values) in std::mem::take(&mut self.layers) {
+            image.add_channel(name, values)?;
+        }
+        self.describe(image, scene_hash)
+    }
+
+    fn describe(&self, mut image: Image, scene_hash: &str) -> Result<Image, ImageError> {
         image.set_attribute("scene_hash", scene_hash)?;
         image.set_attribute("samples", self.samples.to_string())?;
         image.set_attribute("version", env!("CARGO_PKG_VERSION"))?;
         Ok(image)
+    }
+}
+
+/// Number of pixels that are moved at a time.
+const MOVED: usize = 1 << 22;
+
+/// The channels of pixels. The pixels are freed in parts, from the last one on, as the memory of
+/// the channels comes into use.
+fn take_planes(pixels: &mut Vec<[f32; 3]>) -> [Vec<f32>; 3] {
+    let mut planes = [(); 3].map(|()| vec![0.0; pixels.len()]);
+    while !pixels.is_empty() {
+        let start = (pixels.len() - 1) / MOVED * MOVED;
+        for (channel, plane) in planes.iter_mut().enumerate() {
+            for (value, pixel) in plane[start..].iter_mut().zip(&pixels[start..]) {
+                *value = pixel[channel];
+            }
+        }
+        pixels.truncate(start);
+        pixels.shrink_to_fit();
+    }
+    planes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn planes_hold_every_pixel_once() {
+        for count in [1, 5, MOVED, MOVED + 3] {
+            let mut pixels: Vec<[f32; 3]> = (0..count).map(|i| [i as f32, -(i as f32), 0.5]).collect();
+            let expected = [0, 1, 2].map(|channel| pixels.iter().map(|pixel| pixel[channel]).collect());
+            let planes: [Vec<f32>; 3] = take_planes(&mut pixels);
+            assert_eq!(planes, expected);
+            assert_eq!(pixels.capacity(), 0);
+        }
+    }
+
+    #[test]
+    fn both_conversions_give_the_same_image() {
+        let film = Film {
+            width: 2,
+            height: 1,
+            rgb: vec![[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]],
+            layers: vec![("depth.Z".to_owned(), vec![7.0, 8.0])],
+            samples: 4,
+            counters: Counters::default(),
+            render_seconds: 0.0,
+        };
+        let copy = film.to_image("hash").unwrap();
+        assert_eq!(copy.rgb().unwrap()[1], [2.0, 5.0]);
+        assert_eq!(film.into_image("hash").unwrap(), copy);
     }
 }

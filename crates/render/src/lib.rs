@@ -4,6 +4,7 @@
 //! This crate depends on the plugin registry, not on the plugins.
 
 mod adaptive;
+mod box_tree;
 mod builder;
 mod cache;
 mod coincident;

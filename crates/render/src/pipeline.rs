@@ -4,7 +4,7 @@ use crate::builder::{BuildOptions, Builder, BuiltGroup};
 use crate::coincident::{self, Coincidence, Seen};
 use crate::unused::unused_parts;
 use crate::{limits, reach};
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashSet};
 use std::sync::Arc;
 use std::time::Instant;
 use whitstone_core::{
@@ -70,12 +70,10 @@ impl Pipeline {
     ) -> Result<(Self, T), SceneErrors> {
         let mut errors = SceneErrors::default();
         // The build also reports an unknown type that the plan has reported.
+        let mut known = HashSet::new();
         let mut add = |found: SceneErrors| {
-            for error in found.0 {
-                if !errors.0.contains(&error) {
-                    errors.0.push(error);
-                }
-            }
+            let new = found.0.into_iter().filter(|error| known.insert(error.clone()));
+            errors.0.extend(new);
         };
         let built = (|| {
             let description = Description::parse(sources);

@@ -31,13 +31,12 @@ pub(crate) fn plan<'d>(description: &'d Description<'_>, errors: &mut SceneError
         search.follow(place);
     }
     let mut planned = search.order;
-    let used: BTreeSet<&str> = planned.iter().map(|group| group.id).collect();
+    let mut by_id: Vec<&mut PlannedGroup<'_>> = planned.iter_mut().collect();
+    by_id.sort_unstable_by_key(|group| group.id);
     let mut next = description.shapes.len() as u32;
-    for id in used {
-        for group in planned.iter_mut().filter(|group| group.id == id) {
-            group.first_shape = next;
-        }
-        next += description.groups[id].shapes.len() as u32;
+    for group in by_id {
+        group.first_shape = next;
+        next += description.groups[group.id].shapes.len() as u32;
     }
     planned
 }

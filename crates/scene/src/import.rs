@@ -1,6 +1,6 @@
 //! `[[import]]`: scenes in other formats as parts of a scene.
 
-use crate::document::{self, type_name};
+use crate::document::type_name;
 use crate::transform;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -54,10 +54,8 @@ impl Selection {
     }
 }
 
-/// The `[[import]]`s of a text, and the errors in them. Syntax errors are reported with the
-/// includes.
-pub(crate) fn imports(padded: &str) -> (Vec<Import>, SceneErrors) {
-    let (mut table, _) = document::parse(padded);
+/// Removes the `[[import]]`s of a document and returns them, with the errors in them.
+pub(crate) fn imports(table: &mut DeTable<'_>) -> (Vec<Import>, SceneErrors) {
     let mut errors = SceneErrors::default();
     let mut found = Vec::new();
     let Some(value) = table.remove("import") else {

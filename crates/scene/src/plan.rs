@@ -78,7 +78,8 @@ impl<'d, 's> Plan<'d, 's> {
             }
         }
         let groups = groups::plan(description, &mut errors);
-        let unplaced = |id: &&String| !groups.iter().any(|group| group.id == id.as_str());
+        let placed: BTreeSet<&str> = groups.iter().map(|group| group.id).collect();
+        let unplaced = |id: &&String| !placed.contains(id.as_str());
         let omitted = description
             .groups
             .keys()

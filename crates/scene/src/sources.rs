@@ -4,6 +4,7 @@ use annotate_snippets::{AnnotationKind, Group, Level, Origin, Renderer, Snippet}
 use std::fs;
 use std::io::Read;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 use thiserror::Error;
 use whitstone_core::{ImportOptions, Note, Registry, SceneError, SceneErrors, SourceSpan};
 
@@ -49,6 +50,8 @@ struct Source {
     /// For an override, the same text with its path replaced by `v`: a document with one value.
     padded_value: String,
     kind: SourceKind,
+    /// Start of each line, found on first use.
+    line_starts: OnceLock<Vec<usize>>,
 }
 
 #[derive(Debug, PartialEq, Eq)]
@@ -198,13 +201,12 @@ impl Sources {
     /// File, line and column of the start of a span.
     pub fn position(&self, span: &SourceSpan) -> Option<Position> {
         let source = self.source_at(span.start)?;
-        let text = &source.padded[source.start..];
-        let before = text.get(..span.start - source.start)?;
-        let line_start = before.rfind('\n').map_or(0, |i| i + 1);
+        let (line, line_start) = source.line(span.start);
+        let before = source.padded.get(line_start..span.start)?;
         Some(Position {
             file: source.shown_name(),
-            line: before.matches('\n').count() + 1,
-            column: before[line_start..].chars().count() + 1,
+            line,
+            column: before.chars().count() + 1,
         })
     }
 
@@ -241,12 +243,15 @@ impl Sources {
                 if let Some(span) = &error.span
                     && let Some(source) = self.source_at(span.start)
                 {
-                    let text = &source.padded[source.start..];
-                    let end = (span.end - source.start).min(text.len());
-                    let start = (span.start - source.start).min(end);
+                    let end = span.end.min(source.padded.len());
+                    let start = span.start.min(end);
+                    // Only the lines of the span: the renderer looks at all that it is given.
+                    let (line, from) = source.line(start);
+                    let text = source.lines_to(from, end);
                     let snippet = Snippet::source(text)
+                        .line_start(line)
                         .path(source.shown_name())
-                        .annotation(AnnotationKind::Primary.span(start..end));
+                        .annotation(AnnotationKind::Primary.span(start - from..end - from));
                     group = group.element(snippet);
                 } else if let Some(source) = self.main() {
                     group = group.element(Origin::path(&source.name));
@@ -278,6 +283,24 @@ fn printable(text: &str) -> String {
 }
 
 impl Source {
+    /// The line of a position, numbered from 1, and its start.
+    fn line(&self, position: usize) -> (usize, usize) {
+        let starts = self.line_starts.get_or_init(|| {
+            let text = &self.padded[self.start..];
+            let later = text.match_indices('\n').map(|(at, _)| self.start + at + 1);
+            std::iter::once(self.start).chain(later).collect()
+        });
+        let line = starts.partition_point(|start| *start <= position).max(1);
+        (line, starts[line - 1])
+    }
+
+    /// The text from a position to the end of the line of another one.
+    fn lines_to(&self, from: usize, position: usize) -> &str {
+        let rest = self.padded.get(position..).unwrap_or_default();
+        let end = rest.find('\n').map_or(self.padded.len(), |at| position + at + 1);
+        self.padded.get(from..end).unwrap_or_default()
+    }
+
     /// The name for messages with a line number.
     fn shown_name(&self) -> String {
         match self.kind {
@@ -400,9 +423,15 @@ impl<'r> Loader<'r> {
 
     fn text(&mut self, text: &str, name: String, folder: PathBuf, kind: SourceKind) {
         let index = self.push(text, name, folder.clone(), kind);
-        let (includes, errors) = document::includes(&self.sources.files[index].padded);
+        if !document::may_refer(text) {
+            // Syntax errors are found when the scene is parsed.
+            return;
+        }
+        let (mut table, errors) = document::parse(&self.sources.files[index].padded);
         self.errors.0.extend(errors.0);
-        let (imports, errors) = import::imports(&self.sources.files[index].padded);
+        let (includes, errors) = document::includes(&table);
+        self.errors.0.extend(errors.0);
+        let (imports, errors) = import::imports(&mut table);
         self.errors.0.extend(errors.0);
         for found in imports {
             let relative = folder.join(&found.file);
@@ -447,6 +476,7 @@ impl<'r> Loader<'r> {
             padded: " ".repeat(start) + text,
             padded_value,
             kind,
+            line_starts: OnceLock::new(),
         });
         // One byte separates texts, so that the end of one is not the start of the next.
         self.sources.end = start + text.len() + 1;

@@ -22,6 +22,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::path::Path;
+use std::sync::Arc;
 use subdivision::{Subdivision, Surface};
 use toml::Spanned;
 use whitstone_core::config::{FilePath, Finite};
@@ -238,9 +239,59 @@ fn check_keys(config: &Config, kind: Kind) -> SceneErrors {
     errors
 }
 
-/// Reads a file: at least one triangle, all indices in range, all numbers finite.
+/// What was read for earlier shapes of the scene.
+enum Earlier {
+    /// Once, and not kept: most meshes are read once.
+    Once,
+    /// The mesh, and the memory that its reading needs.
+    Kept(Triangles, u64),
+}
+
+/// Reads a file like [`parse`]. If several shapes read the same from a file, it is parsed twice at
+/// most.
 fn read(path: &Path, config: &Config, context: &mut dyn Context) -> Result<Triangles, SceneErrors> {
+    let index = |key: &Option<Spanned<u32>>| key.as_ref().map(|index| *index.get_ref());
+    // All that decides what is read.
+    let key = format!(
+        "mesh {:?}, {:?}, {:?}, {:?}, {:?}, {:?}, {:?}, {}, {}, {:?}",
+        path.canonicalize().unwrap_or_else(|_| path.to_owned()),
+        config.part.as_ref().map(Spanned::get_ref),
+        index(&config.mesh),
+        index(&config.primitive),
+        index(&config.skin),
+        config.weights.as_ref().map(Spanned::get_ref),
+        config.uv_sets.as_ref().map(Spanned::get_ref),
+        config.vertex_colors,
+        config.tangents,
+        config.shading,
+    );
+    let earlier = context.shared(&key).and_then(|earlier| earlier.downcast().ok());
+    if let Some(Earlier::Kept(object, bytes)) = earlier.as_deref() {
+        // Keys without effect are errors wherever they are.
+        let kind = Kind::of(path).map(|kind| check_keys(config, kind));
+        if let Some(errors) = kind.filter(|errors| !errors.0.is_empty()) {
+            return Err(errors);
+        }
+        context.reserve(*bytes)?;
+        return Ok(object.clone());
+    }
+    let (object, bytes) = parse(path, config, context)?;
+    let now = match earlier.as_deref() {
+        None => Earlier::Once,
+        Some(_) => {
+            context.reserve(bytes)?;
+            Earlier::Kept(object.clone(), bytes)
+        }
+    };
+    context.share(key, Arc::new(now));
+    Ok(object)
+}
+
+/// Reads a file: at least one triangle, all indices in range, all numbers finite. Also returns the
+/// memory that it has reserved.
+fn parse(path: &Path, config: &Config, context: &mut dyn Context) -> Result<(Triangles, u64), SceneErrors> {
     let file = &config.file;
+    let mut reserved = 0;
     let told = |FileError { line, message }: FileError| {
         let text = match line {
             Some(line) => format!("{}, line {line}: {message}", file.path),
@@ -274,11 +325,16 @@ fn read(path: &Path, config: &Config, context: &mut dyn Context) -> Result<Trian
             skin: index(&config.skin),
             compute_tangents: None,
         };
-        gltf::read(path, &request, |bytes| context.reserve(bytes)).map_err(told)??
+        let reserve = |bytes| {
+            reserved = bytes;
+            context.reserve(bytes)
+        };
+        gltf::read(path, &request, reserve).map_err(told)??
     } else {
         // The memory for the file and the parsed mesh is estimated as three times the file size.
         let bytes = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
-        context.reserve(bytes.saturating_mul(3))?;
+        reserved = bytes.saturating_mul(3);
+        context.reserve(reserved)?;
         let bytes = std::fs::read(path)
             .map_err(|error| told(FileError::anywhere(format!("cannot be read: {error}"))))?;
         let part = config.part.as_ref().map(|part| part.get_ref().as_str());
@@ -306,7 +362,7 @@ fn read(path: &Path, config: &Config, context: &mut dyn Context) -> Result<Trian
     if config.tangents {
         tangents::add(&mut object);
     }
-    Ok(object)
+    Ok((object, reserved))
 }
 
 /// Triangulates a polygon as a fan around its first corner.
@@ -348,6 +404,29 @@ mod tests {
         let result = build_in::<Shapes, Mesh>(&text, Transform::IDENTITY, &mut context);
         std::fs::remove_dir_all(&folder).unwrap();
         (result, context)
+    }
+
+    #[test]
+    fn a_file_that_many_shapes_name_is_parsed_twice() {
+        let mut vertices = Vec::new();
+        let mut context = TestContext::default();
+        for number in 1..=4 {
+            // A mesh that is parsed again is another one.
+            let text = format!("v {number} 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\n");
+            context.folder = scratch("often.obj", text.as_bytes());
+            for more in ["", "part = \"\""] {
+                let text = format!("file = \"often.obj\"\n{more}");
+                let built = build_in::<Shapes, Mesh>(&text, Transform::IDENTITY, &mut context).unwrap();
+                let LoweredShape::Triangles(mesh) = built else {
+                    panic!("expected a mesh")
+                };
+                vertices.push(mesh.positions[0].x);
+            }
+        }
+        assert_eq!(vertices, [1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 2.0, 2.0]);
+        let error = "file = \"often.obj\"\nmesh = 0";
+        assert!(build_in::<Shapes, Mesh>(error, Transform::IDENTITY, &mut context).is_err());
+        std::fs::remove_dir_all(&context.folder).unwrap();
     }
 
     fn fails(name: &str, bytes: &[u8]) -> SceneError {

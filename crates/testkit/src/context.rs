@@ -1,5 +1,6 @@
 //! Building a plugin without a scene.
 
+use std::any::Any;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::rc::Rc;
@@ -21,6 +22,10 @@ type Operand = Rc<dyn Fn(&Transform) -> Result<LoweredShape, SceneErrors>>;
 pub struct TestContext {
     /// The folder that files are relative to; by default the working directory of the tests.
     pub folder: PathBuf,
+    /// Bytes of memory that plugins have reserved.
+    pub reserved: u64,
+    /// Data that plugins share.
+    shared: BTreeMap<String, Arc<dyn Any + Send + Sync>>,
     /// Groups by id.
     pub groups: BTreeMap<String, Arc<Group>>,
     /// Materials by id.
@@ -183,6 +188,19 @@ impl Resources for TestContext {
 }
 
 impl Storage for TestContext {
+    fn reserve(&mut self, bytes: u64) -> Result<(), SceneErrors> {
+        self.reserved += bytes;
+        Ok(())
+    }
+
+    fn shared(&self, key: &str) -> Option<Arc<dyn Any + Send + Sync>> {
+        self.shared.get(key).cloned()
+    }
+
+    fn share(&mut self, key: String, data: Arc<dyn Any + Send + Sync>) {
+        self.shared.insert(key, data);
+    }
+
     fn cached(&self, parts: &[&[u8]], length: usize) -> Option<Vec<u8>> {
         let found = self.kept.get(&owned(parts)).cloned();
         found.filter(|made| made.len() == length)

@@ -61,4 +61,5 @@ pub use materials::{
     dielectric_laws, energy_laws, furnace_laws, material_laws, reciprocity_laws, sided_material_laws,
 };
 pub use samplers::{random_sampler_laws, sampler_laws};
+pub use test_shapes::tiny_ball;
 pub use textures::texture_laws;

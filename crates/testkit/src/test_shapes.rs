@@ -81,3 +81,31 @@ pub(crate) fn grid(n: usize) -> LoweredShape {
     }
     LoweredShape::Triangles(mesh_of(corners))
 }
+
+/// A ball of 20,000 triangles around a point, of size 1, and in the same mesh a triangle of size
+/// `ratio` next to it. All are moved by `offset` along each axis.
+pub fn tiny_ball(ratio: f64, offset: f64) -> TriangleMesh {
+    const SIDE: usize = 100;
+    let at = |i: usize, j: usize| {
+        let theta = std::f64::consts::PI * (i as f64 + 0.01) / (SIDE as f64 + 0.02);
+        let phi = std::f64::consts::TAU * (j % SIDE) as f64 / SIDE as f64;
+        let (s, c) = theta.sin_cos();
+        0.5 * DVec3::new(s * phi.cos(), c, s * phi.sin())
+    };
+    let corners = (0..SIDE * SIDE).flat_map(|k| {
+        let (i, j) = (k / SIDE, k % SIDE);
+        let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+        [a, b, c, a, c, d]
+    });
+    let large = [
+        DVec3::new(0.3, -0.2, 0.9),
+        DVec3::new(-0.6, 0.1, 0.4),
+        DVec3::new(0.2, 0.5, 0.3),
+    ];
+    let mut positions: Vec<DVec3> = corners.collect();
+    positions.extend(large.map(|corner| DVec3::Z + ratio * corner));
+    for position in &mut positions {
+        *position += offset;
+    }
+    mesh_of(positions)
+}

@@ -10,7 +10,7 @@
 
 use crate::support::mapping::{Mapping, Projection};
 use crate::support::raster::{
-    ColorSpace, DEFAULT_MAX_ANISOTROPY, Filter, Lookup, MaxAnisotropy, Raster, Store,
+    ColorSpace, DEFAULT_MAX_ANISOTROPY, Data, Filter, Lookup, MaxAnisotropy, Raster, Store,
 };
 use crate::support::wrap::Wraps;
 use schemars::JsonSchema;
@@ -106,40 +106,14 @@ impl Plugin<Textures> for Image {
 
     fn build(config: Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Texture>, SceneErrors> {
         let path = context.file(&config.file)?;
-        let refuse = |why: String| {
-            let message = format!("\"{}\" cannot be used as a texture: {why}", config.file.path);
-            SceneErrors::from(SceneError::at(config.file.span.clone(), message))
-        };
         let alpha = config
             .channel
             .as_ref()
             .filter(|channel| *channel.get_ref() == Channel::Alpha);
-        let index = config.image.as_ref().map(|index| *index.get_ref() as usize);
-        let is_gltf = is_gltf(&path);
-        let texels = if is_gltf {
-            from_gltf(&path, index.unwrap_or(0), alpha.is_some()).map_err(refuse)?
-        } else if let Some(index) = &config.image {
+        if let Some(index) = config.image.as_ref().filter(|_| !is_gltf(&path)) {
             let message = "is only allowed if `file` is a .gltf or .glb file";
             return Err(SceneError::at(index.span(), message).into());
-        } else {
-            let texels = match alpha {
-                None => texels::read(&path, Limits::TEXTURE),
-                Some(_) => texels::read_alpha(&path, Limits::TEXTURE),
-            };
-            texels.map_err(|error| match (error.fault, alpha) {
-                (ReadFault::NoAlpha, Some(alpha)) => {
-                    let message = format!("\"{}\" has no alpha channel", config.file.path);
-                    SceneError::at(alpha.span(), message).into()
-                }
-                (fault, _) => refuse(fault.to_string()),
-            })?
-        };
-        let texels = match config.channel.as_ref().map(|channel| channel.get_ref()) {
-            Some(Channel::Red) => one_channel(texels, 0),
-            Some(Channel::Green) => one_channel(texels, 1),
-            Some(Channel::Blue) => one_channel(texels, 2),
-            Some(Channel::Color | Channel::Alpha) | None => texels,
-        };
+        }
         let color_space = match (&config.color_space, alpha) {
             (None, None) => ColorSpace::Auto,
             (Some(space), None) => *space.get_ref(),
@@ -149,26 +123,87 @@ impl Plugin<Textures> for Image {
                 return Err(SceneError::at(space.span(), message).into());
             }
         };
-        if let Some(at) = texels
-            .data
-            .iter()
-            .position(|texel| texel.iter().any(|value| *value < 0.0))
-        {
-            let (x, y) = (at % texels.width, at / texels.width);
-            let what = if alpha.is_some() { "alpha" } else { "a colour" };
-            return Err(refuse(format!("{what} is negative at column {x}, row {y}")));
-        }
-        let size = [texels.width, texels.height];
-        let store = Store::new(texels, color_space);
+        // A file is decoded once for all textures that read the same from it.
+        let key = format!(
+            "image {:?}, {:?}, {:?}, {color_space:?}",
+            path.canonicalize().unwrap_or_else(|_| path.clone()),
+            config.image.as_ref().map_or(0, |index| *index.get_ref()),
+            config
+                .channel
+                .as_ref()
+                .map_or(Channel::Color, |channel| *channel.get_ref()),
+        );
+        let shared = context.shared(&key).and_then(|picture| picture.downcast().ok());
+        let picture: Arc<Picture> = match shared {
+            Some(picture) => picture,
+            None => {
+                let texels = decode(&config, &path)?;
+                let size = [texels.width, texels.height];
+                let store = Store::new(texels, color_space);
+                context.reserve(store.bytes())?;
+                let picture = Arc::new(Picture {
+                    size,
+                    data: Data::new(store),
+                });
+                context.share(key, picture.clone());
+                picture
+            }
+        };
         let lookup = Lookup {
             filter: config.filter,
             wrap: config.wrap.0,
             scale: config.scale.get(),
             offset: config.offset.get(),
         };
-        let pattern = Raster::new(size, store, lookup, config.max_anisotropy, context)?;
+        let data = picture.data.clone();
+        let pattern = Raster::new(picture.size, data, lookup, config.max_anisotropy, context)?;
         config.mapping.put(Projection::Uv, pattern)
     }
+}
+
+/// A decoded image.
+struct Picture {
+    size: [usize; 2],
+    data: Arc<Data>,
+}
+
+/// Reads the channel of a file that a texture uses. Its values are not negative.
+fn decode(config: &Config, path: &Path) -> Result<Texels, SceneErrors> {
+    let refuse = |why: String| {
+        let message = format!("\"{}\" cannot be used as a texture: {why}", config.file.path);
+        SceneErrors::from(SceneError::at(config.file.span.clone(), message))
+    };
+    let channel = config.channel.as_ref();
+    let alpha = channel.filter(|channel| *channel.get_ref() == Channel::Alpha);
+    let texels = if is_gltf(path) {
+        let index = config.image.as_ref().map_or(0, |index| *index.get_ref() as usize);
+        from_gltf(path, index, alpha.is_some()).map_err(refuse)?
+    } else {
+        let texels = match alpha {
+            None => texels::read(path, Limits::TEXTURE),
+            Some(_) => texels::read_alpha(path, Limits::TEXTURE),
+        };
+        texels.map_err(|error| match (error.fault, alpha) {
+            (ReadFault::NoAlpha, Some(alpha)) => {
+                let message = format!("\"{}\" has no alpha channel", config.file.path);
+                SceneError::at(alpha.span(), message).into()
+            }
+            (fault, _) => refuse(fault.to_string()),
+        })?
+    };
+    let texels = match channel.map(|channel| channel.get_ref()) {
+        Some(Channel::Red) => one_channel(texels, 0),
+        Some(Channel::Green) => one_channel(texels, 1),
+        Some(Channel::Blue) => one_channel(texels, 2),
+        Some(Channel::Color | Channel::Alpha) | None => texels,
+    };
+    let is_negative = |texel: &[f32; 3]| texel.iter().any(|value| *value < 0.0);
+    if let Some(at) = texels.data.iter().position(is_negative) {
+        let (x, y) = (at % texels.width, at / texels.width);
+        let what = if alpha.is_some() { "alpha" } else { "a colour" };
+        return Err(refuse(format!("{what} is negative at column {x}, row {y}")));
+    }
+    Ok(texels)
 }
 
 fn is_gltf(path: &Path) -> bool {
@@ -243,6 +278,51 @@ mod tests {
                 texture_laws(&*picture(&format!("filter = \"{filter}\"\nwrap = \"{wrap}\"")));
             }
         }
+    }
+
+    #[test]
+    fn a_file_is_decoded_once_for_all_textures_that_read_the_same_from_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a.png");
+        let write = |code: u8| {
+            png::Raster::from_fn(4, 2, |_, _| [code; 3])
+                .write_png(&file)
+                .unwrap()
+        };
+        let mut context = TestContext::in_folder(folder.path());
+        let mut build = |text: &str| {
+            let text = format!("file = \"{text}");
+            build_in::<Textures, Image>(&text, (), &mut context).unwrap()
+        };
+        let linear = "color_space = \"linear\"";
+        write(10);
+        let first = build(&format!("a.png\"\n{linear}"));
+        // Whoever decodes the file again sees another picture.
+        write(20);
+        let same = [
+            format!("a.png\"\n{linear}\nwrap = \"clamp\"\nscale = 2"),
+            format!("./a.png\"\n{linear}\nfilter = \"ewa\""),
+            format!("a.png\"\n{linear}\nfilter = \"trilinear\"\nchannel = \"color\""),
+        ];
+        let same = same.map(|text| build(&text));
+        let others = [
+            "\ncolor_space = \"srgb\"",
+            "\nchannel = \"red\"\ncolor_space = \"linear\"",
+        ];
+        let others = others.map(|text| build(&format!("a.png\"{text}")));
+        let shared = |texture: &dyn Texture| texture.bytes().unwrap().shared;
+        for texture in &same {
+            assert!((code(&**texture, 0.5, 0.5) - 10.0).abs() < 1e-12);
+            assert_eq!(shared(&**texture), shared(&*first));
+        }
+        for texture in &others {
+            assert_ne!(shared(&**texture), shared(&*first));
+        }
+        assert!((code(&*others[1], 0.5, 0.5) - 20.0).abs() < 1e-12);
+        // Three pictures, of which one has a mip map.
+        let bytes = |texture: &dyn Texture| texture.bytes().unwrap();
+        let texels = bytes(&*first).texels;
+        assert_eq!(context.reserved, 3 * texels + bytes(&*same[1]).levels);
     }
 
     #[test]

@@ -296,7 +296,7 @@ impl TextureFunction for Solid {
     fn bytes(&self) -> TextureBytes {
         TextureBytes {
             texels: self.store.bytes(),
-            levels: 0,
+            ..TextureBytes::default()
         }
     }
 }

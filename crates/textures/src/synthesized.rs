@@ -17,7 +17,9 @@ mod optimization;
 mod quilt;
 
 use crate::support::mapping::{Mapping, Projection};
-use crate::support::raster::{ColorSpace, DEFAULT_MAX_ANISOTROPY, Filter, Lookup, MaxAnisotropy, Raster};
+use crate::support::raster::{
+    ColorSpace, DEFAULT_MAX_ANISOTROPY, Data, Filter, Lookup, MaxAnisotropy, Raster,
+};
 use crate::support::wrap::Wraps;
 use codes::Codes;
 use optimization::Optimization;
@@ -242,7 +244,8 @@ impl Plugin<Textures> for Synthesized {
             scale: config.scale.get(),
             offset: config.offset.get(),
         };
-        let pattern = Raster::new(quilt.size, store, lookup, config.max_anisotropy, context)?;
+        let data = Data::new(store);
+        let pattern = Raster::new(quilt.size, data, lookup, config.max_anisotropy, context)?;
         config.mapping.put(Projection::Uv, pattern)
     }
 }

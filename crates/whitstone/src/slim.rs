@@ -96,26 +96,44 @@ fn render(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
         threads: arguments.threads,
         progress: None,
     });
-    let image = film.to_image(&pipeline.scene_hash).map_err(Failure::usage)?;
+    let summary = Summary::new(&arguments.output, &pipeline, &film);
+    let image = film.into_image(&pipeline.scene_hash).map_err(Failure::usage)?;
     exr_io::write(&arguments.output, &image).map_err(Failure::environment)?;
-    print_summary(&arguments.output, &pipeline, &film);
+    summary.print();
     Ok(Exit::Pass)
 }
 
-/// Prints one line with the image and the speed, and a warning if pixels are not finite.
-pub(crate) fn print_summary(output: &Path, pipeline: &Pipeline, film: &Film) {
-    println!("{}", summary(output, pipeline, film));
-    let (unfit, all) = (film.not_finite(), film.rgb.len());
-    if unfit > 0 {
-        eprintln!(
-            "warning: {unfit} of {all} pixels are not finite: their radiance is NaN, or exceeds {:.1e}, the largest \
-             32-bit float",
-            f32::MAX
-        );
+/// What is printed about a rendered image.
+pub(crate) struct Summary {
+    /// The image and the speed.
+    line: String,
+    /// The number of pixels that are not finite, and of all.
+    not_finite: (usize, usize),
+}
+
+impl Summary {
+    pub(crate) fn new(output: &Path, pipeline: &Pipeline, film: &Film) -> Self {
+        Self {
+            line: line(output, pipeline, film),
+            not_finite: (film.not_finite(), film.rgb.len()),
+        }
+    }
+
+    /// Prints one line with the image and the speed, and a warning if pixels are not finite.
+    pub(crate) fn print(&self) {
+        println!("{}", self.line);
+        let (unfit, all) = self.not_finite;
+        if unfit > 0 {
+            eprintln!(
+                "warning: {unfit} of {all} pixels are not finite: their radiance is NaN, or exceeds {:.1e}, the \
+                 largest 32-bit float",
+                f32::MAX
+            );
+        }
     }
 }
 
-fn summary(output: &Path, pipeline: &Pipeline, film: &Film) -> String {
+fn line(output: &Path, pipeline: &Pipeline, film: &Film) -> String {
     let rays = film.counters.total();
     format!(
         "{}: {} x {}, {} samples per pixel, {rays} rays in {:.3} s ({:.2} Mrays/s), built in {:.3} s",

@@ -1,5 +1,6 @@
 //! Chooses the accelerator of a scene that leaves the choice.
 
+use crate::support::elements::{MAX_ELEMENTS, check_count};
 use whitstone_core::{Element, FamilyName, Geometry, LoweredShape, Registry};
 
 /// Maximum cost, in tests of whole shapes, for which testing every element is faster than any
@@ -23,16 +24,21 @@ pub(crate) fn choose(geometry: &Geometry, registry: &Registry) -> (String, Strin
     let elements = geometry.elements().take(BRUTE_FORCE_LIMIT + 1);
     let cost: usize = elements.map(cost).sum();
     let few = cost <= BRUTE_FORCE_LIMIT;
+    let available = |name: &str| registry.get(FamilyName::Accelerator, name).is_ok();
+    // Where there are too many elements to number, the accelerator reports it.
+    let ask = !few && available("bvh2") && check_count(geometry, MAX_ELEMENTS).is_ok();
+    let obstacle = if ask { obstacle(geometry) } else { None };
     let (wanted, why) = if few {
         (
             "brute_force",
             "few elements: testing each one is fastest".to_owned(),
         )
+    } else if let Some(why) = obstacle {
+        ("bvh2", why)
     } else {
         ("bvh", "too many elements to test each one".to_owned())
     };
     let other = if few { "bvh" } else { "brute_force" };
-    let available = |name: &str| registry.get(FamilyName::Accelerator, name).is_ok();
     if !available(wanted) && available(other) {
         (
             other.to_owned(),
@@ -41,4 +47,11 @@ pub(crate) fn choose(geometry: &Geometry, registry: &Registry) -> (String, Strin
     } else {
         (wanted.to_owned(), why)
     }
+}
+
+#[cfg(feature = "bvh")]
+use crate::support::precision::obstacle;
+#[cfg(not(feature = "bvh"))]
+fn obstacle(_: &Geometry) -> Option<String> {
+    None
 }

@@ -40,6 +40,20 @@ fn width() -> f64 {
 #[cfg(test)]
 use tests::width;
 
+/// The padding of the box of an element, for a structure whose rays are padded relative to each box
+/// by [`PAD`] times the largest distance, along an axis, from the origin to a plane of the box.
+///
+/// The error of the triangle test is relative to just these distances: its first step subtracts the
+/// origin from the corners. Other shapes may transform the ray, so their errors are relative to the
+/// coordinates: |o| + |b|, of the origin and of the box. As |o| <= |b - o| + |b|, it takes twice
+/// the largest coordinate of the box besides.
+pub(crate) fn relative_pad(item: &Item) -> f64 {
+    match item.element {
+        Element::Triangle { .. } => 0.0,
+        Element::Custom { .. } => 2.0 * width() * item.aabb.min.abs().max(item.aabb.max.abs()).max_element(),
+    }
+}
+
 /// Allowance for a structure's own rounding when it clips elements, relative to the largest
 /// coordinate: many roundings, yet far below the padding of rays.
 pub(crate) const MARGIN: f64 = 1.0 / (1u64 << 46) as f64;
@@ -228,6 +242,8 @@ pub(crate) struct WideRay {
     pub(crate) ray: Ray,
     /// Padding along each axis: how far from the line a hit may seem to lie.
     pub(crate) pad: f64,
+    /// The padding relative to the largest coordinate.
+    pub(crate) width: f64,
     /// Origin for entry tests: moved forward by the padding, so that the ray enters early.
     pub(crate) near_origin: DVec3,
     /// Origin for exit tests: moved back by the padding, so that the ray exits late.
@@ -240,7 +256,8 @@ pub(crate) struct WideRay {
 
 impl WideRay {
     #[inline]
-    fn new(ray: &Ray, pad: f64) -> Self {
+    fn new(ray: &Ray, width: f64, reach: f64) -> Self {
+        let pad = width * (ray.origin.abs().max_element() + reach);
         let near_side = ray
             .direction
             .to_array()
@@ -249,6 +266,7 @@ impl WideRay {
         Self {
             ray: *ray,
             pad,
+            width,
             near_origin: ray.origin + forward,
             far_origin: ray.origin - forward,
             reciprocal: ray.direction.recip(),
@@ -448,7 +466,7 @@ impl<S: Structure> Searched<S> {
         if !(ray.origin.is_finite() && ray.direction.is_finite()) {
             return Some(limit);
         }
-        let wide = WideRay::new(ray, self.width * (ray.origin.abs().max_element() + self.reach));
+        let wide = WideRay::new(ray, self.width, self.reach);
         self.structure.visit(&wide, interval.min, limit, visitor)
     }
 

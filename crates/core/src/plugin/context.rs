@@ -2,6 +2,7 @@
 
 use crate::config::{FilePath, GroupRef, MaterialRef, SolidRef, TextureRef};
 use crate::{ColorSource, Group, Material, SceneError, SceneErrors, Shape, Texture, Transform, TriangleMesh};
+use std::any::Any;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -58,6 +59,19 @@ pub trait Storage {
     fn reserve(&mut self, bytes: u64) -> Result<(), SceneErrors> {
         let _ = bytes;
         Ok(())
+    }
+
+    /// Data that an earlier plugin of the same scene shared under this key with [`Self::share`], such
+    /// as the texels of a file. The key names the type of the data, and everything that the data
+    /// depends on.
+    fn shared(&self, key: &str) -> Option<Arc<dyn Any + Send + Sync>> {
+        let _ = key;
+        None
+    }
+
+    /// Shares data with the plugins that are built later. It is kept until the scene is built.
+    fn share(&mut self, key: String, data: Arc<dyn Any + Send + Sync>) {
+        let _ = (key, data);
     }
 
     /// Looks up a cached result of `length` bytes; `None` if there is none. The parts of the key

@@ -7,7 +7,7 @@ use thiserror::Error;
 pub type SourceSpan = Range<usize>;
 
 /// An error in a scene, with its position.
-#[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[derive(Clone, Debug, Error, PartialEq, Eq, Hash)]
 #[error("{message}")]
 pub struct SceneError {
     /// The offending value; `None` only if there is no position (an empty document).

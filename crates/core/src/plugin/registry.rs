@@ -174,7 +174,8 @@ impl Entry {
 /// ones included, has a `register` function.
 #[derive(Default)]
 pub struct Registry {
-    entries: BTreeMap<(FamilyName, &'static str), Entry>,
+    /// By family and type.
+    entries: BTreeMap<FamilyName, BTreeMap<&'static str, Entry>>,
     /// Plugins missing from a slim binary: family, type and crate.
     absent: &'static [(FamilyName, &'static str, &'static str)],
     twins: Vec<Twin>,
@@ -209,7 +210,7 @@ impl Registry {
             schema: || SchemaGenerator::default().into_root_schema_for::<P::Config>(),
             build: Box::new(build_plugin::<F, P> as BuildFn<F>),
         };
-        match self.entries.insert((F::NAME, P::TYPE), entry) {
+        match self.entries.entry(F::NAME).or_default().insert(P::TYPE, entry) {
             None => Ok(()),
             Some(first) => Err(DuplicateType {
                 family: F::NAME.singular(),
@@ -295,13 +296,13 @@ impl Registry {
 
     /// All plugins, sorted by family and name.
     pub fn entries(&self) -> impl Iterator<Item = &Entry> {
-        self.entries.values()
+        self.entries.values().flat_map(BTreeMap::values)
     }
 
     /// The plugin of a type. The error lists the available types and the nearest name; it has no
     /// position.
     pub fn get(&self, family: FamilyName, name: &str) -> Result<&Entry, SceneError> {
-        if let Some((_, entry)) = self.entries.iter().find(|((f, n), _)| *f == family && *n == name) {
+        if let Some(entry) = self.entries.get(&family).and_then(|entries| entries.get(name)) {
             return Ok(entry);
         }
         let known: Vec<&str> = self

@@ -40,6 +40,8 @@ pub struct TextureBytes {
     pub texels: u64,
     /// Coarser levels, for filtering.
     pub levels: u64,
+    /// If several textures may share the data: a number that is the same for those that do.
+    pub shared: Option<usize>,
 }
 
 /// A colour parameter of a plugin: constant or textured. A constant needs no virtual call.

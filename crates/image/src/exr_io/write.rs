@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader, BufWriter, Cursor, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
-use exr::block::UncompressedBlock;
+use exr::block::chunk::{Chunk, CompressedBlock, CompressedScanLineBlock};
 use exr::block::writer::ChunksWriter as _;
 use exr::meta::attribute::{
     AttributeValue, ChannelDescription, Chromaticities, IntegerBounds, LineOrder, SampleType, Text,
@@ -12,6 +12,7 @@ use exr::meta::attribute::{
 use exr::meta::header::{Header, ImageAttributes, LayerAttributes};
 use exr::meta::{BlockDescription, Headers};
 use exr::prelude::{Compression, Vec2};
+use rayon::prelude::*;
 
 use super::ATTRIBUTE_PREFIX;
 use crate::atomic::{self, WriteError};
@@ -41,35 +42,77 @@ pub fn encode(image: &Image) -> io::Result<Vec<u8>> {
 /// Writes to an empty target that is positioned at its start.
 fn encode_into<W: Read + Write + Seek>(image: &Image, out: &mut W) -> io::Result<()> {
     let header = header(image)?;
-    let planes: Vec<&[f32]> = image.channels().map(|(_, samples)| samples).collect();
-    let width = image.width();
-
     let mut buffered = BufWriter::new(&mut *out);
     exr::block::write(
         &mut buffered,
         Headers::from_vec(vec![header]),
         true,
-        |meta, writer| {
-            let channels = &meta.headers[0].channels;
-            let blocks = meta.collect_ordered_block_data(|block| {
-                UncompressedBlock::collect_block_data_from_lines(channels, block, |line| {
-                    let start = line.location.position.y() * width + line.location.position.x();
-                    let samples = &planes[line.location.channel][start..start + line.location.sample_count];
-                    for (bytes, sample) in line.value.chunks_exact_mut(4).zip(samples) {
-                        bytes.copy_from_slice(&sample.to_ne_bytes());
-                    }
-                })
-            });
-            // The wrapper exists only because compression consumes its writer.
-            writer
-                .on_progress(|_| ())
-                .compress_all_blocks_parallel(&meta, blocks)
+        |_, writer| {
+            let blocks = image.height().div_ceil(BLOCK);
+            // A batch at a time, so that few compressed blocks are in memory.
+            let batch = 4 * rayon::current_num_threads();
+            for start in (0..blocks).step_by(batch) {
+                let numbers = (start..blocks.min(start + batch)).into_par_iter();
+                let compressed: Vec<Vec<u8>> = numbers.map(|block| compressed(image, block)).collect();
+                for (block, compressed_pixels_le) in (start..).zip(compressed) {
+                    // The sizes and offsets are far below 2^31.
+                    let y_coordinate = image.placement().y + (block * BLOCK) as i32;
+                    let chunk = Chunk {
+                        layer_index: 0,
+                        compressed_block: CompressedBlock::ScanLine(CompressedScanLineBlock {
+                            y_coordinate,
+                            compressed_pixels_le,
+                        }),
+                    };
+                    writer.write_chunk(block, chunk)?;
+                }
+            }
+            Ok(())
         },
     )
     .map_err(to_io)?;
     buffered.flush()?;
     drop(buffered);
     sort_attributes(out)
+}
+
+/// Number of lines in a block of ZIP compression.
+const BLOCK: usize = 16;
+
+/// Level of deflate. Compared with level 4, which the `exr` crate uses, it takes a quarter of the
+/// time, and files are 6% larger.
+const LEVEL: u8 = 1;
+
+/// A block of lines as it is in the file: compressed, unless that makes it larger.
+///
+/// ZIP compression of OpenEXR: the samples, line by line and channel by channel in little-endian
+/// order; of these, the bytes at even places, then those at odd places; of these, the differences
+/// of neighbours plus 128, in a zlib stream.
+fn compressed(image: &Image, block: usize) -> Vec<u8> {
+    let width = image.width();
+    let lines = block * BLOCK..image.height().min((block + 1) * BLOCK);
+    let mut samples = Vec::with_capacity(4 * width * lines.len() * image.channels().len());
+    for line in lines {
+        for (_, plane) in image.channels() {
+            let line = &plane[line * width..(line + 1) * width];
+            samples.extend(line.iter().flat_map(|sample| sample.to_le_bytes()));
+        }
+    }
+    // The number of bytes is even.
+    let pairs = samples.as_chunks::<2>().0;
+    let mut bytes: Vec<u8> = pairs.iter().map(|[even, _]| *even).collect();
+    bytes.extend(pairs.iter().map(|[_, odd]| *odd));
+    let mut before = bytes[0];
+    for byte in &mut bytes[1..] {
+        let difference = byte.wrapping_sub(before).wrapping_add(128);
+        before = std::mem::replace(byte, difference);
+    }
+    let compressed = miniz_oxide::deflate::compress_to_vec_zlib(&bytes, LEVEL);
+    if compressed.len() < samples.len() {
+        compressed
+    } else {
+        samples
+    }
 }
 
 fn header(image: &Image) -> io::Result<Header> {

@@ -1,7 +1,9 @@
 //! Collects the parts of surfaces that lie near other shapes.
 
-use std::cell::OnceCell;
+use crate::box_tree::BoxTree;
+use std::cell::{Cell, OnceCell};
 use std::collections::BTreeMap;
+use std::ops::ControlFlow;
 use whitstone_core::{Aabb, DVec3, Element, Geometry, LoweredShape, SurfacePart, Transform, TriangleMesh};
 
 /// Maximum number of parts near other shapes that are compared.
@@ -16,8 +18,8 @@ const NEAR: f64 = 64.0 * f64::EPSILON;
 /// Up to this many neighbours of a shape are stored separately.
 const FEW: usize = 16;
 
-/// Maximum number of pairs of shapes whose bounds are compared.
-const MAX_COMPARED: usize = 1_000_000_000;
+/// Maximum number of comparisons of the bounds of shapes.
+const MAX_COMPARED: usize = 300_000_000;
 
 /// A part of the surface of a shape.
 pub(super) struct Part<'a> {
@@ -107,6 +109,11 @@ impl Others {
         } else {
             self.planes.extend_from_slice(&body.planes);
         }
+    }
+
+    /// Whether they are near every part of this box, whatever else is near it.
+    fn covers(&self, aabb: &Aabb) -> bool {
+        self.one_box && self.boxes[0].min.cmple(aabb.min).all() && self.boxes[0].max.cmpge(aabb.max).all()
     }
 
     fn near(&self, aabb: &Aabb) -> bool {
@@ -215,34 +222,62 @@ fn neighbours(bodies: &mut [Body]) -> Result<Vec<Others>, String> {
             .then(a.number.cmp(&b.number))
     });
     let mut others: Vec<Others> = bodies.iter().map(|_| Others::default()).collect();
-    let mut open: Vec<usize> = Vec::new();
-    let mut compared = 0;
-    for (k, body) in bodies.iter().enumerate() {
-        let near = NEAR * reach(&body.aabb).min(f64::MAX);
-        open.retain(|other| {
-            let other = &bodies[*other].aabb;
-            other.max.x + near + NEAR * reach(other).min(f64::MAX) >= body.aabb.min.x
-        });
-        compared += open.len();
-        if compared > MAX_COMPARED {
-            return Err(format!(
-                "more than {MAX_COMPARED} pairs of shapes overlap along the x axis"
-            ));
+    let (boxed, endless): (Vec<usize>, Vec<usize>) =
+        (0..bodies.len()).partition(|body| bodies[*body].planes.is_empty());
+    let boxes: Vec<Aabb> = boxed.iter().map(|body| bodies[*body].aabb).collect();
+    let tree = BoxTree::new(&boxes);
+    let compared = Cell::new(0);
+    let count = |more: usize| compared.set(compared.get() + more);
+    let exhausted = || compared.get() > MAX_COMPARED;
+    for ((start, &body), aabb) in boxed.iter().enumerate().zip(&boxes) {
+        let near = NEAR * reach(aabb).min(f64::MAX);
+        // Many boxes overlap where shapes are crowded. Those around a shape soon cover it, so that
+        // the others make no difference.
+        let _ = tree.visit_from(
+            start,
+            |other| {
+                count(1);
+                (aabb.min.max(other.min) - near)
+                    .cmple(aabb.max.min(other.max))
+                    .all()
+            },
+            |other| {
+                if other != start && overlap(aabb, &boxes[other]) {
+                    others[body].add(&bodies[boxed[other]]);
+                }
+                if exhausted() || others[body].covers(aabb) {
+                    ControlFlow::Break(())
+                } else {
+                    ControlFlow::Continue(())
+                }
+            },
+        );
+        if exhausted() {
+            break;
         }
-        for other in open.iter().copied() {
-            let (one, two) = (body, &bodies[other]);
-            let meet = match (one.planes.is_empty(), two.planes.is_empty()) {
-                (true, true) => overlap(&one.aabb, &two.aabb),
-                (false, true) => one.planes.iter().any(|plane| crosses(*plane, &two.aabb)),
-                (true, false) => two.planes.iter().any(|plane| crosses(*plane, &one.aabb)),
-                (false, false) => true,
-            };
-            if meet {
-                others[k].add(two);
-                others[other].add(one);
+    }
+    for &body in &endless {
+        for &other in &endless {
+            if other != body && !others[body].everywhere {
+                others[body].add(&bodies[other]);
             }
         }
-        open.push(k);
+        for (&other, aabb) in boxed.iter().zip(&boxes) {
+            // Others cannot become nearer than everywhere.
+            if exhausted() || (others[body].everywhere && others[other].everywhere) {
+                continue;
+            }
+            count(bodies[body].planes.len());
+            if bodies[body].planes.iter().any(|plane| crosses(*plane, aabb)) {
+                others[body].add(&bodies[other]);
+                others[other].add(&bodies[body]);
+            }
+        }
+    }
+    if exhausted() {
+        return Err(format!(
+            "more than {MAX_COMPARED} pairs of shapes lie near each other"
+        ));
     }
     Ok(others)
 }
@@ -347,5 +382,51 @@ impl<'a> Collected<'a> {
         }
         self.parts.push(part);
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn searched(boxes: impl Iterator<Item = (DVec3, f64)>) -> Result<Vec<Others>, String> {
+        let body = |(number, (center, half)): (usize, (DVec3, f64))| Body {
+            number,
+            aabb: Aabb::around([center - half, center + half]),
+            planes: Vec::new(),
+        };
+        let mut bodies: Vec<Body> = boxes.enumerate().map(body).collect();
+        neighbours(&mut bodies)
+    }
+
+    /// Each has 1.25 billion pairs of shapes that overlap along the x axis.
+    #[test]
+    fn rows_and_crowds_of_shapes_are_searched_without_comparing_all_pairs() {
+        let n = 50_000;
+        let row = searched((0..n).map(|i| (f64::from(i) * DVec3::Y, 0.5))).unwrap();
+        // Neighbours touch.
+        assert!(row[1..row.len() - 1].iter().all(|others| others.boxes.len() == 2));
+        let part = |i: i32, of: i32| f64::from(i % of) / f64::from(of);
+        let crowd = (0..n).map(|i| (DVec3::new(part(i, 499), part(i, 1009), part(i, 2003)), 3.0));
+        assert!(searched(crowd).unwrap().iter().all(|others| others.one_box));
+    }
+
+    #[test]
+    fn planes_are_near_the_boxes_that_they_cross_and_one_another() {
+        let plane = |y: f64| (y * DVec3::Y, DVec3::Y);
+        let body = |number: usize, aabb: Aabb, planes: Vec<(DVec3, DVec3)>| Body { number, aabb, planes };
+        let cube = |y: f64| Aabb::around([DVec3::new(0.0, y, 0.0), DVec3::new(1.0, y + 1.0, 1.0)]);
+        let mut bodies = vec![
+            body(0, cube(0.0), vec![]),
+            body(1, cube(5.0), vec![]),
+            body(2, Aabb::EVERYTHING, vec![plane(0.5)]),
+            body(3, Aabb::EVERYTHING, vec![plane(-7.0)]),
+        ];
+        let found = neighbours(&mut bodies).unwrap();
+        let of = |number: usize| {
+            let at = bodies.iter().position(|body| body.number == number).unwrap();
+            (found[at].boxes.len(), found[at].planes.len())
+        };
+        assert_eq!([0, 1, 2, 3].map(of), [(0, 1), (0, 0), (1, 1), (0, 1)]);
     }
 }

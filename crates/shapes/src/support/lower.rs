@@ -3,7 +3,7 @@
 use whitstone_core::{DVec2, DVec3, MeshAttributes, Transform, TriangleMesh};
 
 /// Triangles in object space. There are as many of each vertex attribute as positions, or none.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Triangles {
     pub(crate) positions: Vec<DVec3>,
     pub(crate) normals: Vec<DVec3>,

@@ -9,6 +9,7 @@ use crate::support::pyramid::{Ellipse, Grid, Pyramid, elliptical};
 use crate::support::wrap::Wrap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use std::sync::{Arc, OnceLock};
 use toml::Spanned;
 use whitstone_core::config::IntegerIn;
 use whitstone_core::{Context, DVec2, DVec3, Rgb, SceneError, SceneErrors, TextureBytes, Vec4};
@@ -52,7 +53,7 @@ pub(crate) enum ColorSpace {
 pub(crate) struct Raster {
     pub(crate) width: usize,
     pub(crate) height: usize,
-    pub(crate) store: Store,
+    pub(crate) data: Arc<Data>,
     pub(crate) lookup: Lookup,
     /// Additional data of the filter.
     coarse: Coarse,
@@ -67,16 +68,46 @@ pub(crate) struct Lookup {
     pub(crate) offset: DVec2,
 }
 
+/// Texels and their mip map, which several textures may share.
+pub(crate) struct Data {
+    pub(crate) store: Store,
+    /// Built for the first texture that needs it.
+    pyramid: OnceLock<Arc<Pyramid>>,
+}
+
+impl Data {
+    pub(crate) fn new(store: Store) -> Arc<Self> {
+        Arc::new(Self {
+            store,
+            pyramid: OnceLock::new(),
+        })
+    }
+
+    /// The mip map, given the size of the image.
+    fn pyramid(
+        &self,
+        [width, height]: [usize; 2],
+        context: &mut dyn Context,
+    ) -> Result<Arc<Pyramid>, SceneErrors> {
+        if self.pyramid.get().is_none() {
+            context.reserve(Pyramid::bytes(width, height))?;
+        }
+        let texel = |at| self.store.texel(at).to_array().map(single);
+        let new = || Arc::new(Pyramid::new(width, height, texel));
+        Ok(self.pyramid.get_or_init(new).clone())
+    }
+}
+
 /// Additional data of the filters that use footprints.
 enum Coarse {
     /// No additional data.
     None,
-    Trilinear(Pyramid),
+    Trilinear(Arc<Pyramid>),
     Ewa(Ewa),
 }
 
 struct Ewa {
-    pyramid: Pyramid,
+    pyramid: Arc<Pyramid>,
     max_anisotropy: f64,
     /// Linear values of 8-bit codes.
     linear: Option<Box<[f32; 256]>>,
@@ -128,7 +159,7 @@ impl Store {
         Self::Eight(codes, table(255, encoded))
     }
 
-    fn bytes(&self) -> u64 {
+    pub(crate) fn bytes(&self) -> u64 {
         let bytes = match self {
             Self::Eight(codes, linear) => size_of_val(&**codes) + size_of_val(&**linear),
             Self::Sixteen(codes, linear) => size_of_val(&**codes) + size_of_val(&**linear),
@@ -164,7 +195,7 @@ impl Raster {
     /// If there is not enough memory, or if a key has no effect.
     pub(crate) fn new(
         [width, height]: [usize; 2],
-        store: Store,
+        data: Arc<Data>,
         lookup: Lookup,
         max_anisotropy: MaxAnisotropy,
         context: &mut dyn Context,
@@ -174,11 +205,7 @@ impl Raster {
         {
             return Err(SceneError::at(value.span(), "only the filter \"ewa\" has this key").into());
         }
-        let mut pyramid = || {
-            context.reserve(Pyramid::bytes(width, height))?;
-            let texel = |at| store.texel(at).to_array().map(single);
-            Ok::<_, SceneErrors>(Pyramid::new(width, height, texel))
-        };
+        let mut pyramid = || data.pyramid([width, height], context);
         let coarse = match lookup.filter {
             Filter::Bilinear | Filter::Nearest => Coarse::None,
             Filter::Trilinear => Coarse::Trilinear(pyramid()?),
@@ -187,7 +214,7 @@ impl Raster {
                 max_anisotropy: f64::from(
                     max_anisotropy.map_or(DEFAULT_MAX_ANISOTROPY, |n| n.get_ref().get()),
                 ),
-                linear: match &store {
+                linear: match &data.store {
                     Store::Eight(_, linear) => {
                         Some(Box::new(std::array::from_fn(|code| single(linear[code]))))
                     }
@@ -198,7 +225,7 @@ impl Raster {
         Ok(Self {
             width,
             height,
-            store,
+            data,
             lookup,
             coarse,
         })
@@ -213,7 +240,7 @@ impl Raster {
 
     /// Bilinear interpolation in the image.
     fn bilinear(&self, place: DVec2) -> Rgb {
-        let texel = |at| self.store.texel(at);
+        let texel = |at| self.data.store.texel(at);
         bilinear([self.width, self.height], self.lookup.wrap, place, texel)
     }
 
@@ -233,7 +260,7 @@ impl Raster {
             return match pyramid.0.last() {
                 Some(level) => linear(level.texel(0)),
                 // The image is a single texel.
-                None => self.store.texel(0),
+                None => self.data.store.texel(0),
             };
         }
         let below = level.floor();
@@ -284,7 +311,7 @@ impl Raster {
                     height: self.height,
                     wrap,
                 };
-                match (&self.store, linear) {
+                match (&self.data.store, linear) {
                     (Store::Eight(codes, _), Some(linear)) => {
                         let (codes, linear) = (&codes[..], &**linear);
                         let value = move |code: u8| linear[usize::from(code)];
@@ -363,7 +390,7 @@ impl TextureFunction for Raster {
         );
         let [along_u, along_v] = self.lookup.wrap;
         let (i, j) = (along_u.index(column, self.width), along_v.index(row, self.height));
-        self.store.texel(j * self.width + i)
+        self.data.store.texel(j * self.width + i)
     }
 
     fn filters(&self) -> bool {
@@ -388,8 +415,9 @@ impl TextureFunction for Raster {
             Coarse::Trilinear(_) | Coarse::Ewa(_) => Pyramid::bytes(self.width, self.height),
         };
         TextureBytes {
-            texels: self.store.bytes(),
+            texels: self.data.store.bytes(),
             levels,
+            shared: Some(Arc::as_ptr(&self.data) as usize),
         }
     }
 

@@ -90,7 +90,16 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         progress: Some(&|done, _| bar.set_position(done)),
     });
     bar.finish_and_clear();
-    let image = film.to_image(&pipeline.scene_hash).map_err(Failure::usage)?;
+    let rays = film.counters.total();
+    let mrays = rays as f64 / film.render_seconds / 1e6;
+    let report = json!({
+        "output": output, "width": film.width, "height": film.height, "samples": film.samples,
+        "scene_hash": pipeline.scene_hash, "build_s": pipeline.build_seconds,
+        "render_s": film.render_seconds, "mrays_per_s": mrays, "not_finite": film.not_finite(),
+        "rays": { "closest": film.counters.closest, "shadow": film.counters.shadow },
+    });
+    let summary = slim::Summary::new(&output, &pipeline, &film);
+    let image = film.into_image(&pipeline.scene_hash).map_err(Failure::usage)?;
     if let Some(output) = exr {
         exr_io::write(output, &image).map_err(Failure::environment)?;
     }
@@ -101,16 +110,8 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         let raster = Raster::preview(&image, tone).map_err(Failure::usage)?;
         raster.write_png(picture).map_err(Failure::environment)?;
     }
-    let rays = film.counters.total();
-    let mrays = rays as f64 / film.render_seconds / 1e6;
-    slim::print_summary(&output, &pipeline, &film);
+    summary.print();
     if let Some(path) = &arguments.json {
-        let report = json!({
-            "output": output, "width": film.width, "height": film.height, "samples": film.samples,
-            "scene_hash": pipeline.scene_hash, "build_s": pipeline.build_seconds,
-            "render_s": film.render_seconds, "mrays_per_s": mrays, "not_finite": film.not_finite(),
-            "rays": { "closest": film.counters.closest, "shadow": film.counters.shadow },
-        });
         write_json(path, &report)?;
     }
     Ok(Exit::Pass)

@@ -258,6 +258,17 @@ impl<'a> Items<'a> {
         }
     }
 
+    /// The box of an element, in the world.
+    pub(crate) fn bounds(&self, number: u32) -> Aabb {
+        self.geometry.bounds(self.element(number))
+    }
+
+    /// Whether an element is a triangle with two equal corners.
+    pub(crate) fn is_flat(&self, number: u32) -> bool {
+        let corners = self.triangle(self.element(number));
+        corners.is_some_and(|[a, b, c]| a == b || b == c || c == a)
+    }
+
     /// The item of an element.
     pub(crate) fn item(&self, number: u32) -> Item {
         let element = self.element(number);
