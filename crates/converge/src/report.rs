@@ -395,8 +395,8 @@ impl StudyReport {
         levels
     }
 
-    /// The fastest setting of Whitstone whose error is at most `error`, with its configuration. The
-    /// error of the truth is added, since it may hide as much.
+    /// The setting of Whitstone that needs the least processor time for an error of at most
+    /// `error`, with its configuration. The error of the truth is added, since it may hide as much.
     pub fn cheapest(&self, error: f64) -> Option<(&SeriesReport, &Point)> {
         let ours = self
             .series
@@ -406,7 +406,7 @@ impl StudyReport {
         let good = points.filter_map(|(series, point)| {
             let whole = point.errors.is_some_and(|errors| errors.finite == 1.0);
             let reached = whole && point.rmse? + self.floor_rmse <= error;
-            reached.then_some((point.seconds?, series, point))
+            reached.then_some((point.cpu_seconds.or(point.seconds)?, series, point))
         });
         good.min_by(|a, b| a.0.total_cmp(&b.0))
             .map(|(_, series, point)| (series, point))

@@ -362,11 +362,11 @@ fn recommend(report: &StudyReport, error: f64) {
     if let Some((series, point)) = report.cheapest(error) {
         let number = |value: Option<f64>| value.unwrap_or(f64::NAN);
         println!(
-            "  cheapest for an error of {error:e}: {} with {} (RMSE {:.2e}, {:.4} s, {} rays)\n    {}",
+            "  cheapest for an error of {error:e}: {} with {} (RMSE {:.2e}, {:.4} s of processor time, {} rays)\n    {}",
             series.configuration,
             point.setting,
             number(point.rmse),
-            number(point.seconds),
+            number(point.cpu_seconds.or(point.seconds)),
             point.rays.unwrap_or(0),
             point.command,
         );
