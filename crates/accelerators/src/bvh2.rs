@@ -4,9 +4,9 @@
 //! - Traversal: nearer child first, with an explicit stack. The slab test selects planes by the
 //!   sign bits of the direction and uses comparisons that ignore NaN (Ize, *Robust BVH ray
 //!   traversal*, JCGT 2(2), 2013). Slabs are padded, so that rounding in a shape's own test cannot
-//!   put a hit outside its box; see `elements`. The padding is relative to the distance from the
-//!   origin of the ray to the box, not to the size of the scene: small elements next to large ones,
-//!   or far from the origin of the coordinates, keep tight boxes.
+//!   put a hit outside its box; see `elements`. Where elements are tiny next to others, or far from
+//!   the origin of the coordinates, the padding is computed for each box, relative to its distance
+//!   from the origin of the ray, so that their boxes stay tight.
 //! - Cost model: a ray that hits a box hits a box inside it with probability equal to the ratio of
 //!   their areas (Goldsmith and Salmon, *Automatic creation of object hierarchies for ray tracing*,
 //!   1987, section 3). In units of one element test, a node costs 0.7 + (A_l C_l + A_r C_r) / A,
@@ -62,6 +62,26 @@ pub struct Bvh2 {
     /// Expected cost of a ray that hits the root's box, in element tests.
     sah_cost: f64,
     bounds: Option<Aabb>,
+    /// Whether rays are padded relative to each box.
+    relative: bool,
+}
+
+/// An element is tiny if it is this many times smaller than the largest coordinate: the padding that
+/// is relative to that coordinate is a thousandth of its size.
+const TINY: f64 = 1.0 / (1u64 << 30) as f64;
+
+/// Number of tiny elements from which on rays are padded relative to each box, which makes a step
+/// almost twice as expensive.
+const MANY_TINY: usize = 32;
+
+/// Whether there are many tiny elements.
+fn are_tiny(elements: &Elements) -> bool {
+    let size = |item: &Item| item.aabb.extent().max_element();
+    let tiny = elements
+        .items
+        .iter()
+        .filter(|item| size(item) < TINY * elements.reach);
+    tiny.take(MANY_TINY).count() == MANY_TINY
 }
 
 /// An inner node with the boxes of both children.
@@ -125,20 +145,26 @@ impl Plugin<Accelerators> for Bvh2 {
             step_cost: STEP_COST,
         };
         Ok(Box::new(Searched::new(geometry, |_, elements| {
-            Self::new(elements, &builder)
+            let relative = are_tiny(&elements);
+            Self::new(elements, &builder, relative)
         })?))
     }
 }
 
 impl Bvh2 {
-    fn new(elements: Elements, builder: &Builder) -> Self {
+    fn new(elements: Elements, builder: &Builder, relative: bool) -> Self {
         let mut items = elements.items;
-        let mut found = Self::default();
+        let mut found = Self {
+            relative,
+            ..Self::default()
+        };
         if items.is_empty() {
             return found;
         }
-        for item in &mut items {
-            item.aabb = item.aabb.padded(relative_pad(item));
+        if relative {
+            for item in &mut items {
+                item.aabb = item.aabb.padded(relative_pad(item));
+            }
         }
         let bounds = bounds(&items);
         let area = bounds.half_area();
@@ -199,7 +225,7 @@ impl Bvh2 {
     }
 
     #[inline]
-    fn walk<const DEPTH: usize>(
+    fn walk<const DEPTH: usize, const RELATIVE: bool>(
         &self,
         ray: &WideRay,
         min: f64,
@@ -217,7 +243,11 @@ impl Bvh2 {
                 Err(node) => {
                     visitor.step();
                     let node = &self.nodes[node];
-                    let (near, hit) = node.enter(ray, min, limit);
+                    let (near, hit) = if RELATIVE {
+                        node.enter_relative(ray, min, limit)
+                    } else {
+                        node.enter(ray, min, limit)
+                    };
                     match hit {
                         [true, true] => {
                             let first = usize::from(near[1] < near[0]);
@@ -264,10 +294,10 @@ impl Bvh2 {
 impl Structure for Bvh2 {
     #[inline]
     fn visit(&self, ray: &WideRay, min: f64, limit: f64, visitor: &mut impl Visitor) -> Option<f64> {
-        if self.depth <= USUAL_DEPTH {
-            self.walk::<USUAL_DEPTH>(ray, min, limit, visitor)
-        } else {
-            self.walk::<MAX_DEPTH>(ray, min, limit, visitor)
+        match (self.depth <= USUAL_DEPTH, self.relative) {
+            (true, false) => self.walk::<USUAL_DEPTH, false>(ray, min, limit, visitor),
+            (false, false) => self.walk::<MAX_DEPTH, false>(ray, min, limit, visitor),
+            (_, true) => self.walk::<MAX_DEPTH, true>(ray, min, limit, visitor),
         }
     }
 
@@ -299,6 +329,25 @@ impl Node {
     /// `limit`.
     #[inline]
     fn enter(&self, ray: &WideRay, min: f64, limit: f64) -> ([f64; 2], [bool; 2]) {
+        let (mut near, mut far) = ([min; 2], [limit; 2]);
+        for axis in 0..3 {
+            let near_planes = self.planes[axis][ray.near_side[axis]];
+            let far_planes = self.planes[axis][1 - ray.near_side[axis]];
+            for child in 0..2 {
+                let enter = ray.arrives(axis, near_planes[child]);
+                let leave = ray.leaves(axis, far_planes[child]);
+                // NaN (the ray lies in the plane) changes nothing.
+                near[child] = if enter > near[child] { enter } else { near[child] };
+                far[child] = if leave < far[child] { leave } else { far[child] };
+            }
+        }
+        (near, [near[0] <= far[0], near[1] <= far[1]])
+    }
+
+    /// The same, with a padding relative to the largest distance, along an axis, from the origin to
+    /// a plane of the box.
+    #[inline]
+    fn enter_relative(&self, ray: &WideRay, min: f64, limit: f64) -> ([f64; 2], [bool; 2]) {
         // The planes relative to the origin, near ones first, and the largest of them.
         let mut planes = [[[0.0; 2]; 2]; 3];
         let mut reach = [0.0; 2];
@@ -330,8 +379,37 @@ impl Node {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
+
+    /// Pads rays relative to each box, whatever the elements are.
+    pub(crate) struct Relative;
+
+    impl Plugin<Accelerators> for Relative {
+        const TYPE: &'static str = "bvh2";
+        type Config = Config;
+
+        fn build(
+            config: Config,
+            geometry: Arc<Geometry>,
+            _: &mut dyn Context,
+        ) -> Result<Box<dyn Accelerator>, SceneErrors> {
+            let builder = Builder {
+                max_leaf: config.max_leaf.get() as usize,
+                split: config.split,
+                axes: config.axes,
+                step_cost: STEP_COST,
+            };
+            let build = |_: &Geometry, elements| Bvh2::new(elements, &builder, true);
+            Ok(Box::new(Searched::new(geometry, build)?))
+        }
+    }
+
+    #[test]
+    fn padding_relative_to_each_box_obeys_the_laws() {
+        whitstone_testkit::accelerator_laws::<Relative>("");
+        whitstone_testkit::accelerator_laws::<Relative>("max_leaf = 1");
+    }
 
     whitstone_testkit::accelerator_laws!(
         Bvh2,

@@ -90,7 +90,8 @@ mod tests {
     fn planes_hold_every_pixel_once() {
         for count in [1, 5, MOVED, MOVED + 3] {
             let mut pixels: Vec<[f32; 3]> = (0..count).map(|i| [i as f32, -(i as f32), 0.5]).collect();
-            let expected = [0, 1, 2].map(|channel| pixels.iter().map(|pixel| pixel[channel]).collect());
+            let expected: [Vec<f32>; 3] =
+                [0, 1, 2].map(|channel| pixels.iter().map(|pixel| pixel[channel]).collect());
             let planes: [Vec<f32>; 3] = take_planes(&mut pixels);
             assert_eq!(planes, expected);
             assert_eq!(pixels.capacity(), 0);

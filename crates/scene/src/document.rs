@@ -481,7 +481,7 @@ mod tests {
         }
     }
 
-    /// Tables before values made the time quadratic: 16 times as many shapes took 130 times as long.
+    /// Quadratic time would be 256 times as long for 16 times as many shapes.
     #[test]
     fn the_time_of_writing_a_document_is_proportional_to_its_length() {
         let time = |shapes: usize| {

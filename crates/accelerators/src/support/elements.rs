@@ -571,6 +571,7 @@ mod tests {
         for (name, laws) in [
             ("bsp", accelerator_laws::<Bsp> as fn(&str)),
             ("bvh2", accelerator_laws::<Bvh2>),
+            ("bvh2, relative", accelerator_laws::<crate::bvh2::tests::Relative>),
             ("grid", accelerator_laws::<Grid>),
             ("obb_bvh", accelerator_laws::<ObbBvh>),
             ("octree", accelerator_laws::<Octree>),
