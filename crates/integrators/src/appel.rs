@@ -1,7 +1,7 @@
 //! Ray casting: local illumination with shadows, without reflected or refracted rays.
 //!
 //! Appel 1968, *Some techniques for shading machine renderings of solids*. Purely specular
-//! materials are black, except for their emission.
+//! materials are black; an `emissive` around one shows its emission.
 //!
 //! - Twin: the Mitsuba driver at depth 0, without branches.
 //! - Example: `scenes/integrators/appel.toml`.
@@ -18,8 +18,9 @@ use whitstone_core::{
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// "opaque": every surface blocks light, except at its holes; "filtered": light passes straight
-    /// through transparent surfaces, attenuated; "none": no shadows.
+    /// "opaque": surfaces block light, except at their holes and except shapes with
+    /// `casts_shadow = false`; "filtered": light passes straight through transparent surfaces,
+    /// attenuated; "none": no shadows.
     #[serde(default)]
     shadows: ShadowMode,
 }

@@ -25,7 +25,8 @@ use whitstone_core::{
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Maximum number of reflections and refractions along a path from the camera.
+    /// Maximum number of branches (reflected, transmitted or undeviated) along a path from the
+    /// camera.
     #[serde(default = "six")]
     max_depth: IntegerIn<0, 100_000>,
     /// Branches whose throughput is below this in every channel are not traced.
@@ -34,8 +35,9 @@ pub struct Config {
     /// Radiance of branches beyond `max_depth`: "background" or "black".
     #[serde(default)]
     at_max_depth: Beyond,
-    /// "opaque": surfaces hide lights, except through holes; "filtered": transparent surfaces only
-    /// attenuate light; "none": every light is visible.
+    /// "opaque": surfaces block light, except at their holes and except shapes with
+    /// `casts_shadow = false`; "filtered": transparent surfaces only attenuate light; "none": every
+    /// light is visible.
     #[serde(default)]
     shadows: ShadowMode,
 }

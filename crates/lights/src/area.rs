@@ -10,7 +10,7 @@
 //! `scenes/showcase/mesh_light.toml` has a mesh light, `scenes/showcase/even_area.toml` lights
 //! without falloff.
 //!
-//! - Twin: Mitsuba `point` lights at the same points (native), weighted by the driver.
+//! - Twin: hosted: Python emitters around Mitsuba `point` lights at the same points.
 //! - Example: `scenes/lights/area.toml`.
 
 use crate::support::emission::{self, Falloff};
@@ -43,8 +43,8 @@ pub struct Config {
     #[serde(default = "rectangle")]
     #[schemars(with = "Surface")]
     shape: Spanned<Surface>,
-    /// For "mesh" only: a file as for the shape mesh, ending in .obj or .ply. Its vertex normals
-    /// are ignored. It need not be closed.
+    /// For "mesh" only: a file as for the shape `mesh`. Its vertex normals are ignored. It need not
+    /// be closed.
     #[serde(default)]
     #[schemars(extend("x-default" = "none: required for \"mesh\""), with = "FilePath")]
     file: Option<FilePath>,

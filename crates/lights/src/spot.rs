@@ -5,7 +5,7 @@
 //! intensity, as the `texture` of Mitsuba's `spot`: unlike that of a `projector` it does not light
 //! a screen evenly. `scenes/showcase/gobo.toml` has images.
 //!
-//! - Twin: Mitsuba `spot` (native); a formula for `falloff = "none"` and for the image.
+//! - Twin: Mitsuba `spot` (native); hosted for `falloff = "none"` and for an `image`.
 //! - Example: `scenes/lights/spot.toml`.
 
 use crate::support::emission::{self, Falloff};

@@ -4,7 +4,7 @@
 //! section 4.1, "Gloss". The lobe is Phong's `cos^exponent` around the mirror direction. It is
 //! divided into parts of equal weight (Lafortune and Willems, *Using the modified Phong reflectance
 //! model for physically based rendering*, 1994, for the weight inside a cone; Shirley and Chiu, *A
-//! low distortion map between disk and square*, 1997, for the square). One ray is traced through
+//! low distortion map between disk and square*, 1997, for the map from a square grid). One ray is traced through
 //! the middle of each part, with the same pattern everywhere. With few samples this shows several
 //! weaker mirror images instead of noise.
 //!
@@ -41,7 +41,7 @@ pub struct Config {
     /// are sharper. Half of the light is within 7 degrees for 100, and within 2 degrees for 1000.
     #[serde(default = "hundred")]
     exponent: Positive,
-    /// Directions along each side of the square, 1 to 8; its square is the number of rays. 1 is a
+    /// The directions form a grid of n x n, which is mapped to the lobe; this is n, 1 to 8. 1 is a
     /// perfect mirror.
     #[serde(default = "four")]
     samples: IntegerIn<1, 8>,

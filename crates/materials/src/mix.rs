@@ -2,8 +2,8 @@
 //!
 //! All their terms are blended: emission, local illumination, specular rays and shadow
 //! transmittance. Specular rays of the same kind are merged, and combinations that would need two
-//! directions are rejected, so that the ray tree has at most two branches at each surface, as in
-//! Whitted 1980.
+//! directions are rejected, so that a material has at most one reflected and one transmitted
+//! direction, as in Whitted 1980 (`glossy` spreads the reflected one).
 //!
 //! - Twin: hosted by the Mitsuba driver, which weights the results of Mitsuba for both.
 //! - Example: `scenes/materials/mix.toml`.

@@ -31,8 +31,9 @@ use whitstone_core::{
 const SAMPLES: u32 = 4096;
 /// Maximum number of parts of the box faces that [`Implicit::is_closed`] examines.
 const FACE_PARTS: u32 = 1 << 14;
-/// Bound on the rounding error of the function, relative to the size of the box times the Lipschitz
-/// bound. Values of smaller magnitude are not distinguished from zero.
+/// Bound on the rounding error of the function, relative to the Lipschitz bound times the sum of the
+/// diagonal of the box and its largest absolute coordinate. Values of smaller magnitude are not
+/// distinguished from zero.
 const SMALL: f64 = 1.0 / (1u64 << 44) as f64;
 
 /// An implicit surface: the zero level set of a function that is negative inside and positive
@@ -47,7 +48,7 @@ pub struct Config {
     /// The box in object space in which rays search for the surface. Where it cuts the inside, the
     /// shape is open.
     #[serde(default)]
-    #[schemars(extend("x-default" = "the bounds of the whole set, if they are finite"), with = "Bounds")]
+    #[schemars(extend("x-default" = "the bounds of the inside; required if it may be infinite"), with = "Bounds")]
     bounds: Option<Spanned<Bounds>>,
     /// An asserted bound on the change of the function per metre (Lipschitz constant). A sample
     /// point at which the gradient exceeds it is an error.

@@ -20,8 +20,8 @@ use whitstone_core::{Context, Instance, LoweredShape, MaterialRef, Plugin, Scene
 pub struct Config {
     /// The id of the group, as in `[group.ID]`.
     group: GroupRef,
-    /// Materials that this instance replaces: from ids of shared materials to the materials that
-    /// its shapes have instead.
+    /// Replacements of materials in this instance: each key is the id of a shared material, each
+    /// value the material that is used instead of it.
     #[serde(default)]
     #[expect(dead_code, reason = "declares the key, which the plan of a scene reads")]
     materials: BTreeMap<String, MaterialRef>,

@@ -4,7 +4,7 @@
 //! division.
 //!
 //! - Twin: Mitsuba `disk` of radius 1e7, textured by position (native): a rectangle of that size is
-//!   a mesh there and loses rows at the horizon.
+//!   a mesh there and misses rows of pixels near the horizon.
 //! - Example: `scenes/shapes/plane.toml`.
 
 use crate::support::frame::{Frame, flat_hit};

@@ -1,6 +1,6 @@
 //! Concentric rings of two colours around the y axis of texture space.
 //!
-//! - Twin: Mitsuba, hosted: a Python texture; POV-Ray, a function.
+//! - Twin: Mitsuba, hosted: a Python texture; in POV-Ray, a `function` pattern.
 //! - Example: `scenes/textures/rings.toml`.
 
 use crate::support::cells::odd;

@@ -18,7 +18,8 @@ const MAX_CROSSINGS: usize = 1000;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ShadowMode {
-    /// Every surface hides the lights behind it, except through its holes.
+    /// Every surface hides the lights behind it, except through its holes, and except shapes that
+    /// cast no shadow.
     #[default]
     Opaque,
     /// Transparent surfaces attenuate the light that passes straight through them.
