@@ -163,8 +163,9 @@ pub(crate) fn sentence(result: &Value) -> String {
     format!(
         "At {QUOTED} x {QUOTED} pixels and one sample per pixel ({}; {} threads of {}, {}), a pixel costs\n\
          Whitstone {} of the time of Mitsuba's C++ integrator `path` (`llvm_ad_rgb`), with the fixed cost\n\
-         excluded. The whole command `render` takes {} of the wall time of the command `mitsuba`. No\n\
-         Python runs in any of them. [All sizes and renderers](docs/run-time.md).",
+         excluded. `path` follows one random ray at each surface, Whitstone all of them: most at glass.\n\
+         The whole command `render` takes {} of the wall time of the command `mitsuba`. No Python runs in\n\
+         any of them. [All sizes and renderers](docs/run-time.md).",
         names.join(", "),
         most.unwrap_or(0),
         text(result, "processor"),
