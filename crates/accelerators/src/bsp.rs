@@ -9,10 +9,10 @@
 //! - Traversal: as in a kd-tree, with two dot products per plane; see `tree`.
 //! - Cost model: as in `kdtree`, with the areas of the polyhedra, but a leaf costs one test per
 //!   element and a step 1.6 tests. The benefit is tight cells: a slanted triangle fills only a
-//!   small part of its axis-parallel box, whereas a plane along it leaves one side empty at once. With
-//!   the few candidates tried here that does not pay off (figures in `docs/accelerators.md`), and
-//!   the build is by far the slowest. Memory: 40 bytes a node, at most 8 references per element on
-//!   average, after which cells are not divided further. Build: O(n log n) with a large factor.
+//!   small part of its axis-parallel box, whereas a plane along it leaves one side empty at once.
+//!   With the few candidates tried here that does not pay off (figures in `docs/accelerators.md`),
+//!   and the build is by far the slowest. Memory: 40 bytes a node, at most 8 references per element
+//!   on average, after which cells are not divided further. Build: O(n log n) with a large factor.
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/bsp.toml`.

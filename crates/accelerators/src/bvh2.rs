@@ -66,8 +66,8 @@ pub struct Bvh2 {
     relative: bool,
 }
 
-/// An element is tiny if it is this many times smaller than the largest coordinate: the padding that
-/// is relative to that coordinate is a thousandth of its size.
+/// An element is tiny if it is this many times smaller than the largest coordinate: the padding
+/// that is relative to that coordinate is a thousandth of its size.
 const TINY: f64 = 1.0 / (1u64 << 30) as f64;
 
 /// Number of tiny elements from which on rays are padded relative to each box, which makes a step

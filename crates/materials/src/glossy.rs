@@ -4,9 +4,9 @@
 //! section 4.1, "Gloss". The lobe is Phong's `cos^exponent` around the mirror direction. It is
 //! divided into parts of equal weight (Lafortune and Willems, *Using the modified Phong reflectance
 //! model for physically based rendering*, 1994, for the weight inside a cone; Shirley and Chiu, *A
-//! low distortion map between disk and square*, 1997, for the map from a square grid). One ray is traced through
-//! the middle of each part, with the same pattern everywhere. With few samples this shows several
-//! weaker mirror images instead of noise.
+//! low distortion map between disk and square*, 1997, for the map from a square grid). One ray is
+//! traced through the middle of each part, with the same pattern everywhere. With few samples this
+//! shows several weaker mirror images instead of noise.
 //!
 //! - Twin: hosted by the Mitsuba driver, which samples the lobe around the direction of Mitsuba's
 //!   mirror.

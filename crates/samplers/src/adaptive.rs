@@ -4,8 +4,9 @@
 //! pixel is sampled more finely if its samples differ. A pixel doubles its n samples while
 //! max(0.3 r / n^(3/4), 0.15 q / n) exceeds the threshold, where r is the range of its samples, and
 //! q the largest range of the `initial_samples` of one of the up to eight pixels around it: an edge
-//! may pass between the samples of a pixel. (Mitchell 1987, *Generating antialiased images at low sampling densities*, uses the
-//! contrast.) The points are those of `sobol`, so that later samples complement earlier ones.
+//! may pass between the samples of a pixel. (Mitchell 1987, *Generating antialiased images at low
+//! sampling densities*, uses the contrast.) The points are those of `sobol`, so that later samples
+//! complement earlier ones.
 //!
 //! - Twin: the Mitsuba driver, which traces the same positions in the same rounds.
 //! - Example: `scenes/samplers/adaptive.toml`.
@@ -28,8 +29,8 @@ pub struct Config {
     #[serde(default)]
     #[schemars(extend("x-default" = format!("{FIRST}, but at most `samples`")), with = "IntegerIn<1, 65536>")]
     initial_samples: Option<Spanned<IntegerIn<1, 65536>>>,
-    /// A pixel takes no more samples when the estimate of its error (`max(...)` above, a radiance in
-    /// W/(m² sr)) is at most this, or after `samples`; greater than 0.
+    /// A pixel takes no more samples when the estimate of its error (`max(...)` above, a radiance
+    /// in W/(m² sr)) is at most this, or after `samples`; greater than 0.
     #[serde(default = "threshold")]
     threshold: Positive,
     /// Seed of the scrambling; different seeds give different points.

@@ -404,8 +404,8 @@ fn content_hash(path: &Path) -> [u8; 32] {
 }
 
 fn to_text(table: &toml::Table) -> String {
-    // Not `toml::to_string`: it inserts tables that precede values of their parent into the finished
-    // text one by one, which takes quadratic time.
+    // Not `toml::to_string`: it inserts tables that precede values of their parent into the
+    // finished text one by one, which takes quadratic time.
     let mut buffer = toml::ser::Buffer::new();
     table
         .serialize(toml::Serializer::new(&mut buffer))

@@ -31,8 +31,8 @@ use whitstone_core::{
 const SAMPLES: u32 = 4096;
 /// Maximum number of parts of the box faces that [`Implicit::is_closed`] examines.
 const FACE_PARTS: u32 = 1 << 14;
-/// Bound on the rounding error of the function, relative to the Lipschitz bound times the sum of the
-/// diagonal of the box and its largest absolute coordinate. Values of smaller magnitude are not
+/// Bound on the rounding error of the function, relative to the Lipschitz bound times the sum of
+/// the diagonal of the box and its largest absolute coordinate. Values of smaller magnitude are not
 /// distinguished from zero.
 const SMALL: f64 = 1.0 / (1u64 << 44) as f64;
 

@@ -61,9 +61,9 @@ pub trait Storage {
         Ok(())
     }
 
-    /// Data that an earlier plugin of the same scene shared under this key with [`Self::share`], such
-    /// as the texels of a file. The key names the type of the data, and everything that the data
-    /// depends on.
+    /// Data that an earlier plugin of the same scene shared under this key with [`Self::share`],
+    /// such as the texels of a file. The key names the type of the data, and everything that the
+    /// data depends on.
     fn shared(&self, key: &str) -> Option<Arc<dyn Any + Send + Sync>> {
         let _ = key;
         None
