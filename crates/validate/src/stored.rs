@@ -184,8 +184,8 @@ impl Stored {
             return Err(broken(&path, "`floor` is no error"));
         }
         if meta.files_hash != files_hash(folder, renderer)? {
-            let problem = "the images beside it are not those that it was written for: writing was interrupted, \
-                or a file was replaced; store the reference again";
+            let problem = "the image files do not belong to this metadata: writing was interrupted, or a file \
+                was replaced; store the reference again";
             return Err(broken(&path, problem));
         }
         let image = exr_io::read(&exr, Limits::IMAGE).map_err(|error| broken(&exr, error))?;
