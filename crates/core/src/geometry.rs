@@ -13,4 +13,5 @@ pub mod stream;
 pub(crate) mod surface_part;
 pub(crate) mod transform;
 pub mod triangle;
+pub(crate) mod uv_gradient;
 pub(crate) mod vertex_attributes;

@@ -79,7 +79,7 @@ const FEATURES: &[Feature] = features! {
     Kept "bsdf blendbsdf": "mix.";
     Kept "bsdf normalmap": "normal_map; on a mesh with its tangents.";
     Dropped "normalmap without tangents": "On a disk or in a group, only a mesh has tangents.";
-    Dropped "bsdf bumpmap": "A height map by texture coordinates has no counterpart; its material is kept.";
+    Approximated "bsdf bumpmap": "bump; its height is the first channel of the texture, and its slope a difference over 0.0002 of (u, v).";
     Kept "bsdf null": "A mask that is open.";
     Dropped "specular_reflectance, specular_transmittance of glass": "A dielectric has no tint; a thin one has none for reflection.";
     Approximated "texture of alpha": "The roughness is 0.1 everywhere.";
@@ -120,6 +120,7 @@ const FEATURES: &[Feature] = features! {
     Dropped "[material] priority": "Mitsuba's bodies must not overlap.";
     Approximated "[material] two_sided that lets light through": "The front on both sides.";
     Approximated "[material] normal_map": "normalmap with the tangents of Mitsuba's mesh.";
+    Approximated "[material] bump by an image over uv": "bumpmap: the height is the luminance, and its slope a derivative between the texels.";
     Dropped "[material] bump": "The material without it; the same for a normal_map that states its tangent.";
     Approximated "[material] emissive": "An area emitter: it emits on the outside only, and lights other surfaces also without an area light.";
     Dropped "[material] emissive in a group": "Mitsuba's groups cannot contain emitters.";

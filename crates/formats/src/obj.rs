@@ -58,8 +58,9 @@ const FEATURES: &[Feature] = features! {
     Kept "norm": "normal_map with the tangents of the mesh; -bm is its strength.";
     Dropped "norm without texture coordinates": "There are no tangents without them.";
     Kept "-s, -o, -clamp, -imfchan": "scale, offset, wrap and channel of the image.";
-    Dropped "-bm of a colour": "Only a normal map has a strength.";
-    Dropped "bump": "A height map by texture coordinates has no counterpart.";
+    Dropped "-bm of a colour": "Only a normal map and a bump map have a strength.";
+    Approximated "bump": "bump: the height in metres is -bm times the image, since MTL has no unit for it.";
+    Dropped "bump without texture coordinates": "There are no slopes without them.";
     Dropped "map_Ka": "Surfaces reflect ambient light by Kd.";
     Dropped "map_Ns": "An exponent is a number.";
     Dropped "map_Tr": "Programs disagree on its meaning; map_d is kept.";
@@ -317,6 +318,14 @@ impl Import {
                 self.note("norm without texture coordinates", mtl);
             }
         }
+        if let Some(map) = &mtl.bump_map {
+            if self.uvs {
+                self.note("bump", mtl);
+                table = self.bump(material, map, table);
+            } else {
+                self.note("bump without texture coordinates", mtl);
+            }
+        }
         let emission = mtl.emission.unwrap_or(if mtl.emission_map.is_some() {
             [1.0; 3]
         } else {
@@ -409,6 +418,25 @@ impl Import {
             table.insert("strength".to_owned(), Value::Float(strength));
         }
         table
+    }
+
+    fn bump(&mut self, material: &Material, map: &Map, inner: Table) -> Table {
+        let scale = map.multiplier.unwrap_or(1.0);
+        let heights = Map {
+            multiplier: None,
+            ..map.clone()
+        };
+        let Some(height) = self.image(material, &heights, Some(Channel::Linear)) else {
+            return inner;
+        };
+        typed(
+            "bump",
+            [
+                ("height", height),
+                ("scale", Value::Float(scale)),
+                ("material", Value::Table(inner)),
+            ],
+        )
     }
 
     /// How an image is read as an opacity.

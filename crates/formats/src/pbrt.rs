@@ -78,7 +78,8 @@ const FEATURES: &[Feature] = features! {
     Approximated "roughness of conductor": "glossy with the reflectance at normal incidence, which shows no highlights of point lights.";
     Approximated "texture of roughness": "The roughness is 0.1 everywhere.";
     Approximated "texture of the reflectance of a conductor": "mirror: the reflectance is the same at all angles.";
-    Dropped "displacement, normalmap of a material": "Normals are those of the shape.";
+    Approximated "displacement of a material": "bump: its slope is a difference over 0.002, in metres and in (u, v).";
+    Dropped "normalmap of a material": "Normals are those of the shape.";
     Kept "Texture constant, scale, mix": "A colour, product, mix.";
     Kept "Texture imagemap": "image.";
     Kept "Texture checkerboard": "checker or checker3d.";

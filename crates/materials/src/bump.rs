@@ -2,9 +2,10 @@
 //!
 //! Blinn 1978, *Simulation of wrinkled surfaces*: the shading normal is the normal of the surface
 //! displaced by the height. Only the slope of the height matters. The height is a function of the
-//! world-space position (Perlin 1985, *An image synthesizer*, section "Texture"), so shapes need
-//! not provide tangents. Its gradient is the central difference that the model specifies, so that
-//! independent programs agree.
+//! world-space position (Perlin 1985, *An image synthesizer*, section "Texture"), of the texture
+//! coordinates, or of both. Its derivatives are the central differences that the model specifies,
+//! so that independent programs agree. Those by (u, v) are multiplied by the gradients of u and v
+//! on the surface, which is Blinn's formula for tangents of any length and angle.
 //!
 //! The lecture notes instead use "a 2D or 3D array of vectors which are added to the normals at the
 //! points for which we do shading calculations". With `vector_map`, these vectors are the colours
@@ -20,7 +21,7 @@ use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::{Finite, MaterialRef, Positive, TextureRef, Vector3};
 use whitstone_core::{
-    ColorSource, Context, DVec3, Material, Materials, Plugin, SceneError, SceneErrors, SurfaceAttributes,
+    ColorSource, Context, DVec2, DVec3, Material, Materials, Plugin, SceneError, SceneErrors, SurfaceAttributes,
     SurfaceInteraction,
 };
 
@@ -36,7 +37,8 @@ const DEFAULT_STEP: f64 = 1e-3;
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// The height: the first channel of a texture that is mapped by world-space position.
+    /// The height: the first channel of a texture that is mapped by world-space position or by
+    /// (u, v). On shapes without derivatives of (u, v), such as `fractal`, (u, v) gives no bumps.
     #[serde(default)]
     #[schemars(extend("x-default" = "none: this or `vector_map` is required"), with = "TextureRef")]
     height: Option<TextureRef>,
@@ -65,8 +67,8 @@ pub struct Config {
     /// they are added to the unit normal.
     #[serde(default = "one")]
     scale: Finite,
-    /// Step of the central difference in metres: the height is sampled at this distance to both
-    /// sides of the point, along each world axis.
+    /// Step of the central differences: the height is sampled at this distance to both sides of the
+    /// point, along each world axis in metres, and along u and v in texture coordinates.
     #[serde(default)]
     #[schemars(extend("default" = DEFAULT_STEP), with = "Positive")]
     step: Option<Spanned<Positive>>,
@@ -96,6 +98,8 @@ struct Height {
     height: ColorSource,
     scale: f64,
     step: f64,
+    /// Whether the height depends on (u, v).
+    by_uv: bool,
 }
 
 /// Perturbs the normal by adding vectors.
@@ -166,10 +170,10 @@ impl Height {
         let mut errors = SceneErrors::default();
         let found = errors.take(context.texture(height));
         if let Some(found) = &found
-            && found.needs().contains(SurfaceAttributes::UV)
+            && found.needs().contains(SurfaceAttributes::SECOND_UV)
         {
-            let mut error = SceneError::anywhere("a height must be mapped by position, but this texture is mapped by (u, v)")
-                .with_help("map it by world-space position: mapping = { projection = \"planar\" }, or \"solid\", \"spherical\", ...");
+            let mut error = SceneError::anywhere("a height has no slope in the second texture coordinates")
+                .with_help("map it by the first ones, with the projection \"uv\", or by position: \"planar\", \"solid\", ...");
             error.span = height.span.clone();
             errors.0.push(error);
         }
@@ -183,6 +187,7 @@ impl Height {
         }
         match found {
             Some(height) => errors.into_result(Self {
+                by_uv: height.needs().contains(SurfaceAttributes::UV),
                 height,
                 scale: config.scale.get(),
                 step: config
@@ -221,20 +226,34 @@ fn frame(config: &Config) -> Result<Option<Frame>, SceneErrors> {
 
 impl Detail for Height {
     fn needs(&self) -> SurfaceAttributes {
-        self.height.needs()
+        let gradients = match self.by_uv {
+            true => SurfaceAttributes::UV_GRADIENT,
+            false => SurfaceAttributes::NOTHING,
+        };
+        self.height.needs() | gradients
     }
 
     fn normal(&self, point: &SurfaceInteraction) -> Option<DVec3> {
-        let height = |offset: DVec3| {
+        let height = |position: DVec3, uv: DVec2| {
             let beside = SurfaceInteraction {
-                position: point.position + offset,
+                position: point.position + position,
+                uv: point.uv + uv,
                 ..*point
             };
             self.height.value(&beside).r
         };
-        let along = |axis: DVec3| height(axis * self.step) - height(-axis * self.step);
-        let slopes = DVec3::new(along(DVec3::X), along(DVec3::Y), along(DVec3::Z));
-        let gradient = slopes * (self.scale / (2.0 * self.step));
+        let along = |axis: DVec3| {
+            height(axis * self.step, DVec2::ZERO) - height(-axis * self.step, DVec2::ZERO)
+        };
+        let mut differences = DVec3::new(along(DVec3::X), along(DVec3::Y), along(DVec3::Z));
+        if self.by_uv {
+            let along = |axis: DVec2| {
+                height(DVec3::ZERO, axis * self.step) - height(DVec3::ZERO, -axis * self.step)
+            };
+            let [u, v] = point.uv_gradient;
+            differences += along(DVec2::X) * u + along(DVec2::Y) * v;
+        }
+        let gradient = differences * (self.scale / (2.0 * self.step));
         let n = point.n_s;
         (n - (gradient - gradient.dot(n) * n)).try_normalize()
     }
@@ -274,6 +293,19 @@ mod tests {
         }
     }
 
+    /// A texture over the second texture coordinates.
+    struct Second;
+
+    impl Texture for Second {
+        fn needs(&self) -> SurfaceAttributes {
+            SurfaceAttributes::SECOND_UV
+        }
+
+        fn value(&self, point: &SurfaceInteraction) -> Rgb {
+            Rgb::splat(point.vertex.second_uv.x)
+        }
+    }
+
     /// A texture over (u, v).
     struct Flat;
 
@@ -292,6 +324,7 @@ mod tests {
             .with_material::<Matte>("matte", "")
             .with_material::<Mirror>("mirror", "")
             .with_texture("slope", Slope(0.75))
+            .with_texture("second", Second)
             .with_texture("flat", Flat);
         build_in::<Materials, Bump>(text, (), &mut context)
     }
@@ -303,6 +336,7 @@ mod tests {
             "height = \"slope\"\nscale = -40\nmaterial = \"mirror\"",
             "height = \"slope\"\nscale = 1e300\nmaterial = \"mirror\"",
             "height = 0.5\nmaterial = \"matte\"",
+            "height = \"flat\"\nscale = 3\nmaterial = \"mirror\"",
             "vector_map = [0.9, 0.1, 0.6]\nmaterial = \"matte\"",
             "vector_map = \"slope\"\nscale = -3\nmaterial = \"mirror\"",
             "vector_map = \"flat\"\nscale = 1e300\nspace = \"tangent\"\naxis = [0, 1, 0]\nmaterial = \"mirror\"",
@@ -355,11 +389,28 @@ mod tests {
             "vector_map = [1, 0.75, 0.5]\nspace = \"tangent\"",
             [1.0, 0.5, 1.0],
         );
-        // Vectors may be mapped by (u, v); a height may not.
+        // Vectors may be mapped by (u, v).
         near("vector_map = \"flat\"\nscale = 4", [0.0, 0.0, 1.0]);
         // Normals that face away from the viewer or have zero length are not used.
         near("vector_map = [0.5, 0.5, 0]\nscale = 2", [0.0, 0.0, 1.0]);
         near("vector_map = [0.5, 0.5, 0]", [0.0, 0.0, 1.0]);
+    }
+
+    /// The height rises by `u`; the gradient of u is neither a unit vector nor in the plane.
+    #[test]
+    fn a_height_over_uv_rises_along_the_gradient_of_u() {
+        let material = bump("height = \"flat\"\nscale = 0.25\nmaterial = \"mirror\"").unwrap();
+        assert!(material.needs().contains(SurfaceAttributes::UV_GRADIENT));
+        let mut point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
+        point.uv = DVec2::new(0.5, 0.25);
+        point.uv_gradient = [DVec3::new(0.0, 3.0, 7.0), DVec3::X];
+        let mut branches = SpecularRays::default();
+        material.specular_rays(&point, DVec3::Z, &mut branches);
+        // The normal is (0, -0.6, 0.8).
+        let found = branches.iter().next().unwrap().direction;
+        assert!((found - DVec3::new(0.0, -0.96, 0.28)).length() < 1e-12, "{found}");
+        let by_position = bump("height = \"slope\"\nmaterial = \"mirror\"").unwrap();
+        assert!(!by_position.needs().contains(SurfaceAttributes::UV_GRADIENT));
     }
 
     #[test]
@@ -384,9 +435,9 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_by_uv_is_refused_at_its_place() {
+    fn a_height_without_a_slope_is_refused_at_its_place() {
         for (text, place) in [
-            ("height = \"flat\"\nmaterial = \"matte\"", "\"flat\""),
+            ("height = \"second\"\nmaterial = \"matte\"", "\"second\""),
             ("height = \"slope\"\nmaterial = \"matte\"\nstep = 0", "0"),
             ("height = \"slope\"\nmaterial = \"gold\"", "\"gold\""),
         ] {

@@ -38,10 +38,7 @@ impl Resources for Builder<'_, '_, '_> {
     }
 
     fn file(&self, file: &FilePath) -> Result<PathBuf, SceneError> {
-        let sources = self.description.sources;
-        let path = sources
-            .base()
-            .join(sources.relative_to_base(&file.span, &file.path));
+        let path = self.description.sources.path_of(file);
         let fail = |why: String| {
             let error = SceneError::at(file.span.clone(), format!("cannot read \"{}\": {why}", file.path));
             Err(error.with_help(format!("looked for {}", path.display())))

@@ -6,6 +6,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use thiserror::Error;
+use whitstone_core::config::FilePath;
 use whitstone_core::{ImportOptions, Note, Registry, SceneError, SceneErrors, SourceSpan};
 
 /// Maximum size of a scene file in bytes. Scenes are written by hand or by small programs; data
@@ -189,6 +190,11 @@ impl Sources {
             Some(source) => source.folder.join(path),
             None => PathBuf::from(path),
         }
+    }
+
+    /// The path of a file that the scene names: relative to the file that names it.
+    pub fn path_of(&self, file: &FilePath) -> PathBuf {
+        self.base().join(self.relative_to_base(&file.span, &file.path))
     }
 
     fn source_at(&self, offset: usize) -> Option<&Source> {

@@ -352,6 +352,7 @@ impl Bench {
             n_g,
             n_s,
             uv,
+            uv_gradient: _,
             footprint: _,
             vertex: _,
         } = point;
@@ -435,6 +436,13 @@ impl Bench {
         let ((uv, n_s), (other_uv, other_n_s)) = (moved(-4.0), moved(4.0));
         let unsure = (uv - other_uv).length() + (n_s - other_n_s).length();
         let rounding = 1e-9 * (1.0 + here.uv.length()) + 64.0 * here.error / self.size() + unsure;
+        let [u, v] = self.geometry.uv_gradient(&here, hit);
+        let risen = step * DVec2::new(u.dot(along), v.dot(along));
+        let off = (risen - folded(extrapolated.uv - here.uv)).length();
+        law(
+            change.length() > 1e-3 || off <= 1e-3 * risen.length() + rounding,
+            "the gradients of (u, v) must agree with the extrapolated surface",
+        )?;
         // Near poles, coordinates change too fast to be compared.
         law(
             change.length() > 1e-3 || wrong.length() <= 0.05 * change.length() + rounding,

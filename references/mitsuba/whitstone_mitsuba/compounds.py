@@ -134,7 +134,7 @@ class Combined(mi.Texture):
 
     def values(self, si: Any, place: Any) -> np.ndarray:
         """(n, 3) colours at `place`, which has `p`, `uv` and `sh_frame.n` like `si`."""
-        return self.texture.combine([_values(part, si, place) for part in self.parts])
+        return self.texture.combine([values(part, si, place) for part in self.parts])
 
     def eval(self, si: Any, active: Any = True) -> Any:
         return mi.Color3f(np.ascontiguousarray(self.values(si, si).T.astype(np.float32)))
@@ -143,10 +143,16 @@ class Combined(mi.Texture):
         return f"Combined[{type(self.texture).__name__}]"
 
 
-def _values(part: Any, si: Any, place: Any) -> np.ndarray:
-    """(n, 3) colours of any texture; n is 1 if it is constant."""
+def values(part: Any, si: Any, place: Any) -> np.ndarray:
+    """(n, 3) colours of any texture at `place`, which has `p`, `uv` and `sh_frame.n` like `si`; n is
+    1 if the texture is constant.
+    """
     if hasattr(part, "values"):
         return part.values(si, place)
+    if place is not si:
+        # Mitsuba's own textures look at (u, v) only.
+        si = mi.SurfaceInteraction3f(si)
+        si.uv = mi.Point2f(np.ascontiguousarray(np.array(place.uv), dtype=np.float32))
     return np.array(mi.Color3f(part.eval(si)), dtype=np.float64).reshape(3, -1).T
 
 

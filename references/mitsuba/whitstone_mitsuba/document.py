@@ -72,6 +72,8 @@ class Document:
     folder: Folder
     # Whether a surface has a texture that is filtered over footprints.
     footprints: bool = False
+    # Whether a surface has a bump map with a height that depends on (u, v).
+    gradients: bool = False
     # The coincident surfaces: dictionaries of shapes, form and gap, or of not_examined.
     coincident: Tuple[dict, ...] = ()
 
@@ -236,11 +238,12 @@ def parse(text: str, base: str) -> Document:
     material_reader = materials.Materials(_shared(root.get("material", {}), "material", errors), texture_reader, errors, unsupported)
     groups = _shared(root.get("group", {}), "group", errors)
     shape_list, found = shapes.read(root, groups, material_reader, texture_reader, folder, errors, unsupported)
-    covered = False
+    covered = gradients = False
     if integrator is not None:
         _check_ray_count(integrator, material_reader.all, shape_list, errors)
     if not errors and not unsupported:
         covered = footprints.used(material_reader.all, shape_list)
+        gradients = footprints.gradients_used(material_reader.all, shape_list)
         unsupported += footprints.unsupported(material_reader.all, shape_list)
     # A document can be both invalid and unsupported; errors take precedence.
     if errors:
@@ -252,4 +255,4 @@ def parse(text: str, base: str) -> Document:
         places = [(lamp, lamp.place()) for lamp in lamps.lamps]
         margins = tuple(lamp if place is None else replace(lamp, margin=found.margin(place)) for lamp, place in places)
         lamps = replace(lamps, lamps=margins)
-    return Document(width, height, aovs, samplers.Samples.all(sampler, camera.lens_points()), camera, integrator, lamps, tuple(material_reader.all), tuple(shape_list), folder, covered, tuple(found.reported))
+    return Document(width, height, aovs, samplers.Samples.all(sampler, camera.lens_points()), camera, integrator, lamps, tuple(material_reader.all), tuple(shape_list), folder, covered, gradients, tuple(found.reported))

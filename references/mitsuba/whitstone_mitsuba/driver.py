@@ -352,6 +352,10 @@ class Tracer:
         si.wi = si.to_local(-dr.gather(mi.Vector3f, level.rays.d, lanes))
         if level.footprint is not None:
             level.footprint.put(si, lanes.numpy())
+        if self.document.gradients:
+            si.dp_du, si.dp_dv = (
+                mi.Vector3f(np.ascontiguousarray(rows.T, dtype=np.float32)) for rows in self.built.surfaces.gradients(hits, lanes.numpy())
+            )
         if self.built.vertices.any:
             self.built.vertices.put(si, dr.gather(mi.UInt32, hits.shape, lanes), dr.gather(mi.UInt32, hits.facet, lanes))
         return si

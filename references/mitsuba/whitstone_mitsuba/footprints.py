@@ -7,6 +7,10 @@ this module: their rays have no column for it, and their kernels are the same as
 Textures find the footprint in four fields of Mitsuba's surface interaction: `duv_dx` and `duv_dy`
 as Mitsuba uses them, and `dp_du` and `dp_dv`, which none of the BSDFs in use reads, as the steps of
 the point.
+
+Bump maps whose height depends on (u, v) need the gradients of u and v on the surface (model §8),
+which follow from the same derivatives. They are in `dp_du` and `dp_dv`, so a document has either
+gradients or footprints.
 """
 
 from __future__ import annotations
@@ -59,11 +63,33 @@ def used(materials: Sequence[Any], shapes: Sequence[Any]) -> bool:
     return any(_filtered(materials, number) for number in {shape.material for shape in shapes})
 
 
+def _by_uv(materials: Sequence[Any], number: int) -> bool:
+    """Whether a material, or a part of it, is a bump map with a height that depends on (u, v)."""
+    material = materials[number]
+    height = material.textures.get("height") if material.type == "bump" else None
+    return (height is not None and compounds.by_uv(height)) or any(_by_uv(materials, part) for part in material.parts)
+
+
+def gradients_used(materials: Sequence[Any], shapes: Sequence[Any]) -> bool:
+    """Whether a surface has a bump map that needs the gradients of (u, v)."""
+    return any(_by_uv(materials, number) for number in {shape.material for shape in shapes})
+
+
+def _unsupported_gradients(materials: Sequence[Any], shapes: Sequence[Any]) -> List[str]:
+    found = []
+    if gradients_used(materials, shapes) and used(materials, shapes):
+        found.append("scene: no twin for a bump map by (u, v) in a scene with footprints: the driver has one place for the derivatives of both")
+    for shape in shapes:
+        if _by_uv(materials, shape.material) and (shape.type not in SHAPES or shape.surface is not None):
+            found.append(f"shape {shape.number}: no twin for a bump map by (u, v) on a shape of type {shape.type!r}: the driver lacks its derivatives")
+    return found
+
+
 def unsupported(materials: Sequence[Any], shapes: Sequence[Any]) -> List[str]:
     """The reasons why the derivatives of such a document are not available."""
+    found = _unsupported_gradients(materials, shapes)
     if not used(materials, shapes):
-        return []
-    found = []
+        return found
     for shape in shapes:
         material = materials[shape.material]
         if not material.branches and not _filtered(materials, shape.material):
@@ -180,17 +206,41 @@ class Surfaces:
         moved = rays.differentials[:, :, 0] + t[:, None, None] * rays.differentials[:, :, 1]
         step = moved - (_dot(moved, n_g[:, None]) / cosine[:, None]) * d[:, None]
         step[~valid] = 0
+        found = self._along(step, valid, shape, primitive, p)
+        # Rule S flips the normal, and its derivative with it.
+        turned = _dot(_rows(hits.n_s), _rows(hits.n_raw)) < 0
+        found.normal = np.where(turned[:, :, None], -found.normal, found.normal)
+        return found
+
+    def gradients(self, hits: Any, lanes: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+        """(n, 3) each: the gradients of u and v at some lanes; zero on a miss."""
+        valid, shape, primitive = (array.numpy()[lanes] for array in (hits.valid, hits.shape, hits.primitive))
+        n_g, p = (_rows(array)[lanes] for array in (hits.n_g, hits.p))
+        # Two unit vectors across the normal: any axis that is far from it gives the first.
+        axis = np.eye(3)[np.argmin(np.abs(n_g), axis=1)]
+        tangent = np.cross(n_g, axis)
+        length = np.linalg.norm(tangent, axis=1, keepdims=True)
+        tangent = np.divide(tangent, length, out=np.zeros_like(tangent), where=length > 0)
+        pair = np.stack([tangent, np.cross(n_g, tangent)], axis=1)
+        change = self._along(pair, valid, shape, primitive, p).uv
+        change = np.where(np.isfinite(change), change, 0.0)
+        # The sum over both vectors of the change along it times itself, for u and for v.
+        u, v = (np.einsum("ns,nsi->ni", change[:, :, k], pair) for k in (0, 1))
+        return u, v
+
+    def _along(self, step: np.ndarray, valid: np.ndarray, shape: np.ndarray, primitive: np.ndarray, p: np.ndarray) -> Footprint:
+        """The changes by (n, 2, 3) steps in the tangent planes at points of these shapes."""
         found = Footprint(step, np.zeros((len(valid), 2, 2)), np.zeros((len(valid), 2, 3)))
         for number in np.unique(shape[valid]):
             lanes = np.flatnonzero(valid & (shape == number))
             rules = self._shapes[number].rules
+            # Shapes of other types have no bump map by (u, v) and no footprint: see `unsupported`.
+            if self._shapes[number].type not in SHAPES or self._shapes[number].surface is not None:
+                continue
             if rules.object_from_world is None:
                 self._on_triangles(number, lanes, primitive[lanes], p[lanes], found)
             else:
                 self._on_curve(self._shapes[number], lanes, p[lanes], found)
-        # Rule S flips the normal, and its derivative with it.
-        turned = _dot(_rows(hits.n_s), _rows(hits.n_raw)) < 0
-        found.normal = np.where(turned[:, :, None], -found.normal, found.normal)
         return found
 
     def _on_curve(self, shape: Any, lanes: np.ndarray, p: np.ndarray, found: Footprint) -> None:

@@ -14,7 +14,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
-from .compounds import by_uv
+from .compounds import leaves
 from .fields import REQUIRED, Fields, Vector, nearest
 from .runtime import dr, mi
 from .textures import Constant, Textures
@@ -358,8 +358,8 @@ def _bump(fields: Fields, textures: Textures, parts: List[Material]) -> Material
     if fields.has("vector_map"):
         return _bump_vectors(fields, textures, parts)
     height = textures.value(fields, "height", REQUIRED, 0.0, math.inf)
-    if by_uv(height):
-        fields.error("height", "must be mapped by the world-space position, not by (u, v)")
+    if any(leaf.mapping.uv_set == 1 for leaf in leaves(height) if hasattr(leaf, "mapping")):
+        fields.error("height", "must not be mapped by the second texture coordinates")
     scale = fields.number("scale", 1.0)
     step = fields.number("step", 1e-3, lambda value: value > 0, "a number > 0")
     made = _composite_of("bump", parts, textures={"height": height}, numbers={"scale": scale, "step": step})

@@ -12,7 +12,7 @@ from typing import Any, Optional, Sequence, Tuple
 import numpy as np
 
 from .cameras import Lens
-from .compounds import leaves
+from .compounds import by_uv, leaves, values
 from .runtime import dr, mi
 
 FLAGS = {
@@ -418,13 +418,14 @@ class _Place:
 
 
 class Bump(NormalMapped):
-    """A bump map: a height as a function of the world-space position."""
+    """A bump map: a height as a function of the world-space position and of (u, v)."""
 
     def __init__(self, height: Any, scale: float, step: float, inner: Shader) -> None:
         NormalMapped.__init__(self, inner)
         self.height = height.build()
         # Constants and vertex colours have no slope and no mapping.
         self.flat = not any(hasattr(leaf, "mapping") for leaf in leaves(height))
+        self.by_uv = by_uv(height)
         self.scale, self.step = scale, step
 
     def normal(self, si: Any, n: Any) -> Any:
@@ -437,7 +438,17 @@ class Bump(NormalMapped):
                 beside = p.copy()
                 beside[axis] += sign * self.step
                 place = _Place(beside, si.uv, si.sh_frame)
-                gradient[axis] += sign * self.height.values(si, place)[:, 0]
+                gradient[axis] += sign * values(self.height, si, place)[:, 0]
+        if self.by_uv:
+            uv = np.array(si.uv, dtype=np.float64)
+            # The gradients of u and of v: see `footprints`.
+            for axis, along in enumerate((si.dp_du, si.dp_dv)):
+                difference = np.zeros(uv.shape[1])
+                for sign in (1, -1):
+                    beside = uv.copy()
+                    beside[axis] += sign * self.step
+                    difference += sign * values(self.height, si, _Place(si.p, beside, si.sh_frame))[:, 0]
+                gradient += difference * np.array(along, dtype=np.float64)
         gradient = gradient * (self.scale / (2 * self.step))
         normal = np.array(n, dtype=np.float64)
         raised = normal - (gradient - np.sum(gradient * normal, axis=0) * normal)

@@ -406,6 +406,7 @@ impl Instance {
             n_g,
             n_s,
             uv: point.uv,
+            uv_gradient: point.uv_gradient,
             footprint: point.footprint,
             vertex: point.vertex.transformed(&forward.matrix3),
         }

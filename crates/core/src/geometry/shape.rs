@@ -262,8 +262,10 @@ impl SurfaceAttributes {
     pub const SECOND_UV: Self = Self(32);
     /// The tangent of a mesh.
     pub const TANGENT: Self = Self(64);
+    /// The gradients of the texture coordinates. Shapes ignore this; the scene computes them.
+    pub const UV_GRADIENT: Self = Self(128);
     /// All of these.
-    pub const ALL: Self = Self(127);
+    pub const ALL: Self = Self(255);
 
     /// Whether any of `other` is in this set.
     pub const fn intersects(self, other: Self) -> bool {
@@ -303,6 +305,9 @@ pub struct SurfaceInteraction {
     pub n_s: DVec3,
     /// Texture coordinates.
     pub uv: DVec2,
+    /// Gradients of u and v on the surface, per metre; see [`crate::Geometry::uv_gradient`]. The
+    /// scene adds them if the material reads them; otherwise they are zero.
+    pub uv_gradient: [DVec3; 2],
     /// Footprint of the ray; the integrator adds it if the material reads it.
     pub footprint: Footprint,
     /// Attributes that only meshes have.
@@ -319,6 +324,7 @@ impl SurfaceInteraction {
             n_g,
             n_s: n_g,
             uv: DVec2::ZERO,
+            uv_gradient: [DVec3::ZERO; 2],
             footprint: Footprint::NONE,
             vertex: VertexAttributes::NONE,
         }

@@ -473,6 +473,16 @@ impl HitStream {
     }
 }
 
+/// Gradients of the texture coordinates for each point of a stream.
+#[derive(Clone, Default)]
+#[repr(align(64))]
+pub struct UvGradientStream {
+    /// Of u.
+    pub u: Vectors,
+    /// Of v.
+    pub v: Vectors,
+}
+
 /// A stream of surface interactions.
 #[derive(Clone, Default)]
 #[repr(align(64))]
@@ -493,6 +503,8 @@ pub struct SurfaceStream {
     pub v: Numbers,
     /// Unit directions to the viewers.
     pub view: Vectors,
+    /// See [`SurfaceInteraction::uv_gradient`]; present if the material reads it.
+    pub uv_gradient: Optional<UvGradientStream>,
     /// See [`SurfaceInteraction::footprint`]; present if the material reads it.
     pub footprint: Optional<FootprintStream>,
     /// See [`SurfaceInteraction::vertex`]; present if the material reads it.
@@ -509,6 +521,10 @@ impl SurfaceStream {
             n_g: self.n_g.get(lane),
             n_s: self.n_s.get(lane),
             uv: DVec2::new(self.u.0[lane], self.v.0[lane]),
+            uv_gradient: match self.uv_gradient.get() {
+                None => [DVec3::ZERO; 2],
+                Some(gradients) => [gradients.u.get(lane), gradients.v.get(lane)],
+            },
             footprint: match self.footprint.get() {
                 None => Footprint::NONE,
                 Some(footprint) => footprint.get(lane),
@@ -520,7 +536,7 @@ impl SurfaceStream {
         }
     }
 
-    /// Replaces the point of a lane, except view and footprint.
+    /// Replaces the point of a lane, except view, gradients of (u, v) and footprint.
     #[inline(always)]
     pub fn set(&mut self, lane: usize, point: &SurfaceInteraction) {
         self.position.set(lane, point.position);

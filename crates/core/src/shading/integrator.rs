@@ -276,7 +276,12 @@ impl Scene {
 
     /// The surface at a hit, with the normals and texture coordinates that its material reads.
     pub fn surface(&self, ray: &Ray, hit: &PreliminaryIntersection) -> SurfaceInteraction {
-        self.geometry.surface(ray, hit, self.needs[hit.shape as usize])
+        let needs = self.needs[hit.shape as usize];
+        let mut point = self.geometry.surface(ray, hit, needs);
+        if needs.contains(SurfaceAttributes::UV_GRADIENT) {
+            point.uv_gradient = self.geometry.uv_gradient(&point, hit);
+        }
+        point
     }
 
     /// The footprint of a ray at its hit, with the attributes that the material reads; none if the
@@ -310,6 +315,17 @@ impl Scene {
             points.vertex.turn_off();
         }
         self.geometry.surface_stream(shape, rays, hits, needs, points);
+        if needs.contains(SurfaceAttributes::UV_GRADIENT) {
+            for lane in 0..rays.len.min(LANES) {
+                let [u, v] = self.geometry.uv_gradient(&points.get(lane), &hits.hit(lane));
+                let gradients = points.uv_gradient.memory();
+                gradients.u.set(lane, u);
+                gradients.v.set(lane, v);
+            }
+            points.uv_gradient.turn_on();
+        } else {
+            points.uv_gradient.turn_off();
+        }
         match rays.differential.get() {
             Some(differentials) if needs.contains(SurfaceAttributes::FOOTPRINT) => {
                 for lane in 0..rays.len.min(LANES) {

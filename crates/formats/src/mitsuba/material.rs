@@ -30,6 +30,10 @@ impl Look {
     }
 }
 
+/// The step of a bump map in (u, v). Mitsuba derives between the texels; a much smaller step would
+/// lose digits of single-precision heights.
+const BUMP_STEP: f64 = 1e-4;
+
 /// Names of indices of refraction (Mitsuba's `ior.h`).
 const IORS: [(&str, f64); 23] = [
     ("vacuum", 1.0),
@@ -232,14 +236,7 @@ impl<'a> Translator<'a> {
                 }
             }
             "normalmap" => self.normal_map(&mut fields, look),
-            "bumpmap" => {
-                self.note("bsdf bumpmap", at);
-                for ignored in ["scale", "flip_invalid_normals", "use_shadowing_function"] {
-                    fields.take(ignored);
-                }
-                self.children(&mut fields, &["texture"]);
-                return self.only_nested(fields, look);
-            }
+            "bumpmap" => self.bump_map(&mut fields, look),
             "null" => {
                 let material = Value::Table(black());
                 typed("mask", [("material", material), ("opacity", Value::Float(0.0))])
@@ -251,6 +248,38 @@ impl<'a> Translator<'a> {
         };
         self.finish(fields);
         result
+    }
+
+    fn bump_map(&mut self, fields: &mut Fields<'a>, look: &Look) -> Table {
+        self.note("bsdf bumpmap", fields.at());
+        for ignored in ["flip_invalid_normals", "use_shadowing_function"] {
+            fields.take(ignored);
+        }
+        let scale = self.number(fields, "scale", 1.0);
+        // Heights rise along Mitsuba's normal.
+        let scale = if look.flip { -scale } else { scale };
+        let heights = self.children(fields, &["texture"]);
+        let height = match heights[..] {
+            [(_, height)] => self.texture(height, look),
+            _ => {
+                let found = heights.len();
+                self.error(
+                    fields.at(),
+                    format!("expected one texture in \"bumpmap\", found {found}"),
+                );
+                Value::Float(0.0)
+            }
+        };
+        let material = self.nested(fields, look);
+        typed(
+            "bump",
+            [
+                ("height", height),
+                ("scale", Value::Float(scale)),
+                ("step", Value::Float(BUMP_STEP)),
+                ("material", material),
+            ],
+        )
     }
 
     /// The single BSDF in another one.
@@ -265,17 +294,6 @@ impl<'a> Translator<'a> {
             format!("expected one bsdf in \"{plugin}\", found {}", parts.len()),
         );
         Value::Table(black())
-    }
-
-    /// A BSDF of which only the nested one is translated.
-    fn only_nested(&mut self, mut fields: Fields<'a>, look: &Look) -> Table {
-        let value = self.nested(&mut fields, look);
-        self.finish(fields);
-        match value {
-            Value::Table(table) => table,
-            // The same material on both sides is that material.
-            value => typed("two_sided", [("front", value.clone()), ("back", value)]),
-        }
     }
 
     fn two_sided(&mut self, fields: &mut Fields<'a>, look: &Look) -> Table {

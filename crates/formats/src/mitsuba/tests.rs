@@ -351,9 +351,12 @@ fn bsdfs_are_materials() {
     );
     assert_eq!(metal["type"].as_str(), Some("glossy"));
     let bump = material(
-        "<bsdf type='bumpmap'><texture type='bitmap'><string name='filename' value='t.png'/></texture><bsdf type='dielectric'/></bsdf>",
+        "<bsdf type='bumpmap'><texture type='bitmap'><string name='filename' value='t.png'/></texture><float name='scale' value='0.25'/><bsdf type='dielectric'/></bsdf>",
     );
-    assert_eq!(bump["type"].as_str(), Some("dielectric"));
+    assert_eq!(
+        (bump["type"].as_str(), bump["material"]["type"].as_str(), number(&bump["scale"])),
+        (Some("bump"), Some("dielectric"), 0.25)
+    );
 }
 
 #[test]
@@ -531,8 +534,11 @@ fn materials_that_refer_to_each_other_take_linear_time() {
     assert_eq!(scene["material"].as_table().unwrap().len(), 13);
     assert_eq!(errors(&text(39))[0].1, "objects are nested more than 16 deep");
     // Many shapes share one large material.
-    let inner = "<texture type='uniform'/>".repeat(2_000);
-    let large = format!("<bsdf type='bumpmap' id='b'>{inner}<bsdf type='diffuse'/></bsdf>");
+    let inner: Vec<String> = (0..2_000).map(|i| format!("{}:0.5", 400.0 + 0.1 * f64::from(i))).collect();
+    let large = format!(
+        "<bsdf type='diffuse' id='b'><spectrum name='reflectance' value='{}'/></bsdf>",
+        inner.join(", ")
+    );
     let cubes =
         "<shape type='cube'><ref id='b'/></shape><shape type='rectangle'><ref id='b'/></shape>".repeat(5_000);
     assert_eq!(

@@ -30,6 +30,7 @@ pub(super) struct Mtl {
     pub(super) emission_map: Option<Map>,
     pub(super) opacity_map: Option<Map>,
     pub(super) normal_map: Option<Map>,
+    pub(super) bump_map: Option<Map>,
     /// Names of features that occur and are dropped or approximated.
     pub(super) noted: Vec<&'static str>,
 }
@@ -116,7 +117,7 @@ impl Mtl {
             "map_ke" | "map_emissive" => self.emission_map = Some(self.map(rest, line)?),
             "map_d" | "map_opacity" => self.opacity_map = Some(self.map(rest, line)?),
             "norm" | "map_kn" => self.normal_map = Some(self.map(rest, line)?),
-            "bump" | "map_bump" => self.note("bump"),
+            "bump" | "map_bump" => self.bump_map = Some(self.map(rest, line)?),
             "map_ka" => self.note("map_Ka"),
             "map_ns" => self.note("map_Ns"),
             "map_tr" => self.note("map_Tr"),
@@ -297,7 +298,7 @@ mod tests {
         );
         assert_eq!(first.noted, ["-mm", "spectral, xyz"]);
         assert_eq!(second.opacity, Some(0.5));
-        assert_eq!(second.noted, ["bump"]);
+        assert_eq!(second.bump_map.as_ref().unwrap().multiplier, Some(2.0));
         assert_eq!(second.normal_map.as_ref().unwrap().multiplier, Some(0.5));
     }
 

@@ -159,21 +159,22 @@ fn textures_multiply_and_are_shared() {
 
 #[test]
 fn normal_maps_need_tangents_and_emission_is_added() {
-    let mtl = "newmtl a\nKd 1\nnorm -bm 0.5 n.png\nKe 2 2 2\nbump h.png\nnewmtl b\n";
+    let mtl = "newmtl a\nKd 1\nnorm -bm 0.5 n.png\nKe 2 2 2\nmap_Bump -bm 0.25 h.png\nnewmtl b\n";
     let (scene, notes) = load(CUBE, mtl, &ImportOptions::all());
     assert_eq!(scene["shape"][0]["tangents"].as_bool(), Some(true));
     assert!(scene["shape"][1].get("tangents").is_none());
     assert_eq!(
         scene["material"]["a"],
         Value::Table(toml(
-            "type = \"emissive\"\nradiance = 2.0\n[material]\ntype = \"normal_map\"\nmap = \"n\"\nstrength = 0.5\n\
+            "type = \"emissive\"\nradiance = 2.0\n[material]\ntype = \"bump\"\nheight = \"h\"\nscale = 0.25\n\
+             [material.material]\ntype = \"normal_map\"\nmap = \"n\"\nstrength = 0.5\n\
              tangent = \"mesh\"\nmaterial = { type = \"matte\", reflectance = 1.0 }"
         ))
     );
     assert_eq!(scene["texture"]["n"]["color_space"].as_str(), Some("linear"));
     assert_eq!(
         notes,
-        [("Ke", vec!["a".to_owned()]), ("bump", vec!["a".to_owned()])]
+        [("bump", vec!["a".to_owned()]), ("Ke", vec!["a".to_owned()])]
     );
 }
 

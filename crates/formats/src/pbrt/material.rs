@@ -69,10 +69,13 @@ enum Metal {
 impl Importer<'_> {
     pub(super) fn material(&mut self, plugin: &str, name: Option<&str>, mut args: Args) -> Look {
         let at = args.at;
-        if args.has("displacement") || args.has("normalmap") {
-            args.ignore(&["displacement", "normalmap"]);
-            self.note("displacement, normalmap of a material", at);
+        if args.has("normalmap") {
+            args.ignore(&["normalmap"]);
+            self.note("normalmap of a material", at);
         }
+        let height = self.named_texture(&mut args, "displacement", true);
+        // A number displaces all points alike.
+        args.ignore(&["displacement"]);
         let mut look = Look {
             value: None,
             uv: false,
@@ -185,6 +188,15 @@ impl Importer<'_> {
             }
         };
         self.done(args);
+        let table = match height {
+            None => table,
+            Some((height, uv, _)) => {
+                self.note("displacement of a material", at);
+                look.uv |= uv;
+                let inner = Value::Table(table);
+                typed("bump", [("height", height), ("material", inner)])
+            }
+        };
         look.value = Some(self.share_material(name.unwrap_or(plugin), table));
         look
     }

@@ -1394,7 +1394,7 @@ impl<'a> Importer<'a> {
     }
 
     /// The texture that a parameter of type texture names.
-    fn named_texture(
+    pub(super) fn named_texture(
         &mut self,
         args: &mut Args,
         name: &'static str,

@@ -381,6 +381,20 @@ fn textures() {
 }
 
 #[test]
+fn displacements_become_bump_maps() {
+    let scene = world(
+        "Texture \"h\" \"float\" \"imagemap\" \"string filename\" \"a.png\"
+         Material \"diffuse\" \"texture displacement\" \"h\" Shape \"sphere\"",
+    );
+    let bump = material(&scene, 0);
+    assert_eq!(
+        (bump["type"].as_str(), bump["material"]["type"].as_str()),
+        (Some("bump"), Some("matte"))
+    );
+    assert!(bump["height"].as_str().is_some_and(|id| scene["texture"].get(id).is_some()));
+}
+
+#[test]
 fn objects_and_files() {
     let scene = import(
         "WorldBegin ObjectBegin \"o\" Translate 1 0 0 Shape \"sphere\" ObjectEnd

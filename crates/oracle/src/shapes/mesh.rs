@@ -11,7 +11,6 @@ mod tangents;
 mod tests;
 
 use serde::Deserialize;
-use std::path::Path;
 use subdivision::Joined;
 use whitstone_core::config::FilePath;
 use whitstone_core::{SceneError, SceneErrors};
@@ -195,7 +194,7 @@ fn all<T: Copy>([a, b, c]: [Option<T>; 3]) -> Option<[T; 3]> {
 
 pub(crate) fn read(description: &Description<'_>, config: &Config) -> Result<Mesh, SceneErrors> {
     let error = |message: String| SceneErrors::from(SceneError::at(config.file.span.clone(), message));
-    let path = description.sources.base().join(Path::new(&config.file.path));
+    let path = description.sources.path_of(&config.file);
     let extension = path
         .extension()
         .unwrap_or_default()

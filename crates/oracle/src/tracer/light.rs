@@ -318,7 +318,7 @@ fn cube(description: &Description<'_>, faces: &Faces) -> Result<Vec<Picture>, Sc
         nz,
     } = faces;
     let read = |face: &Face| {
-        let codes = Codes::read(&face.file, description.sources.base());
+        let codes = Codes::read(&face.file, description.sources);
         let picture = codes.and_then(|codes| Picture::of(&codes, None, &lookup));
         picture.map_err(|fault| {
             let message = format!("the oracle does not support {fault}");

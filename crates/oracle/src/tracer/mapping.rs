@@ -15,6 +15,8 @@ pub(super) struct Place {
     pub(super) p: DVec3,
     /// The shading normal; its sign does not matter.
     pub(super) n_s: DVec3,
+    /// The gradients of (u, v) on the surface; zero if they are not needed.
+    pub(super) gradients: [DVec3; 2],
     /// Derivatives of all of this per sample; zero if they are not needed.
     pub(super) footprint: Footprint,
     /// The second set of texture coordinates.
@@ -33,6 +35,7 @@ impl Default for Place {
             uv: DVec2::ZERO,
             p: DVec3::ZERO,
             n_s: DVec3::ZERO,
+            gradients: [DVec3::ZERO; 2],
             footprint: Footprint::default(),
             second: DVec2::ZERO,
             tangent: None,

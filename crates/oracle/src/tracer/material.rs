@@ -157,21 +157,28 @@ impl Material {
 
     /// Whether it contains a mask.
     pub(super) fn has_masks(&self) -> bool {
-        self.0.has_masks()
+        self.0.contains(&|kind| matches!(kind, Kind::Mask(..)))
+    }
+
+    /// Whether it contains a height, whose slope needs the gradients of (u, v).
+    pub(super) fn has_heights(&self) -> bool {
+        self.0.contains(&|kind| matches!(kind, Kind::Bump { .. }))
     }
 }
 
 impl Kind {
-    fn has_masks(&self) -> bool {
-        match self {
-            Self::Mask(..) => true,
-            Self::Emissive(_, inner) => inner.as_ref().is_some_and(|inner| inner.has_masks()),
-            Self::NormalMap { inner, .. } | Self::Bump { inner, .. } | Self::BumpVectors(.., inner) => {
-                inner.has_masks()
+    /// Whether it or one of its parts is one of these.
+    fn contains(&self, wanted: &dyn Fn(&Kind) -> bool) -> bool {
+        wanted(self)
+            || match self {
+                Self::Emissive(_, inner) => inner.as_ref().is_some_and(|inner| inner.contains(wanted)),
+                Self::Mask(_, inner)
+                | Self::NormalMap { inner, .. }
+                | Self::Bump { inner, .. }
+                | Self::BumpVectors(.., inner) => inner.contains(wanted),
+                Self::Mix(_, two) | Self::Sides(two) => two.iter().any(|one| one.contains(wanted)),
+                _ => false,
             }
-            Self::Mix(_, two) | Self::Sides(two) => two.iter().any(|one| one.has_masks()),
-            _ => false,
-        }
     }
 }
 
@@ -294,12 +301,23 @@ impl At<'_> {
                 step,
                 inner,
             } => {
-                let h = |offset: DVec3| {
-                    let p = self.spot.p + offset;
-                    scale * height.at(&Place { p, ..self.spot }).to_array()[0]
-                };
-                let slope = |axis: DVec3| (h(*step * axis) - h(-*step * axis)) / (2.0 * step);
-                let g = DVec3::from_array(DVec3::AXES.map(slope));
+                let h = |place: Place| scale * height.at(&place).to_array()[0];
+                let spot = self.spot;
+                let slope = |at: &dyn Fn(f64) -> Place| (h(at(*step)) - h(at(-*step))) / (2.0 * step);
+                let by_point = DVec3::AXES.map(|axis| {
+                    slope(&|s| Place {
+                        p: spot.p + s * axis,
+                        ..spot
+                    })
+                });
+                let by_uv = DVec2::AXES.map(|axis| {
+                    slope(&|s| Place {
+                        uv: spot.uv + s * axis,
+                        ..spot
+                    })
+                });
+                let [u, v] = spot.gradients;
+                let g = DVec3::from_array(by_point) + by_uv[0] * u + by_uv[1] * v;
                 (inner, Some(n_s - (g - g.dot(n_s) * n_s)))
             }
             _ => return None,

@@ -8,6 +8,7 @@ use serde::Deserialize;
 use std::fmt::Display;
 use std::path::Path;
 use whitstone_core::config::{Color, FilePath};
+use whitstone_scene::Sources;
 use whitstone_core::{DVec2, DVec3, Rgb};
 use whitstone_image::limits::{Limits, ReadFault};
 use whitstone_image::texels::{self, Encoding, Texels};
@@ -159,8 +160,8 @@ pub(super) struct Codes {
 }
 
 impl Codes {
-    pub(super) fn read(file: &FilePath, base: &Path) -> Result<Self, String> {
-        Self::new(texels::read(base.join(Path::new(&file.path)), Limits::TEXTURE))
+    pub(super) fn read(file: &FilePath, sources: &Sources) -> Result<Self, String> {
+        Self::new(texels::read(sources.path_of(file), Limits::TEXTURE))
     }
 
     fn new(texels: Result<Texels, impl Display>) -> Result<Self, String> {
@@ -203,7 +204,7 @@ impl Codes {
 }
 
 impl Picture {
-    pub(super) fn new(config: &PictureConfig, base: &Path) -> Result<Self, String> {
+    pub(super) fn new(config: &PictureConfig, sources: &Sources) -> Result<Self, String> {
         let (alpha, channel) = match config.channel.as_deref() {
             None | Some("color") => (false, None),
             Some("alpha") => (true, None),
@@ -212,12 +213,12 @@ impl Picture {
             Some("blue") => (false, Some(2)),
             Some(other) => return Err(format!("the channel \"{other}\" of images")),
         };
-        let path = base.join(Path::new(&config.file.path));
+        let path = sources.path_of(&config.file);
         let mut codes = match (gltf::is_gltf(&path), alpha) {
             (true, _) => Codes::of_gltf(&path, config.image.unwrap_or(0), alpha)?,
             (false, _) if config.image.is_some() => return Err("`image` of this file".to_owned()),
             (false, true) => Codes::new(texels::read_alpha(path, Limits::TEXTURE))?,
-            (false, false) => Codes::read(&config.file, base)?,
+            (false, false) => Codes::read(&config.file, sources)?,
         };
         if let Some(channel) = channel {
             for texel in &mut codes.values {
@@ -334,11 +335,11 @@ pub(super) struct Voxels {
 }
 
 impl Voxels {
-    pub(super) fn new(config: VoxelsConfig, base: &Path) -> Result<Self, String> {
+    pub(super) fn new(config: VoxelsConfig, sources: &Sources) -> Result<Self, String> {
         let numbers = match (config.values, &config.file) {
             (Some(values), _) => values,
             (None, Some(file)) => {
-                let bytes = std::fs::read(base.join(Path::new(&file.path)));
+                let bytes = std::fs::read(sources.path_of(file));
                 let bytes = bytes.map_err(|error| format!("this block of voxels: {error}"))?;
                 match config.format.as_deref() {
                     Some("f32") => bytes

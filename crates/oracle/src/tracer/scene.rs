@@ -305,16 +305,20 @@ impl Scene {
         let p = part.object(hit.point);
         let interpolated = part.coordinates.normal(p, hit.primitive, &part.normals[0]);
         let attributes = part.coordinates.attributes(p, hit.primitive);
-        let place = Place {
+        let mut place = Place {
             uv: part.coordinates.uv(p, hit.primitive, hit.parameters),
             p: hit.point,
             n_s: interpolated.map_or(hit.normal, |n| part.outwards(n)),
             second: attributes.second,
             color: attributes.color,
             tangent: part.tangent(&attributes),
+            gradients: [DVec3::ZERO; 2],
             footprint: Footprint::default(),
             nudge,
         };
+        if part.material.has_heights() {
+            place.gradients = part.gradients(hit, &place);
+        }
         part.material.at(place, hit.normal, viewer)
     }
 
@@ -344,6 +348,8 @@ impl Scene {
         let part = &self.parts[hit.shape];
         let p = part.object(hit.point);
         let corners = part.coordinates.corners(p, hit.primitive, &part.normals[0]);
+        // They are the same on all of a triangle.
+        let gradients = self.material(hit, eye, nudge).place().gradients;
         let seen = |corner: Corner| {
             let p = part.maps.iter().fold(corner.p, |p, map| map.transform_point3(p));
             let place = Place {
@@ -353,6 +359,7 @@ impl Scene {
                 second: corner.attributes.second,
                 color: corner.attributes.color,
                 tangent: part.tangent(&corner.attributes),
+                gradients,
                 footprint: Footprint::default(),
                 nudge,
             };
@@ -396,6 +403,16 @@ impl Part {
             slope(uv_before, here.uv, uv_after, away) * length,
             slope(n_before, here.n_s, n_after, away) * length,
         )
+    }
+
+    /// The gradients of u and v: their changes along two unit vectors across the normal.
+    fn gradients(&self, hit: &Hit, here: &Place) -> [DVec3; 2] {
+        let (e, f) = hit.normal.any_orthonormal_pair();
+        let [along_e, along_f] = [e, f].map(|along| self.change(hit, here, along).0);
+        [
+            along_e.x * e + along_f.x * f,
+            along_e.y * e + along_f.y * f,
+        ]
     }
 
     /// (u, v) and n_s of the primitive that was hit, at the point of the surface nearest `q` along

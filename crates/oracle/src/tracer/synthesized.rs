@@ -5,8 +5,8 @@ use super::pattern::{Codes, Lookup, Pair, Picture};
 use super::wrap::Wraps;
 use crate::shapes::heightfield::m;
 use serde::Deserialize;
-use std::path::Path;
 use whitstone_core::config::FilePath;
+use whitstone_scene::Sources;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -38,8 +38,8 @@ struct Optimize {
 
 type Texel = [f64; 3];
 
-pub(super) fn synthesized(config: &SynthesizedConfig, base: &Path) -> Result<Picture, String> {
-    let sample = Codes::read(&config.file, base)?;
+pub(super) fn synthesized(config: &SynthesizedConfig, sources: &Sources) -> Result<Picture, String> {
+    let sample = Codes::read(&config.file, sources)?;
     let lookup = Lookup {
         filter: config.filter.as_deref(),
         max_anisotropy: config.max_anisotropy,

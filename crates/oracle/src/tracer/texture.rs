@@ -168,19 +168,19 @@ impl Texture {
             "image" => {
                 let mut config: PictureConfig = decode(keys)?;
                 let mapping = Mapping::new(config.mapping.take(), Projection::Uv).map_err(unknown)?;
-                let picture = Picture::new(&config, description.sources.base()).map_err(unknown)?;
+                let picture = Picture::new(&config, description.sources).map_err(unknown)?;
                 (mapping, Box::new(picture))
             }
             "synthesized" => {
                 let mut config: SynthesizedConfig = decode(keys)?;
                 let mapping = Mapping::new(config.mapping.take(), Projection::Uv).map_err(unknown)?;
-                let picture = synthesized(&config, description.sources.base()).map_err(unknown)?;
+                let picture = synthesized(&config, description.sources).map_err(unknown)?;
                 (mapping, Box::new(picture))
             }
             "solid" => {
                 let mut config: VoxelsConfig = decode(keys)?;
                 let mapping = Mapping::new(config.mapping.take(), Projection::Solid).map_err(unknown)?;
-                let voxels = Voxels::new(config, description.sources.base()).map_err(unknown)?;
+                let voxels = Voxels::new(config, description.sources).map_err(unknown)?;
                 (mapping, Box::new(voxels))
             }
             "noise" => {

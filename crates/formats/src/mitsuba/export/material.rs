@@ -197,6 +197,17 @@ impl<'a> Exporter<'a> {
                     .with("", inner);
                 if bare { sided(node, sides) } else { node }
             }
+            "bump" if self.is_uv_image(material.get("height")) => {
+                self.note("[material] bump by an image over uv", name);
+                let height = self.look(material, "height", 0.0, sides, name);
+                let bare = sides.bare || !self.transmits(material.get("material"));
+                let inner = self.part(material, "material", Sides { bare, ..sides }, name);
+                let node = Node::new("bsdf", "bumpmap")
+                    .with("height", height)
+                    .with("scale", Item::Float(table::number(material, "scale").unwrap_or(1.0)))
+                    .with("", inner);
+                if bare { sided(node, sides) } else { node }
+            }
             "normal_map" | "bump" => {
                 self.note("[material] bump", name);
                 match material.get("material") {

@@ -35,6 +35,14 @@ impl<'a> Exporter<'a> {
         }
     }
 
+    /// Whether a value is an image that is mapped by (u, v), which Mitsuba can derive.
+    pub(super) fn is_uv_image(&self, value: Option<&'a Value>) -> bool {
+        let texture = value.and_then(|value| self.plugin("texture", value));
+        texture.is_some_and(|texture| {
+            table::kind(texture) == "image" && text_or(texture, "channel", "color") == "color" && uv(texture).is_some()
+        })
+    }
+
     /// The mean of the colours a and b, or grey.
     fn mean(&mut self, texture: &Table, feature: &str, place: &str) -> Item {
         self.note(feature, place);

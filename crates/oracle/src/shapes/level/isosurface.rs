@@ -5,7 +5,6 @@ use super::number::Number;
 use super::{Level, LevelSet};
 use crate::shapes::heightfield::m;
 use serde::Deserialize;
-use std::path::Path;
 use whitstone_core::config::FilePath;
 use whitstone_core::{DVec3, SceneError, SceneErrors};
 use whitstone_scene::Description;
@@ -36,7 +35,7 @@ impl Config {
         let values = if let Some(values) = self.values {
             values
         } else if let Some(file) = &self.file {
-            let path = description.sources.base().join(Path::new(&file.path));
+            let path = description.sources.path_of(file);
             let bytes = std::fs::read(path);
             let bytes = bytes.map_err(|error| SceneError::at(file.span.clone(), error.to_string()))?;
             match self.format.as_deref() {

@@ -1,0 +1,62 @@
+//! The gradients of the texture coordinates on a surface, for bump maps.
+
+use crate::{Geometry, PreliminaryIntersection, SurfaceAttributes, SurfaceInteraction};
+use glam::{DVec2, DVec3};
+
+/// The change of (u, v) that the steps of a difference aim at: the truncation error is of the order
+/// of its square, since angles are whole turns, and the rounding error 2^-53 divided by it.
+const CHANGE: f64 = 1.0 / (1 << 18) as f64;
+
+/// Steps are tried until the change is between `CHANGE` divided and multiplied by this.
+const TOLERANCE: f64 = 16.0;
+
+/// Upper bound on the factor between two steps, in both directions.
+const FACTOR: f64 = (1_u64 << 40) as f64;
+
+/// Upper bound on the number of steps that are tried.
+const TRIES: u32 = 6;
+
+impl Geometry {
+    /// The gradients of u and v at a hit, per metre: the vectors across `n_g` whose products with a
+    /// step on the surface are the changes of u and v. Zero on surfaces without derivatives
+    /// ([`crate::Shape::surface_at_offset`]).
+    ///
+    /// They are central differences. How far a shape is curved is unknown here, but not how far its
+    /// (u, v) change: the step in metres is adapted until that is neither too small for rounding
+    /// nor too large for the curvature.
+    pub fn uv_gradient(&self, point: &SurfaceInteraction, hit: &PreliminaryIntersection) -> [DVec3; 2] {
+        let (e, f) = point.n_g.any_orthonormal_pair();
+        let mut step = CHANGE;
+        let mut gradients = [DVec3::ZERO; 2];
+        for _ in 0..TRIES {
+            let [Some((e_change, e_length)), Some((f_change, f_length))] =
+                [e, f].map(|along| self.uv_change(point, hit, along, step))
+            else {
+                return [DVec3::ZERO; 2];
+            };
+            let (by_e, by_f) = (e_change / e_length, f_change / f_length);
+            gradients = [by_e.x * e + by_f.x * f, by_e.y * e + by_f.y * f];
+            // Of both directions: (u, v) need not change along one of them.
+            let change = 0.5 * e_change.abs().max(f_change.abs()).max_element();
+            if (CHANGE / TOLERANCE..=CHANGE * TOLERANCE).contains(&change) {
+                break;
+            }
+            step *= (CHANGE / change).clamp(1.0 / FACTOR, FACTOR);
+        }
+        gradients.map(|gradient| if gradient.is_finite() { gradient } else { DVec3::ZERO })
+    }
+
+    /// The change of (u, v) from `step` behind the point to `step` in front of it, along a unit
+    /// tangent; and the distance of both, which is rounded.
+    fn uv_change(
+        &self,
+        point: &SurfaceInteraction,
+        hit: &PreliminaryIntersection,
+        along: DVec3,
+        step: f64,
+    ) -> Option<(DVec2, f64)> {
+        let [before, after] = [-step, step].map(|step| point.position + step * along);
+        let at = |q| self.surface_at_offset(point, hit, q, SurfaceAttributes::UV);
+        Some((at(after)?.uv - at(before)?.uv, (after - before).dot(along)))
+    }
+}
