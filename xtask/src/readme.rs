@@ -220,35 +220,28 @@ fn summary(cases: &[CaseResult]) -> String {
         answers(|opinion| opinion.ours),
         answers(|opinion| opinion.reference),
     );
-    let lines = [
-        format!(
-            "{} scenes have a stored image of Mitsuba: {} pass, {} are confirmed by the oracle, {} fail, {} are",
-            cases.len(),
-            with(Status::Pass),
-            with(Status::Confirmed),
-            with(Status::Fail),
-            with(Status::Undecided)
-        ),
-        format!(
-            "undecided. Of {} pixels {explained} are explained by the reference's own variation, and {} are",
-            sum(|case| case.width * case.height),
-            sum(|case| case.unexplained)
-        ),
-        format!(
-            "unexplained. With `--oracle` the oracle was asked about {asked} of the explained ones: it confirms"
-        ),
-        format!(
-            "Whitstone in {ours}, Mitsuba in {theirs}, and neither or both in {}. By their least independent",
-            asked - ours - theirs,
-        ),
-        format!(
-            "[twin](docs/glossary.md), {} scenes are native, {} hosted and {} formula.",
-            twin("native"),
-            twin("hosted"),
-            twin("formula")
-        ),
-    ];
-    lines.join("\n") + "\n"
+    let is_silent = |case: &&CaseResult| case.opinion.as_ref().is_some_and(|found| found.silent.is_some());
+    let silent: Vec<&str> = cases.iter().filter(is_silent).map(|case| &*case.scene).collect();
+    let others = if silent.is_empty() {
+        String::new()
+    } else {
+        let scenes = silent.join(", ");
+        format!(" The others are in scenes that the oracle does not support: {scenes}.")
+    };
+    run_time::wrapped(&format!(
+        "{} scenes have a stored Mitsuba image: {} pass, {} are confirmed by the oracle, {} fail, {} are undecided. Of {} pixels {explained} are explained by the reference's own variation, or ambiguous and confirmed by the oracle; {} are unexplained. With `--oracle` the oracle was asked about {asked} of the {explained}: it confirms Whitstone in {ours}, Mitsuba in {theirs}, and neither or both in {}.{others} The least independent [twin](docs/glossary.md) that a scene uses is native in {} scenes, hosted in {} and a formula in {}.",
+        cases.len(),
+        with(Status::Pass),
+        with(Status::Confirmed),
+        with(Status::Fail),
+        with(Status::Undecided),
+        sum(|case| case.width * case.height),
+        sum(|case| case.unexplained),
+        asked - ours - theirs,
+        twin("native"),
+        twin("hosted"),
+        twin("formula"),
+    ))
 }
 
 fn build(registry: &Registry, scene: &Path, overrides: &[String]) -> Result<Pipeline, Failure> {

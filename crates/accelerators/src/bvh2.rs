@@ -3,10 +3,10 @@
 //! - Build: top down, with SAH, midpoint or median splits; see `binary`.
 //! - Traversal: nearer child first, with an explicit stack. The slab test selects planes by the
 //!   sign bits of the direction and uses comparisons that ignore NaN (Ize, *Robust BVH ray
-//!   traversal*, JCGT 2(2), 2013). Slabs are padded, so that rounding in a shape's own test cannot
-//!   put a hit outside its box; see `elements`. Where elements are tiny next to others, or far from
-//!   the origin of the coordinates, the padding is computed for each box, relative to its distance
-//!   from the origin of the ray, so that their boxes stay tight.
+//!   traversal*, JCGT 2(2), 2013). Rays are padded (treated as if they had a width), so that
+//!   rounding in a shape's own test cannot hide its hit; see `elements`. Where elements are tiny
+//!   next to others, or far from the origin of the coordinates, the padding is computed for each
+//!   box, relative to its distance from the origin of the ray, so that their boxes stay tight.
 //! - Cost model: a ray that hits a box hits a box inside it with probability equal to the ratio of
 //!   their areas (Goldsmith and Salmon, *Automatic creation of object hierarchies for ray tracing*,
 //!   1987, section 3). In units of one element test, a node costs 0.7 + (A_l C_l + A_r C_r) / A,
@@ -62,16 +62,16 @@ pub struct Bvh2 {
     /// Expected cost of a ray that hits the root's box, in element tests.
     sah_cost: f64,
     bounds: Option<Aabb>,
-    /// Whether rays are padded relative to each box.
+    /// Whether the padding of a ray is computed for each box.
     relative: bool,
 }
 
-/// An element is tiny if it is this many times smaller than the largest coordinate: the padding
-/// that is relative to that coordinate is a thousandth of its size.
+/// An element is tiny if its size is below this fraction of the largest coordinate. At this size,
+/// padding relative to that coordinate is a thousandth of the size of the element.
 const TINY: f64 = 1.0 / (1u64 << 30) as f64;
 
-/// Number of tiny elements from which on rays are padded relative to each box, which makes a step
-/// almost twice as expensive.
+/// With at least this many tiny elements, the padding is computed for each box. A step then costs
+/// almost twice as much.
 const MANY_TINY: usize = 32;
 
 /// Whether there are many tiny elements.
@@ -126,7 +126,8 @@ struct Slot {
     last: bool,
 }
 
-/// Trees up to this depth are traversed with a smaller stack, which is cheaper to set up.
+/// Trees up to this depth are traversed with a smaller stack, which is cheaper to set up, except
+/// with relative padding.
 const USUAL_DEPTH: usize = 32;
 
 impl Plugin<Accelerators> for Bvh2 {

@@ -4,19 +4,22 @@
 //! - Build: Wald and Havran, *On building fast kd-trees for ray tracing, and on doing that in O(N
 //!   log N)*, 2006. The SAH chooses among planes at the ends of the elements' boxes (section 4.2).
 //!   Each side keeps the box of the triangle clipped to it ("perfect splits", section 3.3). Cutting
-//!   off empty space has a bonus (section 3.4). Large nodes are binned instead (Shevtsov, Soupikov,
-//!   Kapustin 2007); see `build`.
+//!   off empty space has a bonus (section 3.4). In large nodes the candidates are the borders of
+//!   bins (Shevtsov, Soupikov, Kapustin 2007); see `build`.
 //! - Traversal: front to back, with a ray interval for each cell, in single precision; see
 //!   `search`. The triangles of a leaf are tested eight at once by the conservative filter that
 //!   `bvh` also uses; see `leaves`.
 //! - Cost model: a ray that crosses a cell crosses a given part of it with probability equal to the
-//!   ratio of their surface areas. A leaf costs 1 for every eight elements, a traversal step costs
-//!   1.4. A cell is split at the plane with the least A_l n_l + A_r n_r, where A is the area and n
-//!   the number of elements of a side; a side without elements lowers this cost by a fifth. A
-//!   subtree of at most 64 elements that costs no less than a single leaf is replaced by that leaf.
-//!   Cells do not overlap, so a near hit ends the search early.
+//!   ratio of their surface areas. In units of one test of eight triangles, a traversal step costs
+//!   1.4, and a leaf 1 for every eight elements. A cell is split at the plane with the least
+//!   A_l n_l + A_r n_r, where A is the area and n the number of elements of a side; a side without
+//!   elements lowers this cost by a fifth. A subtree of at most 64 elements that costs no less than
+//!   a single leaf is replaced by that leaf. Cells do not overlap, so a near hit ends the search
+//!   early.
 //! - Memory: 8 bytes per node, 44 per reference. Several cells may refer to one element. Once there
-//!   are 4 references per element on average, cells are not split further. Build: O(n log² n).
+//!   are 4 references per element on average, cells are not split further. Build: O(n log n). The
+//!   paper sorts once to reach this bound. Here cells are sorted again at each level, but only
+//!   those of at most 1024 references, so that sorting costs a constant factor.
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/kdtree.toml`.

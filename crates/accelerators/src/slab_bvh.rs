@@ -9,12 +9,12 @@
 //! - Traversal: section 3 of Kay and Kajiya: a heap yields the nodes of the whole tree in order of
 //!   entry distance. The search ends when the next node is farther than the best hit.
 //! - Cost model: a step does k/2 interval tests instead of three, which tighter volumes must offset
-//!   by fewer visits. Compared with k = 6, k = 14 saves a fifth of the steps on a compact mesh at
-//!   equal time, and two fifths on slanted hairs, where it is faster. k = 26 saves little more
-//!   (figures in `docs/accelerators.md`). The heap visits the fewest nodes possible, but takes
+//!   by fewer visits. Compared with k = 6, k = 14 takes a fifth fewer steps on a compact mesh, in
+//!   the same time; on slanted hairs it takes two fifths fewer and is faster. k = 26 saves little
+//!   more (figures in `docs/accelerators.md`). The heap visits the fewest nodes possible, but takes
 //!   O(log n) a node where a stack takes O(1), and costs more than it saves. Any-hit rays gain
-//!   nothing from the order. Memory: k numbers a node, at most two nodes per element. Build: O(n
-//!   log n) and O(k n).
+//!   nothing from the order. Memory: k numbers a node, at most two nodes per element. Build:
+//!   O(n log n + k n).
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/slab_bvh.toml`.

@@ -1,9 +1,9 @@
 //! An orthographic camera.
 //!
-//! The window (l, r, b, t) and the near limit are those of the lecture notes; the window has no
-//! distance.
+//! The window (l, r, b, t) and the near limit are those of the lecture notes. Unlike that of
+//! `perspective`, the window has no distance `d`.
 //!
-//! - Twin: Mitsuba `orthographic` (native); a formula for near limits.
+//! - Twin: Mitsuba `orthographic` (native); a formula if `near` is not 0.
 //! - Example: `scenes/cameras/orthographic.toml`.
 
 use crate::support::view::{self, Frame, LookAt};

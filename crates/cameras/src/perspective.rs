@@ -3,7 +3,8 @@
 //! Whitted 1980, section 2; the window (l, r, b, t, d) and the near limit, planar or spherical, are
 //! those of the lecture notes.
 //!
-//! - Twin: Mitsuba `perspective` (native); a formula for near limits and non-square pixels.
+//! - Twin: Mitsuba `perspective` (native); a formula if `near` is not 0 or the pixels are not
+//!   square.
 //! - Example: `scenes/cameras/perspective.toml`.
 
 use crate::support::near::{Near, NearKind};

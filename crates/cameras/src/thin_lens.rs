@@ -1,9 +1,9 @@
 //! A thin lens camera with depth of field.
 //!
-//! Potmesil and Chakravarty, *A lens and aperture camera model for synthetic image generation*,
-//! 1981; the rays of Cook, Porter, Carpenter, *Distributed ray tracing*, 1984, section 4.3, through
-//! fixed points of the lens: a grid of n x n under the concentric map of Shirley and Chiu, *A low
-//! distortion map between disk and square*, 1997.
+//! The model is that of Potmesil and Chakravarty, *A lens and aperture camera model for synthetic
+//! image generation*, 1981. As in Cook, Porter, Carpenter, *Distributed ray tracing*, 1984, section
+//! 4.3, rays start at points of the lens. The points are fixed: the n x n cell centres of a square,
+//! mapped to the disk (Shirley and Chiu, *A low distortion map between disk and square*, 1997).
 //!
 //! - Twin: Mitsuba `thinlens` (native), by formula where the window is not centred or its pixels
 //!   are not square.
@@ -45,7 +45,7 @@ pub struct Config {
     /// Distance of the plane of focus, in metres along the view axis.
     #[schemars(with = "Positive")]
     focus_distance: Spanned<Positive>,
-    /// Lens points along each side of a grid: n x n points are traced for each image position.
+    /// Lens points along each side of a grid: with n, each image position has n x n rays.
     #[serde(default = "four")]
     lens_samples: IntegerIn<1, 64>,
 }
@@ -206,7 +206,7 @@ mod tests {
                 let off = ray.origin - middle.origin;
                 assert!(off.dot(forward).abs() < 1e-15 && off.length() < 0.5);
             }
-            // The middle point of an odd number is the lens centre.
+            // With an odd number of points per side, the middle one is the lens centre.
             let found = camera.lens_ray(raster, 12);
             assert!((found.direction - middle.direction).length() < 1e-15);
         }

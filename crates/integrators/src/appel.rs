@@ -18,9 +18,9 @@ use whitstone_core::{
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// "opaque": surfaces block light, except at their holes and except shapes with
-    /// `casts_shadow = false`; "filtered": light passes straight through transparent surfaces,
-    /// attenuated; "none": no shadows.
+    /// "opaque": surfaces block light, except at holes and on shapes with `casts_shadow = false`;
+    /// "filtered": transparent surfaces also let light pass straight through, attenuated; "none":
+    /// no shadows.
     #[serde(default)]
     shadows: ShadowMode,
 }

@@ -5,8 +5,8 @@ use whitstone_core::{
     SurfaceInteraction,
 };
 
-/// Emission plus reflected light from the visible lights, towards `view`. `medium` is the one
-/// on the viewer's side.
+/// Radiance towards `view`: emission, and reflected light of the ambient term and of the lights
+/// that `point` sees. `medium`: the medium on the viewer's side.
 #[allow(clippy::too_many_arguments, reason = "all that shading depends on")]
 pub(crate) fn local_illumination(
     shadows: ShadowMode,

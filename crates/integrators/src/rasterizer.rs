@@ -31,8 +31,9 @@ use whitstone_core::{
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// "opaque": every surface blocks light, except at its holes; "filtered": light passes straight
-    /// through transparent surfaces, attenuated; "none": no shadows.
+    /// "opaque": surfaces block light, except at holes and on shapes with `casts_shadow = false`;
+    /// "filtered": transparent surfaces also let light pass straight through, attenuated; "none":
+    /// no shadows.
     #[serde(default)]
     shadows: ShadowMode,
     /// Interpolation over a triangle: "phong" interpolates normals; "gouraud" interpolates colours

@@ -35,9 +35,9 @@ pub struct Config {
     /// Radiance of branches beyond `max_depth`: "background" or "black".
     #[serde(default)]
     at_max_depth: Beyond,
-    /// "opaque": surfaces block light, except at their holes and except shapes with
-    /// `casts_shadow = false`; "filtered": transparent surfaces only attenuate light; "none": every
-    /// light is visible.
+    /// "opaque": surfaces block light, except at holes and on shapes with `casts_shadow = false`;
+    /// "filtered": transparent surfaces also let light pass straight through, attenuated; "none":
+    /// no shadows.
     #[serde(default)]
     shadows: ShadowMode,
 }
@@ -83,7 +83,7 @@ impl Integrator for Whitted {
             return 0;
         };
         let (mut bounces, mut share) = (0, 1.0 / f64::from(directions));
-        // The share underflows to 0 eventually, so the loop terminates.
+        // The loop ends at `max_depth`, or earlier when the share falls below the minimum or to 0.
         while bounces < limits.max_depth && share >= limits.min_contribution && share > 0.0 {
             bounces += 1;
             share /= f64::from(directions);

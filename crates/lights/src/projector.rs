@@ -2,12 +2,12 @@
 //!
 //! A projective texture as in Segal, Korobkin, van Widenfelt, Foran, Haeberli, *Fast shadows and
 //! lighting effects using texture mapping*, 1992, used as a light. It illuminates the surfaces that
-//! a pinhole camera at its position would see through the slide. The intensity increases to the
-//! sides, as behind a projector's lens, so that a slide of one colour illuminates a screen
-//! perpendicular to the axis evenly.
+//! a pinhole camera at its position would see through the slide. The intensity grows with the angle
+//! from the axis, as 1/cos³, so that a slide of one colour illuminates a screen perpendicular to
+//! the axis evenly.
 //!
-//! - Twin: Mitsuba `projector` (native frame and falloff); image and colour by a formula of the
-//!   driver.
+//! - Twin: hosted by the Mitsuba driver: a Python emitter looks up the image; the native
+//!   `projector` inside it gives the frame and the falloff.
 //! - Example: `scenes/lights/projector.toml`.
 
 use crate::support::emission::{self, Falloff};
@@ -149,8 +149,8 @@ impl Light for Projector {
         }
     }
 
-    /// Tests the bounding sphere of the box against the five planes that bound the pyramid,
-    /// including the plane through the light.
+    /// Tests the bounding sphere of the box against the four side planes of the pyramid and the
+    /// plane through the light perpendicular to the axis.
     fn affects_bounds(&self, bounds: &Aabb) -> bool {
         let (center, radius) = emission::ball_around(bounds);
         let out = center - self.position;
@@ -190,7 +190,7 @@ mod tests {
     use whitstone_core::{SurfaceAttributes, SurfaceInteraction, Texture};
     use whitstone_testkit::{TestContext, build_in, light_laws, light_near_laws};
 
-    /// A texture with (u, v) as red and green, and blue where a solid texture evaluates it.
+    /// A texture whose red and green are (u, v), and whose blue is a function of the position.
     struct Ramp;
 
     impl Texture for Ramp {

@@ -5,7 +5,8 @@
 //! intensity, as the `texture` of Mitsuba's `spot`: unlike that of a `projector` it does not light
 //! a screen evenly. `scenes/showcase/gobo.toml` has images.
 //!
-//! - Twin: Mitsuba `spot` (native); hosted for `falloff = "none"` and for an `image`.
+//! - Twin: Mitsuba `spot` (native); hosted for `falloff = "none"`, and for an `image`, because
+//!   Mitsuba's `texture` shows only textures of (u, v), turned by 180 degrees.
 //! - Example: `scenes/lights/spot.toml`.
 
 use crate::support::emission::{self, Falloff};
@@ -185,7 +186,7 @@ impl Light for Spot {
         let out = center - self.position;
         let (along, across) = (self.axis.dot(out), self.axis.cross(out).length());
         // The sphere misses the cone if its centre lies outside the cone by more than the angular
-        // radius of the sphere. If a distance is NaN, the light is assumed to reach the box.
+        // radius of the sphere. If an angle is NaN, the light is assumed to reach the box.
         let beyond = across.atan2(along) - self.cutoff - ANGLE_MARGIN;
         let misses = beyond > 0.0 && (radius / out.length()).asin() < beyond;
         let dark = self.image.as_ref().is_some_and(|image| image.color.is_black());
@@ -247,7 +248,7 @@ mod tests {
     use whitstone_core::{SurfaceAttributes, SurfaceInteraction, Texture};
     use whitstone_testkit::{TestContext, build, build_in, light_laws, light_near_laws};
 
-    /// A texture with (u, v) as red and green, and blue where a solid texture evaluates it.
+    /// A texture whose red and green are (u, v), and whose blue is a function of the position.
     struct Ramp;
 
     impl Texture for Ramp {

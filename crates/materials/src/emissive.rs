@@ -26,7 +26,7 @@ pub struct Config {
     radiance: TextureRef,
     /// Material that supplies all other terms.
     #[serde(default)]
-    #[schemars(extend("x-default" = "none: black"), with = "MaterialRef")]
+    #[schemars(extend("x-default" = "none (reflects nothing)"), with = "MaterialRef")]
     material: Option<MaterialRef>,
 }
 

@@ -1,8 +1,8 @@
 //! A material with holes: where it is not opaque, rays and shadow rays pass straight through.
 //!
-//! The surface and the background behind it are blended by opacity, as two branches of Whitted's
-//! ray tree. A threshold would depend on the rounding of the texture, and a random choice
-//! (as in Mitsuba's `mask`) would be noisy.
+//! The surface has the weight `opacity`; an undeviated branch with the weight 1 - `opacity`
+//! continues to what lies behind. A threshold would depend on the rounding of the texture, and a
+//! random choice (as in Mitsuba's `mask`) would be noisy.
 //!
 //! - Twin: hosted by the Mitsuba driver, which weights the result of Mitsuba for the material.
 //! - Example: `scenes/materials/mask.toml`.

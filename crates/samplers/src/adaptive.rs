@@ -1,12 +1,13 @@
 //! Adaptive sampling: few samples in uniform pixels, more at edges.
 //!
 //! Whitted 1980, *An improved illumination model for shaded display*, section "Anti-aliasing": a
-//! pixel is sampled more finely if its samples differ. A pixel doubles its n samples while
-//! max(0.3 r / n^(3/4), 0.15 q / n) exceeds the threshold, where r is the range of its samples, and
-//! q the largest range of the `initial_samples` of one of the up to eight pixels around it: an edge
-//! may pass between the samples of a pixel. (Mitchell 1987, *Generating antialiased images at low
-//! sampling densities*, uses the contrast.) The points are those of `sobol`, so that later samples
-//! complement earlier ones.
+//! pixel is sampled more finely if its samples differ. A pixel doubles its n samples while its
+//! error estimate max(0.3 r / n^(3/4), 0.15 q / n) exceeds `threshold`. r is the range (maximum
+//! minus minimum) of its samples, in the channel where it is largest. q is the largest range of the
+//! initial samples of any neighbour (at most eight): it stands for an edge that all samples of the
+//! pixel missed. The constants: see `Refinement`. (Mitchell 1987, *Generating antialiased images at
+//! low sampling densities*, uses the contrast.) The points are those of `sobol`, so that later
+//! samples complement earlier ones.
 //!
 //! - Twin: the Mitsuba driver, which traces the same positions in the same rounds.
 //! - Example: `scenes/samplers/adaptive.toml`.
@@ -29,8 +30,8 @@ pub struct Config {
     #[serde(default)]
     #[schemars(extend("x-default" = format!("{FIRST}, but at most `samples`")), with = "IntegerIn<1, 65536>")]
     initial_samples: Option<Spanned<IntegerIn<1, 65536>>>,
-    /// A pixel takes no more samples when the estimate of its error (`max(...)` above, a radiance
-    /// in W/(m² sr)) is at most this, or after `samples`; greater than 0.
+    /// Target error, a radiance in W/(m² sr), greater than 0. A pixel takes no more samples when
+    /// its estimated error is at most this.
     #[serde(default = "threshold")]
     threshold: Positive,
     /// Seed of the scrambling; different seeds give different points.
@@ -71,7 +72,7 @@ impl Plugin<Samplers> for Adaptive {
             Some(first) if first.get_ref().get() <= samples => first.get_ref().get(),
             Some(first) => {
                 let message = format!(
-                    "expected at most `samples`, {samples}, found {}",
+                    "expected at most `samples` ({samples}), found {}",
                     first.get_ref().get()
                 );
                 return Err(SceneError::at(first.span(), message).into());

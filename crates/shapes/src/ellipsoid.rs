@@ -1,8 +1,9 @@
 //! An ellipsoid.
 //!
-//! The transform scales a unit sphere; rays are intersected in the sphere's space: Haines, Günther,
-//! Akenine-Möller, *Precision improvements for ray/sphere intersection*, Ray Tracing Gems (2019),
-//! ch. 7, and `conic.rs`.
+//! `radii` are part of the transform. Rays are intersected with a unit sphere in its own space,
+//! from the point of the ray that is nearest to the center (see `support/conic.rs`). As in Haines,
+//! Günther, Akenine-Möller, *Precision improvements for ray/sphere intersection*, Ray Tracing Gems
+//! (2019), ch. 7, the squares of distant origins do not cancel.
 //!
 //! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `sphere`, scaled (native).
 //! - Example: `scenes/shapes/ellipsoid.toml`.
@@ -113,8 +114,7 @@ mod tests {
         }
     }
 
-    /// A distant ellipsoid with condition number 1e6. A quadric matrix expanded in world space gets
-    /// one in five of these rays wrong.
+    /// A distant ellipsoid with semi-axes in the ratio 1 to 1e6.
     #[test]
     fn a_flat_ellipsoid_is_hit_where_it_is() {
         let ray = Ray::new(DVec3::new(100.0, 0.6, 0.0), DVec3::NEG_X);
@@ -142,8 +142,8 @@ mod tests {
         (-b - (b * b - a * (ray.origin.length_squared() - 1.0)).sqrt()) / a
     }
 
-    /// A distant sphere is hit in front of its center by slightly less than its radius. Computed
-    /// from the squared distances of the ray origin, that difference is lost.
+    /// The hit lies nearer than the center by at most the radius. The textbook form loses this
+    /// difference, because it subtracts the squared distance of the origin.
     #[test]
     fn far_eyes_see_where_the_surface_is_and_the_naive_form_does_not() {
         let sphere = ellipsoid("");

@@ -4,8 +4,8 @@
 //!   *The PLY polygon file format*, 1994; see `ply`), STL (see `stl`) and glTF 2.0 (see `gltf`).
 //! - Optional Loop subdivision (Loop 1987; see `subdivision`) and displacement along the normals
 //!   (Cook 1984; see `displacement`).
-//! - Twin: Mitsuba meshes (native), with `face_normals` where the file has no normals; read,
-//!   subdivided and displaced by the driver.
+//! - Twin: Mitsuba meshes (native). The driver reads, subdivides and displaces the file itself, and
+//!   sets `face_normals` where there are no normals.
 //! - Example: `scenes/shapes/mesh.toml`.
 
 mod displacement;
@@ -56,19 +56,19 @@ pub struct Config {
     #[serde(default)]
     #[schemars(extend("x-default" = "those of the file"), with = "Vec<Finite>")]
     weights: Option<Spanned<Vec<Finite>>>,
-    /// Sets of texture coordinates to read, at most two: the first is (u, v), the second that of
-    /// textures with `uv_set = 1`. Sets other than 0 exist only in glTF.
+    /// Indices of at most two sets of texture coordinates in the file. The first becomes (u, v).
+    /// Textures with `uv_set = 1` use the second. Sets other than 0 exist only in glTF.
     #[serde(default)]
     #[schemars(extend("default" = [0]), with = "Vec<u32>")]
     uv_sets: Option<Spanned<Vec<u32>>>,
     /// Whether to read vertex colours, for the texture `vertex_color`.
     #[serde(default)]
     vertex_colors: bool,
-    /// Whether to compute tangents, for a `normal_map` with `tangent = "mesh"`. Those of a glTF
-    /// file are read.
+    /// Whether the mesh has tangents, for a `normal_map` or `bump` with `tangent = "mesh"`: those
+    /// of the glTF file, otherwise computed from (u, v).
     #[serde(default)]
     tangents: bool,
-    /// Whether to use the normals in the file.
+    /// How normals vary over a triangle: "smooth" or "flat".
     #[serde(default)]
     shading: Shading,
     /// Subdivides the mesh into a smooth surface; the normals in the file are discarded.
@@ -86,7 +86,8 @@ pub struct Config {
 #[derive(Clone, Copy, Debug, Default, Deserialize, Serialize, JsonSchema, PartialEq)]
 #[serde(rename_all = "snake_case")]
 enum Shading {
-    /// Interpolated between the vertex normals in the file, if it has any.
+    /// Interpolated between the vertex normals: those of the file, or after subdivision or
+    /// displacement the computed ones. Without any: flat.
     #[default]
     Smooth,
     /// Constant over each triangle: its geometric normal.
@@ -195,7 +196,7 @@ impl Kind {
     }
 }
 
-/// Reports the keys that have no effect on a file of this kind.
+/// Reports keys that this kind of file does not allow, and keys that exclude each other.
 fn check_keys(config: &Config, kind: Kind) -> SceneErrors {
     let mut errors = SceneErrors::default();
     let mut refuse = |span: Option<std::ops::Range<usize>>, message: &str| {
@@ -206,11 +207,11 @@ fn check_keys(config: &Config, kind: Kind) -> SceneErrors {
     if kind != Kind::Obj {
         refuse(
             config.part.as_ref().map(Spanned::span),
-            "only OBJ files have parts",
+            "`part` needs an OBJ file",
         );
     }
     if kind != Kind::Gltf {
-        let only = "only glTF files have this key";
+        let only = "this key needs a glTF file";
         refuse(config.mesh.as_ref().map(Spanned::span), only);
         refuse(config.primitive.as_ref().map(Spanned::span), only);
         refuse(config.skin.as_ref().map(Spanned::span), only);
@@ -219,9 +220,9 @@ fn check_keys(config: &Config, kind: Kind) -> SceneErrors {
     if let Some(sets) = &config.uv_sets {
         let list = sets.get_ref();
         if list.len() > 2 || (list.len() == 2 && list[0] == list[1]) {
-            refuse(Some(sets.span()), "expected at most two different sets");
+            refuse(Some(sets.span()), "expected at most two sets, without repetition");
         } else if kind != Kind::Gltf && list.iter().any(|set| *set != 0) {
-            refuse(Some(sets.span()), "only glTF files have sets other than 0");
+            refuse(Some(sets.span()), "sets other than 0 need a glTF file");
         }
     }
     let changes = config.subdivision.is_some() || config.displacement.is_some();
@@ -233,7 +234,7 @@ fn check_keys(config: &Config, kind: Kind) -> SceneErrors {
             .as_ref()
             .is_some_and(|sets| !matches!(sets.get_ref()[..], [] | [0]));
     if changes && more {
-        let message = "a mesh with `subdivision` or `displacement` has no parts, vertex colours, tangents or further texture coordinates";
+        let message = "`subdivision` and `displacement` cannot be combined with `part`, `vertex_colors`, `tangents` or `uv_sets` other than [0] or []";
         refuse(Some(config.file.span.clone()), message);
     }
     errors
@@ -267,7 +268,7 @@ fn read(path: &Path, config: &Config, context: &mut dyn Context) -> Result<Trian
     );
     let earlier = context.shared(&key).and_then(|earlier| earlier.downcast().ok());
     if let Some(Earlier::Kept(object, bytes)) = earlier.as_deref() {
-        // Keys without effect are errors wherever they are.
+        // A mesh that is not parsed again needs the check of its keys too.
         let kind = Kind::of(path).map(|kind| check_keys(config, kind));
         if let Some(errors) = kind.filter(|errors| !errors.0.is_empty()) {
             return Err(errors);
@@ -411,7 +412,7 @@ mod tests {
         let mut vertices = Vec::new();
         let mut context = TestContext::default();
         for number in 1..=4 {
-            // A mesh that is parsed again is another one.
+            // The file changes in each round, so the vertex shows when it was parsed.
             let text = format!("v {number} 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\n");
             context.folder = scratch("often.obj", text.as_bytes());
             for more in ["", "part = \"\""] {

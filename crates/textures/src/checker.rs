@@ -24,7 +24,7 @@ pub struct Config {
     /// Squares per unit of u and of v.
     #[serde(default = "one")]
     scale: Scale2,
-    /// Added after scaling.
+    /// Offset added to (u, v) after scaling.
     #[serde(default = "zero")]
     offset: Vector2,
     /// Mapping of the texture.

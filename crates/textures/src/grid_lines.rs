@@ -31,7 +31,7 @@ pub struct Config {
     /// Lines per unit of u and of v.
     #[serde(default = "one")]
     scale: Scale2,
-    /// Added after scaling: with 0, lines are centred at u = 0 and at v = 0.
+    /// Offset added to (u, v) after scaling: with 0, lines are centred at u = 0 and at v = 0.
     #[serde(default = "zero")]
     offset: Vector2,
     /// Mapping of the texture.

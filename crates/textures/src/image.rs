@@ -3,7 +3,7 @@
 //! Alpha is coverage (Porter and Duff, *Compositing digital images*, 1984). Colours are neither
 //! multiplied nor divided by it. A `mask` multiplies them by the opacity, so it needs a file whose
 //! colours are not premultiplied: PNG files are not, EXR files mostly are.
-//! `scenes/showcase/cutout.toml` uses it for leaves.
+//! `scenes/showcase/cutout.toml` uses an alpha channel for leaves.
 //!
 //! - Twin: Mitsuba `bitmap` (native); the filters `trilinear` and `ewa` are hosted.
 //! - Example: `scenes/textures/image.toml`.
@@ -50,8 +50,9 @@ pub struct Config {
     /// "clamp"].
     #[serde(default)]
     wrap: Wraps,
-    /// Channel of the image: "color", as stored in the file regardless of alpha; "alpha" as a grey,
-    /// for example for the `opacity` of a `mask`; "red", "green" or "blue" as a grey.
+    /// Channel of the image: "color": the colours, decoded by `color_space`, neither multiplied nor
+    /// divided by alpha; "alpha" as a grey, for example for the `opacity` of a `mask`; "red",
+    /// "green" or "blue" as a grey.
     #[serde(default)]
     #[schemars(extend("default" = "color"), with = "Channel")]
     channel: Option<Spanned<Channel>>,
@@ -63,7 +64,7 @@ pub struct Config {
     /// Repetitions of the image per unit of u and of v.
     #[serde(default = "one")]
     scale: Scale2,
-    /// Added after scaling.
+    /// Offset added to (u, v) after scaling.
     #[serde(default = "zero")]
     offset: Vector2,
     /// Mapping of the texture.
@@ -111,7 +112,7 @@ impl Plugin<Textures> for Image {
             .as_ref()
             .filter(|channel| *channel.get_ref() == Channel::Alpha);
         if let Some(index) = config.image.as_ref().filter(|_| !is_gltf(&path)) {
-            let message = "is only allowed if `file` is a .gltf or .glb file";
+            let message = "`image` needs a .gltf or .glb `file`";
             return Err(SceneError::at(index.span(), message).into());
         }
         let color_space = match (&config.color_space, alpha) {
@@ -167,7 +168,7 @@ struct Picture {
     data: Arc<Data>,
 }
 
-/// Reads the channel of a file that a texture uses. Its values are not negative.
+/// Reads the channel of a file that a texture uses. Negative values are an error.
 fn decode(config: &Config, path: &Path) -> Result<Texels, SceneErrors> {
     let refuse = |why: String| {
         let message = format!("\"{}\" cannot be used as a texture: {why}", config.file.path);

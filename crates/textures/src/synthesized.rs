@@ -86,7 +86,7 @@ pub struct Config {
     /// Repetitions of the image per unit of u and of v.
     #[serde(default = "one")]
     scale: Scale2,
-    /// Added after scaling.
+    /// Offset added to (u, v) after scaling.
     #[serde(default = "zero")]
     offset: Vector2,
     /// Mapping of the texture.

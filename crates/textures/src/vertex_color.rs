@@ -1,6 +1,7 @@
-//! The colour of the vertices of a mesh, or its alpha.
+//! The interpolated vertex colour of a mesh, or the alpha of that colour.
 //!
-//! - Twin: Mitsuba `mesh_attribute`; alpha is hosted by the Mitsuba driver.
+//! - Twin: hosted by the Mitsuba driver, which interpolates the colours and alpha in double
+//!   precision.
 //! - Example: `scenes/textures/vertex_color.toml`.
 
 use schemars::JsonSchema;
@@ -10,7 +11,8 @@ use whitstone_core::{
     Context, Plugin, Rgb, SceneErrors, SurfaceAttributes, SurfaceInteraction, Texture, Textures,
 };
 
-/// The vertex colour of a mesh with `vertex_colors = true`; white on other shapes.
+/// The vertex colour of a mesh with `vertex_colors = true`; on other shapes white, or 1 for the
+/// channel "alpha".
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {

@@ -1,5 +1,5 @@
-//! `bench sizes`: run time against the number of pixels, beside Mitsuba's own integrators and
-//! POV-Ray.
+//! `bench sizes`: run time against the number of pixels, compared with Mitsuba's own integrators
+//! and POV-Ray.
 //!
 //! Small images measure the fixed cost of a renderer, large ones its cost per pixel, so both are
 //! fitted: `seconds = fixed + cost * pixels`. Mitsuba renders the scene that `convert` exports, by
@@ -274,7 +274,7 @@ fn sizes(
     let mut ours = Series::new("Whitstone");
     let mut paths = VARIANTS.map(|variant| Series::new(format!("Mitsuba path, {variant}")));
     let mut driven = Series::new("Mitsuba driver (Python)");
-    let mut other = Series::new("POV-Ray (processor time)");
+    let mut other = Series::new(crate::run_time::POVRAY);
     let mut rays = Vec::new();
     println!(
         "{}, {threads} threads, seconds; load {:.1}",
@@ -383,7 +383,10 @@ fn whole_commands(
     let layers = "\"depth\", \"normal\", \"uv\", \"shape_id\", \"primitive_id\"";
     let mut commands = [
         ("Whitstone", ours("")),
-        ("Whitstone, five layers", ours(layers)),
+        (
+            "Whitstone, with five AOV layers (depth, normal, uv, shape and primitive ID)",
+            ours(layers),
+        ),
         ("Mitsuba, llvm_ad_rgb", theirs(VARIANTS[0])),
         ("Mitsuba, scalar_rgb", theirs(VARIANTS[1])),
     ];

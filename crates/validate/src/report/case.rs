@@ -383,8 +383,8 @@ pub(super) fn reference_name(case: &CaseResult) -> Option<String> {
 fn twin_meaning(twin: &str) -> &'static str {
     match twin {
         "native" => "the reference's own plugins compute all of it",
-        "hosted" => "some formulas are our own plugins, which run inside Mitsuba",
-        "formula" => "the driver computes some terms itself, or composes them from parts of the reference",
+        "hosted" => "the driver computes some shapes, materials, textures or lights itself",
+        "formula" => "the driver computes other terms itself, or composes them from parts of the reference",
         "tessellated" => "Mitsuba renders a mesh instead of a shape that it lacks",
         _ => "",
     }
