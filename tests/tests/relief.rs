@@ -100,9 +100,11 @@ fn bump_mapping_fails_at_outlines_and_in_shadows() {
     let text = std::fs::read_to_string(root().join("crates/materials/src/bump.rs")).unwrap();
     let words: Vec<&str> = text.split_whitespace().collect();
     let told = format!(
-        "differs by {:.0}% of the mean in the middle of the ball; a smooth ball differs from the displaced one by {:.0}%. With bumps, {outline} pixels at the silhouette and {shadow} in the shadow are wrong",
+        "differs by {:.0}% of the mean in the middle of the ball; a smooth ball differs from the displaced one by {:.0}%. With bumps, {outline} of the {} x {} pixels are wrong at the silhouette, and {shadow} in the shadow",
         100.0 * interior,
         100.0 * without.interior,
+        bumped.film.size.width,
+        bumped.film.size.height,
     );
     let one_line = words.join(" ").replace(" /// ", " ");
     assert!(one_line.contains(&told), "bump.rs does not say: {told}");

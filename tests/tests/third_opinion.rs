@@ -24,7 +24,15 @@ fn counts(scene: &std::path::Path, ours: &[String]) -> Option<[usize; 3]> {
     let sources = Sources::load(scene, &[], &registry).ok()?;
     let description = Description::parse(&sources).into_result().ok()?;
     Plan::new(&description, &registry).into_result().ok()?;
-    let tracer = Tracer::new(&description).ok()?;
+    let tracer = match Tracer::new(&description) {
+        Ok(tracer) => tracer,
+        Err(errors) => {
+            let told = sources.report(&errors, false);
+            // The pipeline has found all files.
+            assert!(!told.contains("os error"), "{}: {told}", scene.display());
+            return None;
+        }
+    };
     let pipeline = load(scene, ours, &registry).ok()?;
     let tolerance = if pipeline.scene.reads_footprints() {
         FILTERED

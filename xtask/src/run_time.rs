@@ -71,7 +71,7 @@ pub(crate) fn page(result: &Value) -> String {
         picture_table(&mut page, result, picture);
     }
     page.push_str(
-        "\n## Whole commands\n\nFrom the start of the process to its end, on all cores: starting, reading, building, tracing\nand writing an EXR file. Mitsuba finds its compiled kernels in Dr.Jit's cache. The command `mitsuba`\nof its pip package is a Python script that imports Mitsuba and starts the C++ program.\n\n| scene | command | seconds |\n|---|---|---|\n",
+        "\n## Whole commands\n\nFrom the start of the process to its end, on all cores: starting, reading, building, tracing\nand writing an EXR file. Mitsuba finds its compiled kernels in Dr.Jit's cache. Its command is\nthe C++ program `mitsuba` itself: the script of that name in its pip package first imports Mitsuba\ninto Python, which takes longer.\n\n| scene | command | seconds |\n|---|---|---|\n",
     );
     for scene in list(result, "commands") {
         for command in list(scene, "commands") {
@@ -177,7 +177,7 @@ pub(crate) fn sentence(result: &Value) -> String {
         .filter_map(|picture| text(picture, "scene").rsplit(['/', '.']).nth(1))
         .collect();
     wrapped(&format!(
-        "At {QUOTED} x {QUOTED} pixels and one sample per pixel ({}; {} threads of {}, {}), Whitstone renders a loaded scene in {} times the time of Mitsuba's C++ integrator `path` (`llvm_ad_rgb`). At each surface `path` follows one random ray; Whitstone follows every branch, two at glass. The command `render` takes {} times as long as the command `mitsuba -m llvm_ad_rgb`, from start to exit; the latter is a Python script that starts Mitsuba's C++ program. [All sizes and renderers](docs/run-time.md).",
+        "At {QUOTED} x {QUOTED} pixels and one sample per pixel ({}; {} threads of {}, {}), Whitstone renders a loaded scene in {} times the time of Mitsuba's C++ integrator `path` (`llvm_ad_rgb`). At each surface `path` follows one random ray; Whitstone follows every branch, two at glass. The command `render` takes {} times as long as the command `mitsuba -m llvm_ad_rgb`, from start to exit (its C++ program, not the script of its pip package). Neither runs Python. [All sizes and renderers](docs/run-time.md).",
         names.join(", "),
         most.unwrap_or(0),
         text(result, "processor"),

@@ -4,8 +4,8 @@
 //! displaced by the height. Only the slope of the height matters. The height is a function of the
 //! world-space position (Perlin 1985, *An image synthesizer*, section "Texture"), of the texture
 //! coordinates, or of both. Its derivatives are the central differences that the model specifies,
-//! so that independent programs agree. Those by (u, v) are multiplied by the gradients of u and v
-//! on the surface, which is Blinn's formula for tangents of any length and angle.
+//! so that independent programs agree. The differences along u and v are multiplied by the surface
+//! gradients of u and v. This is Blinn's formula, valid for tangents of any length and angle.
 //!
 //! The lecture notes instead use "a 2D or 3D array of vectors which are added to the normals at the
 //! points for which we do shading calculations". With `vector_map`, these vectors are the colours
@@ -173,7 +173,7 @@ impl Height {
         if let Some(found) = &found
             && found.needs().contains(SurfaceAttributes::SECOND_UV)
         {
-            let mut error = SceneError::anywhere("a height has no slope in the second texture coordinates")
+            let mut error = SceneError::anywhere("a height cannot use the second texture coordinates: their gradients are not computed")
                 .with_help("map it by the first ones, with the projection \"uv\", or by position: \"planar\", \"solid\", ...");
             error.span = height.span.clone();
             errors.0.push(error);

@@ -372,8 +372,9 @@ fn whole_commands(
             .args(["--set", &film, "--set", &sampler]);
         command
     };
+    let mitsuba = mitsuba(environment)?;
     let theirs = |variant: &str| {
-        let mut command = Command::new(environment.folder().join("bin/mitsuba"));
+        let mut command = Command::new(&mitsuba);
         command.args(["-m", variant, "-o"]).arg(&image).arg(&file);
         if let Some(library) = llvm(environment) {
             command.env("DRJIT_LIBLLVM_PATH", library);
@@ -416,6 +417,24 @@ fn whole_commands(
         figures.push(json!({ "name": name, "seconds": seconds }));
     }
     Ok(json!({ "scene": scene, "width": SIDE, "load": load(), "commands": figures }))
+}
+
+/// Mitsuba's C++ program. The script `bin/mitsuba` of its package imports all of Mitsuba into Python
+/// before it starts this program, which takes longer than a rendering.
+fn mitsuba(environment: &Environment) -> Result<PathBuf, Failure> {
+    let ask = "import importlib.util as u; print(u.find_spec('mitsuba').submodule_search_locations[0])";
+    let output = Command::new(&environment.python)
+        .args(["-c", ask])
+        .output()
+        .map_err(Failure::environment)?;
+    let folder = String::from_utf8_lossy(&output.stdout);
+    let program = Path::new(folder.trim()).join("mitsuba");
+    if program.is_file() {
+        Ok(program)
+    } else {
+        let message = format!("the package of Mitsuba lacks its program {}", program.display());
+        Err(Failure::environment(message))
+    }
 }
 
 /// The library that Mitsuba's LLVM variants need, as the driver finds it.
