@@ -1,7 +1,7 @@
 //! Storage for the rays of one wave (the next ray of each pixel) and for the rays that wait; copies
 //! rays between them, given lists of lanes.
 
-use whitstone_core::stream::{Colors, Ids, LANES, Lanes, RayStream, gather};
+use whitstone_core::stream::{Colors, GROUP, Ids, LANES, Lanes, RayStream, gather, groups};
 use whitstone_core::{DVec3, RayDifferential, Rgb, simd};
 
 /// Rays of a wave with their throughput and medium. Their `limit`s stay infinite.
@@ -45,6 +45,32 @@ impl List {
     pub(crate) fn push_if(&mut self, counts: bool, lane: usize) {
         self.lanes.0[self.len % LANES] = lane as u16;
         self.len += usize::from(counts);
+    }
+
+    /// Replaces the list by those of the first `len` lanes for which `counts`.
+    #[inline(always)]
+    pub(crate) fn filter(&mut self, len: usize, counts: impl Fn(usize) -> bool) {
+        let (mut found, lanes) = (0, &mut self.lanes.0);
+        for start in groups(len) {
+            let mut mask = 0_u32;
+            for k in 0..GROUP {
+                mask |= u32::from(counts(start + k) & (start + k < len)) << k;
+            }
+            // Most groups agree.
+            if mask == (1 << GROUP) - 1 && found + GROUP <= LANES {
+                for k in 0..GROUP {
+                    lanes[found + k] = (start + k) as u16;
+                }
+                found += GROUP;
+                continue;
+            }
+            while mask != 0 {
+                lanes[found % LANES] = (start + mask.trailing_zeros() as usize) as u16;
+                found += 1;
+                mask &= mask - 1;
+            }
+        }
+        self.len = found;
     }
 
     #[inline(always)]
@@ -244,11 +270,14 @@ impl Waiting {
             return;
         }
         // Collects them first, so that no conditional jump waits for a load.
-        self.found.clear();
+        // The counter stays in a register: through the list it would be written each time.
+        let (mut found, list) = (0, &mut self.found.lanes.0);
         for lane in lanes {
             let slot = group.slot.0[lane % LANES] as usize % LANES;
-            self.found.push_if(self.tops[slot] != BOTTOM, slot);
+            list[found % LANES] = slot as u16;
+            found += usize::from(self.tops[slot] != BOTTOM);
         }
+        self.found.len = found;
         self.count -= self.found.lanes().len();
         for &slot in self.found.lanes() {
             let top = &mut self.tops[slot as usize % LANES];
@@ -339,17 +368,6 @@ impl ByShape {
             order.0[*place as usize % LANES] = lane as u16;
             *place += 1;
         });
-    }
-
-    /// The shape, if all lanes hit the same one.
-    pub(crate) fn only(&mut self) -> Option<u32> {
-        match self.hit[..] {
-            [shape] => {
-                self.forget(shape);
-                Some(shape)
-            }
-            _ => None,
-        }
     }
 
     /// Removes all shapes and visits each with its lanes.

@@ -9,7 +9,7 @@ use crate::paths::{ByShape, Followed, List, Paths, Values, Waiting};
 use crate::rules::{Beyond, Limits, Rules};
 use std::mem::swap;
 use whitstone_core::stream::{
-    Colors, GROUP, HitStream, LANES, NO_SHAPE, RayStream, SurfaceStream, Vectors, groups,
+    Colors, GROUP, HitStream, LANES, Lanes, NO_SHAPE, RayStream, SurfaceStream, Vectors, groups,
 };
 use whitstone_core::{
     BsdfFlags, Counters, LightMemory, Material, MediumStack, PathLetter, Rgb, Scene, Scratch,
@@ -120,22 +120,22 @@ impl Rules {
         if m.current.absorbing {
             absorb(&mut m.current, &mut m.hits);
         }
-        let mut by_shape = std::mem::take(&mut m.by_shape);
-        by_shape.sort(&m.hits.id.shape[..len], scene.materials.len());
-        if let Some(shape) = by_shape.only() {
+        if let Some(shape) = only(&m.hits.id.shape, len) {
             swap(&mut m.group, &mut m.current);
             swap(&mut m.group_hits, &mut m.hits);
             self.shade(scene, shape, m, counters, out);
-        } else {
-            by_shape.groups(|shape, lanes| {
-                m.group.take(&m.current, lanes);
-                simd::dispatch(
-                    #[inline(always)]
-                    || m.group_hits.gather(0, &m.hits, lanes),
-                );
-                self.shade(scene, shape, m, counters, out);
-            });
+            return;
         }
+        let mut by_shape = std::mem::take(&mut m.by_shape);
+        by_shape.sort(&m.hits.id.shape[..len], scene.materials.len());
+        by_shape.groups(|shape, lanes| {
+            m.group.take(&m.current, lanes);
+            simd::dispatch(
+                #[inline(always)]
+                || m.group_hits.gather(0, &m.hits, lanes),
+            );
+            self.shade(scene, shape, m, counters, out);
+        });
         m.by_shape = by_shape;
     }
 
@@ -171,6 +171,7 @@ impl Rules {
         }
         match self.branches {
             Some(limits) if lobes.intersects(BsdfFlags::SPECULAR) => {
+                m.branches.clear_media = false;
                 material.specular_rays_stream(&m.points, &mut m.branches);
                 if lobes.contains(BsdfFlags::NULL) {
                     m.stay();
@@ -260,7 +261,11 @@ impl Memory {
     /// have been added.
     fn stop_at_limit(&mut self, scene: &Scene, limits: Limits) -> bool {
         let depths = &self.group.depth.0[..self.group.rays.len];
-        if depths.iter().all(|depth| *depth < limits.max_depth) {
+        let deepest = simd::dispatch(
+            #[inline(always)]
+            || depths.iter().fold(0, |deepest: u32, depth| deepest.max(*depth)),
+        );
+        if deepest < limits.max_depth {
             return false;
         }
         let BeyondLimit {
@@ -347,19 +352,17 @@ impl Memory {
             both,
             ended,
         } = next_lanes;
-        for list in [&mut *first, &mut *other, &mut *both, &mut *ended] {
-            list.clear();
-        }
-        for lane in 0..group.rays.len.min(LANES) {
-            let (r, t) = (reflected.alive.0[lane], transmitted.alive.0[lane]);
-            first.push_if(r, lane);
-            other.push_if(t & !r, lane);
-            both.push_if(t & r, lane);
-            ended.push_if(!(t | r), lane);
-        }
+        let len = group.rays.len.min(LANES);
+        let (r, t) = (&reflected.alive.0, &transmitted.alive.0);
+        first.filter(len, |lane| r[lane]);
+        other.filter(len, |lane| t[lane] & !r[lane]);
+        both.filter(len, |lane| t[lane] & r[lane]);
+        ended.filter(len, |lane| !(t[lane] | r[lane]));
         let origin_primitive = &group_hits.id;
         let outside = group.absorbing.then_some(&group.absorption);
-        let inside = absorbs(&branches.absorption, &transmitted.alive, group.rays.len);
+        // An undeviated ray stays in the medium of its parent.
+        let clear = branches.clear_media && !group.absorbing;
+        let inside = !clear && absorbs(&branches.absorption, &transmitted.alive, len);
         let inside = inside.then_some(&branches.absorption);
         next.append(group, origin_primitive, reflected, outside, first.lanes());
         next.append(group, origin_primitive, transmitted, inside, other.lanes());
@@ -367,6 +370,19 @@ impl Memory {
         let ended = ended.lanes().iter().map(|lane| usize::from(*lane));
         waiting.resume(next, group, ended);
     }
+}
+
+/// The shape that the first `len` rays hit, if it is one; [`NO_SHAPE`] if all miss.
+fn only(shapes: &Lanes<u32>, len: usize) -> Option<u32> {
+    let first = shapes[0];
+    let differ = simd::dispatch(
+        #[inline(always)]
+        || {
+            let shapes = &shapes[..len.min(LANES)];
+            shapes.iter().fold(0, |differ, shape| differ | (shape ^ first))
+        },
+    );
+    (differ == 0).then_some(first)
 }
 
 /// Whether any of the selected lanes is in an absorbing medium.

@@ -140,6 +140,7 @@ impl Material for Dielectric {
     }
 
     fn specular_rays_stream(&self, points: &SurfaceStream, out: &mut SpecularRayStreams) {
+        out.clear_media = self.body.is_clear();
         simd::dispatch(
             #[inline(always)]
             || {

@@ -7,7 +7,9 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 use whitstone_core::stream::LANES;
-use whitstone_core::{Counters, PreliminaryIntersection, Ray, Rgb, Scratch, SurfaceAttributes};
+use whitstone_core::{
+    Counters, DVec2, DVec3, PreliminaryIntersection, Rgb, Scratch, SurfaceAttributes, SurfaceInteraction,
+};
 use whitstone_scene::Aov;
 
 /// Side of the square tiles that are distributed to threads, in pixels.
@@ -213,16 +215,19 @@ impl Pipeline {
         }
         self.camera.ray_stream(&raster.0, rays);
         self.scene.accelerator.intersect_stream(rays, hits);
+        let aovs = &self.film.aovs;
+        let needs = aovs
+            .iter()
+            .fold(SurfaceAttributes::NOTHING, |all, aov| all | needs(*aov));
+        let reads_surface = aovs.iter().any(|aov| matches!(aov, Aov::Normal | Aov::Uv));
         for lane in 0..pixels.len() {
             let (ray, hit) = (rays.ray(lane), hits.get(lane));
             let near = self.camera.near(raster.0[lane]);
-            for aov in &self.film.aovs {
-                layers.extend(
-                    self.layer_values(*aov, &ray, near, hit.as_ref())
-                        .iter()
-                        .map(|v| *v as f32),
-                );
-            }
+            // Once for all layers.
+            let surface = hit.filter(|_| reads_surface);
+            let surface = surface.map(|hit| self.scene.geometry.surface(&ray, &hit, needs));
+            let put = |value: f64| layers.push(value as f32);
+            self.layer_values(near, hit.as_ref(), surface.as_ref(), put);
         }
     }
 
@@ -238,27 +243,25 @@ impl Pipeline {
         sum * (1.0 / f64::from(count))
     }
 
-    /// The values of a layer for a ray that starts at `near` in front of the camera.
+    /// The values of the layers for a ray that starts at `near` in front of the camera. The surface
+    /// at the hit may be missing if no layer reads it.
     fn layer_values(
         &self,
-        aov: Aov,
-        ray: &Ray,
         near: f64,
         hit: Option<&PreliminaryIntersection>,
-    ) -> Vec<f64> {
-        let Some(hit) = hit else {
-            return match aov {
-                Aov::ShapeId | Aov::PrimitiveId => vec![-1.0],
-                _ => vec![0.0; aov.channels().len()],
-            };
-        };
-        let surface = || self.scene.geometry.surface(ray, hit, needs(aov));
-        match aov {
-            Aov::Depth => vec![near + hit.t],
-            Aov::Normal => surface().n_s.to_array().to_vec(),
-            Aov::Uv => surface().uv.to_array().to_vec(),
-            Aov::ShapeId => vec![f64::from(self.scene.shape_id(hit.shape))],
-            Aov::PrimitiveId => vec![f64::from(hit.primitive)],
+        surface: Option<&SurfaceInteraction>,
+        mut put: impl FnMut(f64),
+    ) {
+        for aov in &self.film.aovs {
+            let normal = surface.map_or(DVec3::ZERO, |surface| surface.n_s);
+            let uv = surface.map_or(DVec2::ZERO, |surface| surface.uv);
+            match aov {
+                Aov::Depth => put(hit.map_or(0.0, |hit| near + hit.t)),
+                Aov::Normal => normal.to_array().into_iter().for_each(&mut put),
+                Aov::Uv => uv.to_array().into_iter().for_each(&mut put),
+                Aov::ShapeId => put(hit.map_or(-1.0, |hit| f64::from(self.scene.shape_id(hit.shape)))),
+                Aov::PrimitiveId => put(hit.map_or(-1.0, |hit| f64::from(hit.primitive))),
+            }
         }
     }
 }

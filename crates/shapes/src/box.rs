@@ -112,6 +112,8 @@ fn turned(p: DVec3, axis: u32) -> DVec3 {
 }
 
 impl ShapeKernel for Cuboid {
+    const VECTOR_UV: bool = true;
+
     fn bounds(&self) -> Aabb {
         self.frame.bounds(DVec3::ONE)
     }

@@ -41,6 +41,8 @@ impl Plugin<Shapes> for Plane {
 }
 
 impl ShapeKernel for Plane {
+    const VECTOR_UV: bool = true;
+
     fn bounds(&self) -> Aabb {
         Aabb::EVERYTHING
     }

@@ -35,6 +35,8 @@ impl Plugin<Shapes> for Rectangle {
 }
 
 impl ShapeKernel for Rectangle {
+    const VECTOR_UV: bool = true;
+
     fn bounds(&self) -> Aabb {
         self.frame.bounds(DVec3::new(1.0, 1.0, 0.0))
     }

@@ -85,19 +85,19 @@ impl ShapeKernel for Sphere {
 
     #[inline(always)]
     fn hit(&self, ray: &Ray, min: f64, origin_primitive: u32) -> ShapeHit {
-        let [first, second] = self.roots(ray);
-        // For a ray spawned on the sphere, the root of smaller magnitude is the spawn point itself,
-        // moved off zero by rounding.
-        let origin_primitive = origin_primitive != NO_PRIMITIVE;
-        let second_is_start = second.abs() < first.abs();
-        let first_counts = (first > min) & !(origin_primitive & !second_is_start);
-        let second_counts = (second > min) & !(origin_primitive & second_is_start);
-        let later = select(second_counts, second, f64::NAN);
-        ShapeHit {
-            t: select(first_counts, first, later),
-            primitive: 0,
-            prim_uv: DVec2::ZERO,
-        }
+        nearest(self.roots(ray), min, origin_primitive)
+    }
+
+    #[inline(always)]
+    fn is_far(&self, ray: &Ray) -> bool {
+        // Closer than two radii, also after rounding; NaN counts as far.
+        let close = (ray.origin - self.center).length_squared() < 3.9 * (self.radius * self.radius);
+        !close
+    }
+
+    #[inline(always)]
+    fn hit_near(&self, ray: &Ray, min: f64, origin_primitive: u32) -> ShapeHit {
+        nearest(self.roots_near(ray), min, origin_primitive)
     }
 
     #[inline(always)]
@@ -162,12 +162,17 @@ impl Sphere {
         let near_form = b * b - a * c;
         let far_form = a * (self.radius - perpendicular) * (self.radius + perpendicular);
         let discriminant = select(distance < 2.0 * self.radius, near_form, far_form);
-        // One root comes from the sum that does not cancel, the other from the product of the
-        // roots. Both are NaN if the discriminant is negative.
-        let q = -(b + discriminant.sqrt().copysign(b));
-        let (one, other) = (c / q, q / a);
-        let ascending = one < other;
-        [select(ascending, one, other), select(ascending, other, one)]
+        ascending([a, b, c], discriminant)
+    }
+
+    /// [`Self::roots`] for rays that are not far, whose discriminant is always the near form.
+    #[inline(always)]
+    fn roots_near(&self, ray: &Ray) -> [f64; 2] {
+        let (l, d) = (ray.origin - self.center, ray.direction);
+        let (a, b) = (d.length_squared(), l.dot(d));
+        let distance = l.length();
+        let c = (distance - self.radius) * (distance + self.radius);
+        ascending([a, b, c], b * b - a * c)
     }
 
     fn uv(&self, n: DVec3) -> DVec2 {
@@ -181,6 +186,34 @@ impl Sphere {
         // acos loses half the digits near the poles; atan2 does not.
         let theta = local.truncate().length().atan2(local.z);
         DVec2::new(phi / TAU, 1.0 - theta / std::f64::consts::PI)
+    }
+}
+
+/// The roots of `a t² + 2 b t + c`, in ascending order, or NaN.
+#[inline(always)]
+fn ascending([a, b, c]: [f64; 3], discriminant: f64) -> [f64; 2] {
+    // One root comes from the sum that does not cancel, the other from the product of the roots.
+    // Both are NaN if the discriminant is negative.
+    let q = -(b + discriminant.sqrt().copysign(b));
+    let (one, other) = (c / q, q / a);
+    let ascending = one < other;
+    [select(ascending, one, other), select(ascending, other, one)]
+}
+
+/// The nearest hit beyond `min`.
+#[inline(always)]
+fn nearest([first, second]: [f64; 2], min: f64, origin_primitive: u32) -> ShapeHit {
+    // For a ray spawned on the sphere, the root of smaller magnitude is the spawn point itself,
+    // moved off zero by rounding.
+    let origin_primitive = origin_primitive != NO_PRIMITIVE;
+    let second_is_start = second.abs() < first.abs();
+    let first_counts = (first > min) & !(origin_primitive & !second_is_start);
+    let second_counts = (second > min) & !(origin_primitive & second_is_start);
+    let later = select(second_counts, second, f64::NAN);
+    ShapeHit {
+        t: select(first_counts, first, later),
+        primitive: 0,
+        prim_uv: DVec2::ZERO,
     }
 }
 

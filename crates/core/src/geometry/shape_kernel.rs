@@ -17,6 +17,9 @@ pub const NO_PRIMITIVE: u32 = u32::MAX;
 /// early. Methods are also called for unused lanes and must not panic. (Repeated `if`s on the same
 /// condition may compile to a branch; [`simd::select`] never does.)
 pub trait ShapeKernel: Clone + Send + Sync {
+    /// Whether texture coordinates, too, need no function without a vector form (such as `atan2`).
+    const VECTOR_UV: bool = false;
+
     /// See [`Shape::bounds`].
     fn bounds(&self) -> Aabb;
 
@@ -27,6 +30,18 @@ pub trait ShapeKernel: Clone + Send + Sync {
     /// The nearest hit beyond `min`; `t` is NaN if there is none. `origin_primitive` is the
     /// sub-primitive of this object that the ray starts on, or [`NO_PRIMITIVE`].
     fn hit(&self, ray: &Ray, min: f64, origin_primitive: u32) -> ShapeHit;
+
+    /// Whether the ray needs all of [`Self::hit`], instead of [`Self::hit_near`].
+    fn is_far(&self, ray: &Ray) -> bool {
+        let _ = ray;
+        true
+    }
+
+    /// The same as [`Self::hit`], to the bit, for rays that are not far ([`Self::is_far`]): less
+    /// work if the shape has cases that only distant rays need.
+    fn hit_near(&self, ray: &Ray, min: f64, origin_primitive: u32) -> ShapeHit {
+        self.hit(ray, min, origin_primitive)
+    }
 
     /// See [`Shape::surface`].
     fn surface(
@@ -131,11 +146,22 @@ impl<P: ShapeKernel> Shape for P {
                     let mut t = [0.0; GROUP];
                     let (mut u, mut v) = (t, t);
                     let mut sub_primitive = [0; GROUP];
-                    for k in 0..GROUP {
-                        let lane = start + k;
-                        let hit = kernel.hit(&rays.ray(lane), 0.0, origin_primitive(rays, lane, shape));
-                        (t[k], u[k], v[k]) = (hit.t, hit.prim_uv.x, hit.prim_uv.y);
-                        sub_primitive[k] = hit.primitive;
+                    // Twice the same loop: the choice is made once for a group.
+                    if any_far(&kernel, rays, start) {
+                        for k in 0..GROUP {
+                            let lane = start + k;
+                            let hit = kernel.hit(&rays.ray(lane), 0.0, origin_primitive(rays, lane, shape));
+                            (t[k], u[k], v[k]) = (hit.t, hit.prim_uv.x, hit.prim_uv.y);
+                            sub_primitive[k] = hit.primitive;
+                        }
+                    } else {
+                        for k in 0..GROUP {
+                            let lane = start + k;
+                            let origin = origin_primitive(rays, lane, shape);
+                            let hit = kernel.hit_near(&rays.ray(lane), 0.0, origin);
+                            (t[k], u[k], v[k]) = (hit.t, hit.prim_uv.x, hit.prim_uv.y);
+                            sub_primitive[k] = hit.primitive;
+                        }
                     }
                     for k in 0..GROUP {
                         let hit = ShapeHit {
@@ -161,12 +187,20 @@ impl<P: ShapeKernel> Shape for P {
                         continue;
                     }
                     let mut hit = [false; GROUP];
-                    for k in 0..GROUP {
-                        let lane = start + k;
-                        let t = kernel
-                            .hit(&rays.ray(lane), 0.0, origin_primitive(rays, lane, shape))
-                            .t;
-                        hit[k] = near[k] & (t > 0.0) & (t < rays.limit[lane]);
+                    if any_far(&kernel, rays, start) {
+                        for k in 0..GROUP {
+                            let lane = start + k;
+                            let origin = origin_primitive(rays, lane, shape);
+                            let t = kernel.hit(&rays.ray(lane), 0.0, origin).t;
+                            hit[k] = near[k] & (t > 0.0) & (t < rays.limit[lane]);
+                        }
+                    } else {
+                        for k in 0..GROUP {
+                            let lane = start + k;
+                            let origin = origin_primitive(rays, lane, shape);
+                            let t = kernel.hit_near(&rays.ray(lane), 0.0, origin).t;
+                            hit[k] = near[k] & (t > 0.0) & (t < rays.limit[lane]);
+                        }
                     }
                     for k in 0..GROUP {
                         hidden[start + k] |= hit[k];
@@ -186,7 +220,7 @@ impl<P: ShapeKernel> Shape for P {
         let kernel = self.clone();
         let len = rays.len.min(LANES);
         // Texture coordinates may need functions without a vector form.
-        if needs.contains(SurfaceAttributes::UV) {
+        if needs.contains(SurfaceAttributes::UV) && !P::VECTOR_UV {
             for lane in 0..len {
                 points.set(
                     lane,
@@ -202,10 +236,12 @@ impl<P: ShapeKernel> Shape for P {
                 // sub-primitive of this shape.
                 for lane in 0..len {
                     let (ray, hit) = (rays.ray(lane), hits.hit(lane));
-                    points.set(
-                        lane,
-                        &ShapeKernel::surface(&kernel, &ray, &hit, SurfaceAttributes::NOTHING),
-                    );
+                    // Constants, so that the compiler drops what is not needed.
+                    let needs = match P::VECTOR_UV {
+                        true => SurfaceAttributes::UV,
+                        false => SurfaceAttributes::NOTHING,
+                    };
+                    points.set(lane, &ShapeKernel::surface(&kernel, &ray, &hit, needs));
                 }
             },
         );
@@ -226,6 +262,16 @@ fn near(kernel: &impl ShapeKernel, rays: &RayStream, start: usize) -> [bool; GRO
         *near = kernel.may_hit(&rays.ray(start + k));
     }
     near
+}
+
+/// Whether any ray of a group is far.
+#[inline(always)]
+fn any_far(kernel: &impl ShapeKernel, rays: &RayStream, start: usize) -> bool {
+    let mut far = [false; GROUP];
+    for (k, far) in far.iter_mut().enumerate() {
+        *far = kernel.is_far(&rays.ray(start + k));
+    }
+    any(&far)
 }
 
 #[inline(always)]

@@ -34,6 +34,11 @@ impl Body {
         }
     }
 
+    /// Whether neither side absorbs.
+    pub(crate) fn is_clear(&self) -> bool {
+        self.interior_absorption.is_black() && self.exterior_absorption.is_black()
+    }
+
     /// Whether the indices are equal, so that rays are neither reflected nor bent.
     pub(crate) fn is_open(&self) -> bool {
         self.outside.is_open()
