@@ -9,7 +9,7 @@
 use crate::rules::Rules;
 use schemars::JsonSchema;
 use serde::Deserialize;
-use whitstone_core::stream::{Colors, RayStream};
+use whitstone_core::stream::{Colors, HitStream, RayStream};
 use whitstone_core::{
     Context, Integrator, Integrators, Plugin, Ray, Rgb, Scene, SceneErrors, Scratch, ShadowMode,
 };
@@ -55,6 +55,22 @@ impl Integrator for Appel {
 
     fn radiance_stream(&self, scene: &Scene, rays: &RayStream, scratch: &mut Scratch, out: &mut Colors) {
         self.rules.radiance_stream(scene, rays, scratch, out);
+    }
+
+    fn shade_stream(
+        &self,
+        scene: &Scene,
+        rays: &RayStream,
+        hits: &mut Box<HitStream>,
+        scratch: &mut Scratch,
+        out: &mut Colors,
+    ) {
+        if scene.requires_scalar_tracing() {
+            self.radiance_stream(scene, rays, scratch, out);
+        } else {
+            scratch.counters.closest += rays.len as u64;
+            self.rules.shade_stream(scene, rays, hits, scratch, out);
+        }
     }
 }
 

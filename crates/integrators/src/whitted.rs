@@ -15,7 +15,7 @@ use crate::rules::{Beyond, Limits, Rules};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::config::{IntegerIn, NonNegative};
-use whitstone_core::stream::{Colors, RayStream};
+use whitstone_core::stream::{Colors, HitStream, RayStream};
 use whitstone_core::{
     Context, Integrator, Integrators, Plugin, Ray, Rgb, Scene, SceneErrors, Scratch, ShadowMode,
 };
@@ -97,6 +97,22 @@ impl Integrator for Whitted {
 
     fn radiance_stream(&self, scene: &Scene, rays: &RayStream, scratch: &mut Scratch, out: &mut Colors) {
         self.rules.radiance_stream(scene, rays, scratch, out);
+    }
+
+    fn shade_stream(
+        &self,
+        scene: &Scene,
+        rays: &RayStream,
+        hits: &mut Box<HitStream>,
+        scratch: &mut Scratch,
+        out: &mut Colors,
+    ) {
+        if scene.requires_scalar_tracing() {
+            self.radiance_stream(scene, rays, scratch, out);
+        } else {
+            scratch.counters.closest += rays.len as u64;
+            self.rules.shade_stream(scene, rays, hits, scratch, out);
+        }
     }
 }
 

@@ -1,7 +1,7 @@
 //! The render loop: tiles of pixels, distributed to threads.
 
 use crate::adaptive::Adaptive;
-use crate::samples::{SampleMemory, pixel_corner};
+use crate::samples::SampleMemory;
 use crate::{Film, Pipeline, Progress};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -189,12 +189,21 @@ impl Pipeline {
             ..
         } = scratch;
         rgb.clear();
+        layers.clear();
+        let has_layers = !self.film.aovs.is_empty();
+        if has_layers {
+            self.trace_centers(pixels, memory);
+            self.layers(pixels.len(), memory, layers);
+        }
         match adaptive {
             None => {
                 let mut sums = [Rgb::BLACK; LANES];
-                self.sample(pixels, 0..positions, memory, |lane, radiance| {
-                    sums[lane] += radiance
-                });
+                let add = |lane: usize, radiance| sums[lane] += radiance;
+                if has_layers && self.samples_are_centers(pixels) {
+                    self.shade_centers(memory, add);
+                } else {
+                    self.sample(pixels, 0..positions, memory, add);
+                }
                 let count = f64::from(positions * self.camera.lens_points());
                 rgb.extend(sums[..pixels.len()].iter().map(|sum| {
                     let mean = *sum * (1.0 / count);
@@ -203,31 +212,24 @@ impl Pipeline {
             }
             Some(adaptive) => adaptive.start(self, pixels, memory),
         }
-        layers.clear();
-        if self.film.aovs.is_empty() {
-            return;
-        }
-        let SampleMemory {
-            rays, raster, hits, ..
-        } = memory;
-        for (raster, pixel) in raster.0.iter_mut().zip(&*pixels) {
-            *raster = pixel_corner(*pixel) + 0.5;
-        }
-        self.camera.ray_stream(&raster.0, rays);
-        self.scene.accelerator.intersect_stream(rays, hits);
+    }
+
+    /// The layers of the hits of a stream of rays.
+    fn layers(&self, len: usize, memory: &SampleMemory, layers: &mut Vec<f32>) {
         let aovs = &self.film.aovs;
         let needs = aovs
             .iter()
             .fold(SurfaceAttributes::NOTHING, |all, aov| all | needs(*aov));
         let reads_surface = aovs.iter().any(|aov| matches!(aov, Aov::Normal | Aov::Uv));
-        for lane in 0..pixels.len() {
-            let (ray, hit) = (rays.ray(lane), hits.get(lane));
-            let near = self.camera.near(raster.0[lane]);
+        for lane in 0..len {
+            let (ray, hit) = (memory.rays.ray(lane), memory.hits.get(lane));
+            let near = self.camera.near(memory.raster.0[lane]);
             // Once for all layers.
             let surface = hit.filter(|_| reads_surface);
             let surface = surface.map(|hit| self.scene.geometry.surface(&ray, &hit, needs));
-            let put = |value: f64| layers.push(value as f32);
-            self.layer_values(near, hit.as_ref(), surface.as_ref(), put);
+            self.layer_values(near, hit.as_ref(), surface.as_ref(), |value| {
+                layers.push(value as f32);
+            });
         }
     }
 

@@ -72,6 +72,49 @@ impl Pipeline {
         }
     }
 
+    /// Whether the only sample of each of these pixels is the ray of its layers, through its centre.
+    pub(crate) fn samples_are_centers(&self, pixels: &[[u32; 2]]) -> bool {
+        let center = |pixel: &[u32; 2]| self.sampler.position(*pixel, 0) == DVec2::splat(0.5);
+        self.samples() == 1
+            && self.sampler.refinement().is_none()
+            && self.object_order.is_none()
+            && pixels.iter().all(center)
+    }
+
+    /// Radiance through the centres of some pixels, from `memory.rays` and their hits, which
+    /// [`Self::trace_centers`] has found.
+    pub(crate) fn shade_centers(&self, memory: &mut SampleMemory, mut tell: impl FnMut(usize, Rgb)) {
+        let SampleMemory {
+            scratch,
+            rays,
+            neighbours,
+            raster,
+            radiance,
+            hits,
+        } = memory;
+        if let Some(scale) = self.sample_distance() {
+            rays.differential_from_camera(&*self.camera, &raster.0, 0, scale, neighbours);
+        }
+        self.integrator
+            .shade_stream(&self.scene, rays, hits, scratch, radiance);
+        for lane in 0..rays.len {
+            tell(lane, radiance.get(lane));
+        }
+    }
+
+    /// Finds the nearest hits through the centres of some pixels.
+    pub(crate) fn trace_centers(&self, pixels: &[[u32; 2]], memory: &mut SampleMemory) {
+        let SampleMemory {
+            rays, raster, hits, ..
+        } = memory;
+        for (raster, pixel) in raster.0.iter_mut().zip(pixels) {
+            *raster = pixel_corner(*pixel) + 0.5;
+        }
+        rays.len = pixels.len();
+        self.camera.ray_stream(&raster.0, rays);
+        self.scene.accelerator.intersect_stream(rays, hits);
+    }
+
     /// Maximum number of samples per pixel: each position of the sampler, through each point of the
     /// camera's lens. Samples of one position are consecutive.
     pub fn samples(&self) -> u32 {

@@ -42,6 +42,20 @@ pub trait Integrator: Send + Sync {
         }
     }
 
+    /// [`Self::radiance_stream`] for rays whose nearest hits are known, which may be overwritten.
+    /// They count as rays of this call.
+    fn shade_stream(
+        &self,
+        scene: &Scene,
+        rays: &RayStream,
+        hits: &mut Box<HitStream>,
+        scratch: &mut Scratch,
+        out: &mut Colors,
+    ) {
+        let _ = hits;
+        self.radiance_stream(scene, rays, scratch, out);
+    }
+
     /// For object-order methods, which project shapes to pixels: a prepared renderer that returns
     /// the radiance along camera rays, or the reason why the scene is refused. `None` for methods
     /// that trace rays from pixels to objects.
