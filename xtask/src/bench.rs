@@ -20,6 +20,7 @@ mod scaling;
 mod shapes;
 mod shapes_mitsuba;
 mod sizes;
+mod worst_cases;
 
 use clap::{Args, Subcommand};
 use whitstone::core::Registry;
@@ -53,6 +54,7 @@ enum What {
     Scaling(scaling::Arguments),
     Shapes(shapes::Arguments),
     Sizes(sizes::Arguments),
+    WorstCases(worst_cases::Arguments),
 }
 
 /// Runs the command.
@@ -69,6 +71,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         Some(What::Scaling(arguments)) => scaling::run(arguments, registry),
         Some(What::Shapes(arguments)) => shapes::run(arguments, registry),
         Some(What::Sizes(arguments)) => sizes::run(arguments, registry),
+        Some(What::WorstCases(arguments)) => worst_cases::run(arguments, registry),
     }
 }
 

@@ -21,8 +21,8 @@ use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::{Finite, MaterialRef, Positive, TextureRef, Vector3};
 use whitstone_core::{
-    ColorSource, Context, DVec2, DVec3, Material, Materials, Plugin, SceneError, SceneErrors, SurfaceAttributes,
-    SurfaceInteraction,
+    ColorSource, Context, DVec2, DVec3, Material, Materials, Plugin, SceneError, SceneErrors,
+    SurfaceAttributes, SurfaceInteraction,
 };
 
 /// Default of `step`, in metres.
@@ -243,14 +243,12 @@ impl Detail for Height {
             };
             self.height.value(&beside).r
         };
-        let along = |axis: DVec3| {
-            height(axis * self.step, DVec2::ZERO) - height(-axis * self.step, DVec2::ZERO)
-        };
+        let along =
+            |axis: DVec3| height(axis * self.step, DVec2::ZERO) - height(-axis * self.step, DVec2::ZERO);
         let mut differences = DVec3::new(along(DVec3::X), along(DVec3::Y), along(DVec3::Z));
         if self.by_uv {
-            let along = |axis: DVec2| {
-                height(DVec3::ZERO, axis * self.step) - height(DVec3::ZERO, -axis * self.step)
-            };
+            let along =
+                |axis: DVec2| height(DVec3::ZERO, axis * self.step) - height(DVec3::ZERO, -axis * self.step);
             let [u, v] = point.uv_gradient;
             differences += along(DVec2::X) * u + along(DVec2::Y) * v;
         }

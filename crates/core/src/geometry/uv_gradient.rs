@@ -43,7 +43,13 @@ impl Geometry {
             }
             step *= (CHANGE / change).clamp(1.0 / FACTOR, FACTOR);
         }
-        gradients.map(|gradient| if gradient.is_finite() { gradient } else { DVec3::ZERO })
+        gradients.map(|gradient| {
+            if gradient.is_finite() {
+                gradient
+            } else {
+                DVec3::ZERO
+            }
+        })
     }
 
     /// The change of (u, v) from `step` behind the point to `step` in front of it, along a unit

@@ -354,7 +354,11 @@ fn bsdfs_are_materials() {
         "<bsdf type='bumpmap'><texture type='bitmap'><string name='filename' value='t.png'/></texture><float name='scale' value='0.25'/><bsdf type='dielectric'/></bsdf>",
     );
     assert_eq!(
-        (bump["type"].as_str(), bump["material"]["type"].as_str(), number(&bump["scale"])),
+        (
+            bump["type"].as_str(),
+            bump["material"]["type"].as_str(),
+            number(&bump["scale"])
+        ),
         (Some("bump"), Some("dielectric"), 0.25)
     );
 }
@@ -534,7 +538,9 @@ fn materials_that_refer_to_each_other_take_linear_time() {
     assert_eq!(scene["material"].as_table().unwrap().len(), 13);
     assert_eq!(errors(&text(39))[0].1, "objects are nested more than 16 deep");
     // Many shapes share one large material.
-    let inner: Vec<String> = (0..2_000).map(|i| format!("{}:0.5", 400.0 + 0.1 * f64::from(i))).collect();
+    let inner: Vec<String> = (0..2_000)
+        .map(|i| format!("{}:0.5", 400.0 + 0.1 * f64::from(i)))
+        .collect();
     let large = format!(
         "<bsdf type='diffuse' id='b'><spectrum name='reflectance' value='{}'/></bsdf>",
         inner.join(", ")

@@ -391,7 +391,11 @@ fn displacements_become_bump_maps() {
         (bump["type"].as_str(), bump["material"]["type"].as_str()),
         (Some("bump"), Some("matte"))
     );
-    assert!(bump["height"].as_str().is_some_and(|id| scene["texture"].get(id).is_some()));
+    assert!(
+        bump["height"]
+            .as_str()
+            .is_some_and(|id| scene["texture"].get(id).is_some())
+    );
 }
 
 #[test]

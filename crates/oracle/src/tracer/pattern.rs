@@ -8,10 +8,10 @@ use serde::Deserialize;
 use std::fmt::Display;
 use std::path::Path;
 use whitstone_core::config::{Color, FilePath};
-use whitstone_scene::Sources;
 use whitstone_core::{DVec2, DVec3, Rgb};
 use whitstone_image::limits::{Limits, ReadFault};
 use whitstone_image::texels::{self, Encoding, Texels};
+use whitstone_scene::Sources;
 
 /// One number for both axes, or two numbers.
 #[derive(Clone, Copy, Deserialize)]

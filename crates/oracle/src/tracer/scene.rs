@@ -409,10 +409,7 @@ impl Part {
     fn gradients(&self, hit: &Hit, here: &Place) -> [DVec3; 2] {
         let (e, f) = hit.normal.any_orthonormal_pair();
         let [along_e, along_f] = [e, f].map(|along| self.change(hit, here, along).0);
-        [
-            along_e.x * e + along_f.x * f,
-            along_e.y * e + along_f.y * f,
-        ]
+        [along_e.x * e + along_f.x * f, along_e.y * e + along_f.y * f]
     }
 
     /// (u, v) and n_s of the primitive that was hit, at the point of the surface nearest `q` along

@@ -204,7 +204,10 @@ impl<'a> Exporter<'a> {
                 let inner = self.part(material, "material", Sides { bare, ..sides }, name);
                 let node = Node::new("bsdf", "bumpmap")
                     .with("height", height)
-                    .with("scale", Item::Float(table::number(material, "scale").unwrap_or(1.0)))
+                    .with(
+                        "scale",
+                        Item::Float(table::number(material, "scale").unwrap_or(1.0)),
+                    )
                     .with("", inner);
                 if bare { sided(node, sides) } else { node }
             }

@@ -39,7 +39,9 @@ impl<'a> Exporter<'a> {
     pub(super) fn is_uv_image(&self, value: Option<&'a Value>) -> bool {
         let texture = value.and_then(|value| self.plugin("texture", value));
         texture.is_some_and(|texture| {
-            table::kind(texture) == "image" && text_or(texture, "channel", "color") == "color" && uv(texture).is_some()
+            table::kind(texture) == "image"
+                && text_or(texture, "channel", "color") == "color"
+                && uv(texture).is_some()
         })
     }
 
