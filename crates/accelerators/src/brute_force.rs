@@ -164,10 +164,10 @@ impl Accelerator for BruteForce {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_testkit::accelerator_laws;
+    use whitstone_testkit::accelerator_laws_of_part;
 
     #[test]
     fn obeys_the_laws_of_accelerators() {
-        accelerator_laws::<BruteForce>("");
+        accelerator_laws_of_part::<BruteForce>("", 8);
     }
 }

@@ -84,18 +84,19 @@ impl Cut for Plane {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_testkit::accelerator_laws;
+    use whitstone_testkit::{accelerator_laws, accelerator_laws_of_part};
 
     #[test]
     fn obeys_the_laws_of_accelerators() {
         for text in [
             "",
             "max_leaf = 1\nmax_depth = 64",
-            "max_depth = 1",
             "split = \"midpoint\"",
             "split = \"median\"\nmax_leaf = 1",
         ] {
             accelerator_laws::<Bsp>(text);
         }
+        // Two leaves, which hold half of the elements each.
+        accelerator_laws_of_part::<Bsp>("max_depth = 1", 8);
     }
 }

@@ -58,7 +58,7 @@ struct TileScratch {
     /// The pixels of the image, in the same order.
     pixels: Vec<[u32; 2]>,
     rgb: Vec<[f32; 3]>,
-    /// All channels of the first pixel, then those of the next one.
+    /// All values of the first channel of the layers, then those of the next one.
     layers: Vec<f32>,
     memory: SampleMemory,
 }
@@ -80,15 +80,16 @@ impl TileScratch {
     fn write(&mut self, film: &mut Film) {
         film.counters
             .add(std::mem::take(&mut self.memory.scratch.counters));
-        let channels = film.layers.len();
-        for (lane, [x, y]) in self.pixels.iter().enumerate() {
-            let place = *y as usize * film.width as usize + *x as usize;
-            // None if the pixel is not finished.
-            if let Some(rgb) = self.rgb.get(lane) {
-                film.rgb[place] = *rgb;
-            }
-            for (channel, (_, layer)) in film.layers.iter_mut().enumerate() {
-                layer[place] = self.layers[lane * channels + channel];
+        let width = film.width as usize;
+        let place = |[x, y]: &[u32; 2]| *y as usize * width + *x as usize;
+        // Without values if the pixels are not finished.
+        for (pixel, rgb) in self.pixels.iter().zip(&self.rgb) {
+            film.rgb[place(pixel)] = *rgb;
+        }
+        let values = self.layers.chunks_exact(self.pixels.len().max(1));
+        for ((_, layer), values) in film.layers.iter_mut().zip(values) {
+            for (pixel, value) in self.pixels.iter().zip(values) {
+                layer[place(pixel)] = *value;
             }
         }
     }
@@ -221,15 +222,19 @@ impl Pipeline {
             .iter()
             .fold(SurfaceAttributes::NOTHING, |all, aov| all | needs(*aov));
         let reads_surface = aovs.iter().any(|aov| matches!(aov, Aov::Normal | Aov::Uv));
+        let channels = aovs.iter().map(|aov| aov.channels().len()).sum::<usize>();
+        layers.resize(channels * len, 0.0);
         for lane in 0..len {
-            let (ray, hit) = (memory.rays.ray(lane), memory.hits.get(lane));
-            let near = self.camera.near(memory.raster.0[lane]);
+            let hit = memory.hits.get(lane);
             // Once for all layers.
             let surface = hit.filter(|_| reads_surface);
-            let surface = surface.map(|hit| self.scene.geometry.surface(&ray, &hit, needs));
-            self.layer_values(near, hit.as_ref(), surface.as_ref(), |value| {
-                layers.push(value as f32);
-            });
+            let surface = surface.map(|hit| self.scene.geometry.surface(&memory.rays.ray(lane), &hit, needs));
+            let mut channel = lane;
+            let put = |value: f64| {
+                layers[channel] = value as f32;
+                channel += len;
+            };
+            self.layer_values(memory.raster.0[lane], hit.as_ref(), surface.as_ref(), put);
         }
     }
 
@@ -245,11 +250,11 @@ impl Pipeline {
         sum * (1.0 / f64::from(count))
     }
 
-    /// The values of the layers for a ray that starts at `near` in front of the camera. The surface
-    /// at the hit may be missing if no layer reads it.
+    /// The values of the layers for the ray through `raster`. The surface at the hit may be missing
+    /// if no layer reads it.
     fn layer_values(
         &self,
-        near: f64,
+        raster: DVec2,
         hit: Option<&PreliminaryIntersection>,
         surface: Option<&SurfaceInteraction>,
         mut put: impl FnMut(f64),
@@ -258,7 +263,7 @@ impl Pipeline {
             let normal = surface.map_or(DVec3::ZERO, |surface| surface.n_s);
             let uv = surface.map_or(DVec2::ZERO, |surface| surface.uv);
             match aov {
-                Aov::Depth => put(hit.map_or(0.0, |hit| near + hit.t)),
+                Aov::Depth => put(hit.map_or(0.0, |hit| self.camera.near(raster) + hit.t)),
                 Aov::Normal => normal.to_array().into_iter().for_each(&mut put),
                 Aov::Uv => uv.to_array().into_iter().for_each(&mut put),
                 Aov::ShapeId => put(hit.map_or(-1.0, |hit| f64::from(self.scene.shape_id(hit.shape)))),

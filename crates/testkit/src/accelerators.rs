@@ -26,10 +26,21 @@ use whitstone_core::{
 /// If the accelerator cannot be built or its results differ; the message names the geometry and the
 /// ray.
 pub fn accelerator_laws<P: Plugin<Accelerators>>(text: &str) {
-    let broken = first_broken(|geometry| match build::<Accelerators, P>(text, geometry) {
+    accelerator_laws_of_part::<P>(text, 1);
+}
+
+/// [`accelerator_laws`] with one of `part` rays, for accelerators that test every element: they
+/// take as long as what they are compared with.
+///
+/// # Panics
+///
+/// As [`accelerator_laws`].
+pub fn accelerator_laws_of_part<P: Plugin<Accelerators>>(text: &str, part: u32) {
+    let build = |geometry| match build::<Accelerators, P>(text, geometry) {
         Ok(accelerator) => accelerator,
         Err(error) => panic!("{}: {error}", P::TYPE),
-    });
+    };
+    let broken = first_broken(build, part);
     let broken = broken.err().map(|broken| broken.law);
     assert_eq!(broken, None, "{} with \"{text}\"", P::TYPE);
 }
@@ -54,13 +65,16 @@ pub fn random_rays(geometry: &Geometry, count: u64, seed: u64) -> impl Iterator<
     (0..count).map(move |number| aim.ray((number % 7) as u32, &mut random))
 }
 
-fn first_broken(build: impl Fn(Arc<Geometry>) -> Box<dyn Accelerator>) -> Result<(), Broken> {
+/// The first difference, for one of `part` rays of each geometry.
+fn first_broken(build: impl Fn(Arc<Geometry>) -> Box<dyn Accelerator>, part: u32) -> Result<(), Broken> {
     for (name, shapes, rays) in geometries() {
+        let rays = rays.div_ceil(part);
         let geometry = Arc::new(Geometry::new(shapes));
         let accelerator = build(geometry.clone());
         compare(&geometry, &*accelerator, rays).map_err(|broken| broken.within(&format!("over {name}")))?;
     }
     for (name, shapes, rays) in instance_geometries() {
+        let rays = rays.div_ceil(part);
         let naive = |geometry| Box::new(Naive::new(geometry)) as Box<dyn Accelerator>;
         let truth = Geometry::new(shapes(&naive));
         // The accelerator under test on both levels: over the instances and inside the groups. Then
@@ -393,7 +407,7 @@ mod tests {
     }
 
     fn verdict(fault: Fault) -> Result<(), Broken> {
-        first_broken(|geometry| {
+        let build = |geometry: Arc<Geometry>| {
             let mut elements: Vec<Element> = geometry.elements().collect();
             if fault == Fault::ForgetsOne && elements.len() > 100 {
                 elements.pop();
@@ -402,8 +416,9 @@ mod tests {
                 geometry,
                 elements,
                 fault,
-            })
-        })
+            }) as Box<dyn Accelerator>
+        };
+        first_broken(build, 8)
     }
 
     #[test]

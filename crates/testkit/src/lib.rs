@@ -22,7 +22,7 @@ mod shapes;
 mod solids;
 mod test_shapes;
 
-pub use accelerators::{accelerator_agrees, accelerator_laws, random_rays};
+pub use accelerators::{accelerator_agrees, accelerator_laws, accelerator_laws_of_part, random_rays};
 pub use broken::Broken;
 pub use instances::Naive;
 pub use random::Random;

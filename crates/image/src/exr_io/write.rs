@@ -91,27 +91,38 @@ const LEVEL: u8 = 1;
 fn compressed(image: &Image, block: usize) -> Vec<u8> {
     let width = image.width();
     let lines = block * BLOCK..image.height().min((block + 1) * BLOCK);
-    let mut samples = Vec::with_capacity(4 * width * lines.len() * image.channels().len());
-    for line in lines {
-        for (_, plane) in image.channels() {
-            let line = &plane[line * width..(line + 1) * width];
-            samples.extend(line.iter().flat_map(|sample| sample.to_le_bytes()));
+    // Line by line, and of each line channel by channel.
+    let rows = || {
+        let planes = |line: usize| {
+            image
+                .channels()
+                .map(move |(_, plane)| &plane[line * width..][..width])
+        };
+        lines.clone().flat_map(planes)
+    };
+    let samples = width * lines.len() * image.channels().len();
+    let mut halves = vec![0; 4 * samples];
+    let (even, odd) = halves.split_at_mut(2 * samples);
+    let (mut even, mut odd) = (even.as_chunks_mut::<2>().0, odd.as_chunks_mut::<2>().0);
+    for row in rows() {
+        let (even_row, odd_row);
+        (even_row, even) = even.split_at_mut(width);
+        (odd_row, odd) = odd.split_at_mut(width);
+        for ((even, odd), sample) in even_row.iter_mut().zip(odd_row).zip(row) {
+            let [a, b, c, d] = sample.to_le_bytes();
+            (*even, *odd) = ([a, c], [b, d]);
         }
     }
-    // The number of bytes is even.
-    let pairs = samples.as_chunks::<2>().0;
-    let mut bytes: Vec<u8> = pairs.iter().map(|[even, _]| *even).collect();
-    bytes.extend(pairs.iter().map(|[_, odd]| *odd));
-    let mut before = bytes[0];
-    for byte in &mut bytes[1..] {
-        let difference = byte.wrapping_sub(before).wrapping_add(128);
-        before = std::mem::replace(byte, difference);
+    // Not in place, so that no difference waits for the one before.
+    let mut differences = halves.clone();
+    for (difference, pair) in differences[1..].iter_mut().zip(halves.windows(2)) {
+        *difference = pair[1].wrapping_sub(pair[0]).wrapping_add(128);
     }
-    let compressed = miniz_oxide::deflate::compress_to_vec_zlib(&bytes, LEVEL);
-    if compressed.len() < samples.len() {
+    let compressed = miniz_oxide::deflate::compress_to_vec_zlib(&differences, LEVEL);
+    if compressed.len() < halves.len() {
         compressed
     } else {
-        samples
+        rows().flatten().flat_map(|sample| sample.to_le_bytes()).collect()
     }
 }
 
