@@ -412,11 +412,15 @@ pub(crate) mod tests {
         whitstone_testkit::accelerator_laws::<Relative>("max_leaf = 1");
     }
 
+    #[test]
+    fn large_leaves_obey_the_laws() {
+        whitstone_testkit::accelerator_laws_of_part::<Bvh2>("max_leaf = 1000", 8);
+    }
+
     whitstone_testkit::accelerator_laws!(
         Bvh2,
         "",
         "max_leaf = 1",
-        "max_leaf = 1000",
         "max_leaf = 1..9",
         "split = \"midpoint\"\naxes = \"longest\"",
         "split = \"midpoint\"\nmax_leaf = 1",

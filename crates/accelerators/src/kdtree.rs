@@ -232,14 +232,13 @@ impl Accelerator for KdTree {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_testkit::accelerator_laws;
+    use whitstone_testkit::{accelerator_laws, accelerator_laws_of_part};
 
     #[test]
     fn obeys_the_laws_of_accelerators() {
         for text in [
             "",
             "max_leaf = 1\nmax_depth = 64",
-            "max_depth = 1",
             "axes = \"longest\"",
             "split = \"midpoint\"",
             "split = \"midpoint\"\naxes = \"longest\"\nmax_leaf = 1",
@@ -248,5 +247,7 @@ mod tests {
         ] {
             accelerator_laws::<KdTree>(text);
         }
+        // Leaves that hold a good part of the elements.
+        accelerator_laws_of_part::<KdTree>("max_depth = 1", 8);
     }
 }

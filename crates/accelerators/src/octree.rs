@@ -333,17 +333,14 @@ impl Structure for Octree {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_testkit::accelerator_laws;
+    use whitstone_testkit::{accelerator_laws, accelerator_laws_of_part};
 
     #[test]
     fn obeys_the_laws_of_accelerators() {
-        for text in [
-            "",
-            "max_leaf = 1\nmax_depth = 24",
-            "max_leaf = 1",
-            "max_depth = 1",
-        ] {
+        for text in ["", "max_leaf = 1\nmax_depth = 24", "max_leaf = 1"] {
             accelerator_laws::<Octree>(text);
         }
+        // Leaves that hold a good part of the elements.
+        accelerator_laws_of_part::<Octree>("max_depth = 1", 8);
     }
 }
