@@ -19,6 +19,7 @@ mod run_time;
 mod slim;
 mod tidy;
 mod width;
+mod worst_cases;
 
 use clap::{Parser, Subcommand};
 use std::path::{Path, PathBuf};

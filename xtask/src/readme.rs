@@ -1,7 +1,7 @@
 //! `readme`: generates the pictures and the table of numbers in README.md from the stored
 //! references.
 
-use crate::{formats, pages, plugins, run_time, verdict};
+use crate::{formats, pages, plugins, run_time, verdict, worst_cases};
 use clap::Args;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -22,6 +22,8 @@ const BEGIN: &str = "<!-- numbers: written by `cargo xtask readme` -->";
 const END: &str = "<!-- end of numbers -->";
 const BEGIN_RUN_TIME: &str = "<!-- run time: written by `cargo xtask readme` -->";
 const END_RUN_TIME: &str = "<!-- end of run time -->";
+const BEGIN_WORST: &str = "<!-- worst cases: written by `cargo xtask readme` -->";
+const END_WORST: &str = "<!-- end of worst cases -->";
 /// The scenes on the contact sheet, three per row.
 const SHEET: [&str; 6] = [
     "classic",
@@ -70,8 +72,8 @@ pub(crate) struct Arguments {
 pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let cases = validate(registry, Renderer::MITSUBA)?;
     let others = validate(registry, Renderer::POVRAY)?;
-    let times = std::fs::read_to_string(run_time::RESULT).map_err(Failure::environment)?;
-    let times: serde_json::Value = serde_json::from_str(&times).map_err(Failure::environment)?;
+    let times = stored(run_time::RESULT)?;
+    let worst = worst_cases::tables(&stored(worst_cases::RESULT)?);
     let numbers = [
         ((BEGIN, END), summary(&cases)),
         ((BEGIN_RUN_TIME, END_RUN_TIME), run_time::sentence(&times)),
@@ -83,6 +85,10 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
             page(VALIDATION, &[((BEGIN, END), table(&cases))])?,
         ),
         (PathBuf::from(run_time::PAGE), run_time::page(&times).into_bytes()),
+        (
+            PathBuf::from(worst_cases::PAGE),
+            page(worst_cases::PAGE, &[((BEGIN_WORST, END_WORST), worst)])?,
+        ),
         (PathBuf::from("docs/images/showcase.png"), sheet(registry)?),
         (PathBuf::from(plugins::FILE), plugins::json(registry).into_bytes()),
         (PathBuf::from(formats::PAGE), formats::page(registry).into_bytes()),
@@ -118,6 +124,12 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         println!("{}: written", path.display());
     }
     verdict(&problems, "readme: all generated files are up to date")
+}
+
+/// A stored result.
+fn stored(path: &str) -> Result<serde_json::Value, Failure> {
+    let text = std::fs::read_to_string(path).map_err(Failure::environment)?;
+    serde_json::from_str(&text).map_err(Failure::environment)
 }
 
 /// A page with texts inserted between their markers.

@@ -163,7 +163,21 @@ class Detail(Case):
         self.near(self.mirrored(f'type = "bump", height = {block}, material = {{ type = "mirror" }}'), [-0.96, 0.28, 0], rel=1e-5, atol=1e-5)
         self.near(self.mirrored(f'type = "bump", scale = -1, height = {block}, material = {{ type = "mirror" }}'), [0.96, 0.28, 0], rel=1e-5, atol=1e-5)
         self.near(self.mirrored('type = "bump", height = 0.3, material = { type = "mirror" }'), [0, 1, 0], rel=1e-5, atol=1e-5)
-        self.refuse(HEAD + floor('type = "bump", height = { type = "checker" }, material = { type = "mirror" }'), "scene", "height")
+        second = '{ type = "checker", mapping = { uv_set = 1 } }'
+        self.refuse(HEAD + floor(f'type = "bump", height = {second}, material = {{ type = "mirror" }}'), "scene", "height")
+
+    def test_a_slope_over_uv_is_a_normal(self):
+        """The height rises by 0.375 over u from 0 to 1, which is from x = -1 to 1 on the square."""
+        block = '{ type = "solid", size = [2, 1, 1], values = [0, 0.375], wrap = "clamp", mapping = { projection = "uv", transform = { translate = [0, 0.5, 0] } } }'
+        turn = "{ rotate = { axis = [1, 0, 0], degrees = -90 } }"
+        for scale, more in ((1, 'scale = 2'), (2, 'scale = 4'), (0.5, '')):
+            square = f'[[shape]]\ntype = "rectangle"\ntransform = [{{ scale = {scale} }}, {turn}]\n'
+            ball = '[[shape]]\ntype = "sphere"\nradius = 50\nmaterial = { type = "emissive" }\n'
+            bump = f'material = {{ type = "bump", height = {block}, {more + ", " if more else ""}material = {{ type = "mirror" }} }}\n'
+            nodes = self.nodes(HEAD + square + bump + ball)
+            self.near(np.array(nodes[1]["p"]) / 50, [-0.96, 0.28, 0], rel=1e-4, atol=1e-4)
+        cone = '[[shape]]\ntype = "cone"\n' + bump
+        self.refuse(HEAD + cone, "unsupported", "bump map by (u, v)")
 
     def test_vectors_are_added(self):
         text = 'type = "bump", vector_map = {}, material = {{ type = "mirror" }}'

@@ -406,7 +406,8 @@ class Compounds(Rendered):
         found = [self.nodes(view + shape + ball)[1]["p"] for shape in (product, plain)]
         self.near(found[0], found[1], rel=1e-4, atol=1e-3)
         self.assertGreater(abs(found[0][0] - 1), 1)
-        self.refuse(view + text.format('{ type = "product", factors = [{ type = "checker" }] }', ""), "scene", "height")
+        second = '{ type = "product", factors = [{ type = "checker", mapping = { uv_set = 1 } }] }'
+        self.refuse(view + text.format(second, ""), "scene", "height")
 
     def test_environments_and_projectors(self):
         texels = np.random.default_rng(8).random((4, 8)).astype(np.float32)
