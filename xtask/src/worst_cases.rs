@@ -20,8 +20,9 @@ fn list<'v>(value: &'v Value, key: &str) -> &'v [Value] {
 /// One table for each family.
 pub(crate) fn tables(result: &Value) -> String {
     let mut page = format!(
-        "Measured on {}, {}, load average {:.1}, {} rays, {} triangles where the family does not vary\n\
-         their number. The time of the structure that is chosen automatically is in bold.\n",
+        "Measured on {}, {}, load average\n\
+         {:.1}, with {} rays, and {} triangles where the family does not vary their number.\n\
+         The time of the structure that is chosen automatically is in bold.\n",
         text(result, "processor"),
         text(result, "date"),
         result["load"].as_f64().unwrap_or(f64::NAN),

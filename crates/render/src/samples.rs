@@ -72,7 +72,8 @@ impl Pipeline {
         }
     }
 
-    /// Whether the only sample of each of these pixels is the ray of its layers, through its centre.
+    /// Whether the only sample of each of these pixels is the ray of its layers, through its
+    /// centre.
     pub(crate) fn samples_are_centers(&self, pixels: &[[u32; 2]]) -> bool {
         let center = |pixel: &[u32; 2]| self.sampler.position(*pixel, 0) == DVec2::splat(0.5);
         self.samples() == 1

@@ -419,8 +419,8 @@ fn whole_commands(
     Ok(json!({ "scene": scene, "width": SIDE, "load": load(), "commands": figures }))
 }
 
-/// Mitsuba's C++ program. The script `bin/mitsuba` of its package imports all of Mitsuba into Python
-/// before it starts this program, which takes longer than a rendering.
+/// Mitsuba's C++ program. The script `bin/mitsuba` of its package imports all of Mitsuba into
+/// Python before it starts this program, which takes longer than a rendering.
 fn mitsuba(environment: &Environment) -> Result<PathBuf, Failure> {
     let ask = "import importlib.util as u; print(u.find_spec('mitsuba').submodule_search_locations[0])";
     let output = Command::new(&environment.python)

@@ -1,7 +1,7 @@
 //! `bench worst-cases`: families of geometry that a parameter makes worse and worse.
 //!
-//! The time of a ray is in nanoseconds; no other benchmark of this program looks at geometry that no
-//! structure likes. The limits that it checks are those of `docs/accelerators.md`.
+//! The time of a ray is in nanoseconds; no other benchmark of this program looks at geometry that
+//! no structure likes. The limits that it checks are those of `docs/accelerators.md`.
 
 use super::choice::{Choice, build};
 use super::machine::{date, load, processor};

@@ -369,8 +369,8 @@ pub struct SpecularRayStreams {
     /// Whether the transmitted ray continues undeviated in its current medium, instead of entering
     /// that of `absorption`. Read only for materials with the flag [`BsdfFlags::NULL`].
     pub undeviated: LaneMask,
-    /// Whether `absorption` is black in all lanes: set by materials that know it, so that nobody has
-    /// to look.
+    /// Whether `absorption` is black in all lanes: set by materials that know it, so that nobody
+    /// has to look.
     pub clear_media: bool,
 }
 
