@@ -1,17 +1,21 @@
-//! An 8-wide SIMD bounding volume hierarchy (BVH): the default accelerator of all but tiny scenes.
+//! A wide SIMD bounding volume hierarchy (BVH): the default accelerator of all but tiny scenes.
 //!
-//! - Nodes hold eight boxes in `f32`, leaves up to eight triangles in `f32`. Tests in `f64` decide
-//!   the cases that the `f32` tests leave open, and compute every hit that is returned.
-//!   `docs/accelerators.md` proves that no hit is missed.
-//! - Build: a binary BVH (`morton`, `binned` or `spatial`), collapsed to eight children per node
-//!   (`wide`). Traversal: `search`, which tests eight boxes at once and selects near and far planes
-//!   by the signs of the direction (Wald, Benthin, Boulos, *Getting rid of packets*, 2008;
-//!   Fuetterling et al., *Accelerated single ray tracing for wide vector units*, HPG 2017).
+//! - Nodes hold boxes in `f32`, leaves up to eight triangles. `docs/accelerators.md` proves that no
+//!   hit is missed.
+//! - With AVX-512, nodes have sixteen children, and leaves are tested in `f64` (`exact`).
+//! - Otherwise nodes have eight children, and leaves are in `f32`. Tests in `f64` decide the cases
+//!   that the `f32` tests leave open, and compute every hit that is returned (`search`, `packet`
+//!   and `stream`).
+//! - Build: a binary BVH (`morton`, `binned` or `spatial`), collapsed to wide nodes (`wide`).
+//!   Traversal tests all boxes of a node at once and selects near and far planes by the signs of
+//!   the direction (Wald, Benthin, Boulos, *Getting rid of packets*, 2008; Fuetterling et al.,
+//!   *Accelerated single ray tracing for wide vector units*, HPG 2017).
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/bvh.toml`.
 
 mod binned;
+mod exact;
 mod morton;
 mod node;
 mod packet;
@@ -24,11 +28,12 @@ mod wide;
 mod worst_cases;
 
 use crate::support::elements::{MAX_ELEMENTS, check_count};
-use crate::support::leaves::Leaves;
-use crate::support::leaves::child::{Child, Kind};
+use crate::support::leaves::child::{Child, Kind, WIDTH};
 use crate::support::leaves::items::{Item, Items};
 use crate::support::leaves::state::{Query, Search};
+use crate::support::leaves::{Leaves, Number};
 use binned::Binned;
+use exact::Sixteen;
 use node::Node;
 use packet::USUAL_DEPTH;
 use schemars::JsonSchema;
@@ -45,7 +50,7 @@ use whitstone_core::{
 use whitstone_simd::{Level, with_lanes};
 use wide::Wide;
 
-/// An 8-wide SIMD bounding volume hierarchy (BVH): the best choice for all but tiny scenes.
+/// A wide SIMD bounding volume hierarchy (BVH): the best choice for all but tiny scenes.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -69,12 +74,25 @@ pub enum Quality {
 
 /// The `bvh` accelerator; see the module documentation.
 pub struct Bvh {
+    hierarchy: Hierarchy,
+    statistics: Statistics,
+}
+
+/// The hierarchy, by the number of children of its nodes.
+enum Hierarchy {
+    /// With leaves in single precision.
+    Eight(Eight),
+    /// With leaves in double precision, for AVX-512.
+    Sixteen(Sixteen),
+}
+
+/// Nodes of eight boxes, and leaves in single precision.
+struct Eight {
     leaves: Leaves,
-    nodes: Vec<Node>,
+    nodes: Vec<Node<WIDTH>>,
     root: Option<Child>,
     /// Whether the tree is too deep for the stack of the packet traversal.
     deep: bool,
-    statistics: Statistics,
 }
 
 /// Maximum depth of the tree; all builds enforce it.
@@ -92,51 +110,67 @@ impl Plugin<Accelerators> for Bvh {
         // Spatial splits increase the number of references by at most 30%.
         let spare = if config.quality == Quality::Best { 4 } else { 0 };
         check_count(&geometry, MAX_ELEMENTS / 16 * (16 - spare))?;
-        Ok(Box::new(Self::new(geometry, config.quality)))
+        Ok(Box::new(Self::new(geometry, config.quality, Level::current())))
     }
 }
 
 impl Bvh {
-    fn new(geometry: Arc<Geometry>, quality: Quality) -> Self {
+    /// Builds for processors of this level.
+    fn new(geometry: Arc<Geometry>, quality: Quality, level: Level) -> Self {
         let start = Instant::now();
-        let items = Items::new(&geometry);
-        let bounded = || items.each(|number| items.item(number));
-        let of_tree = |Tree { nodes, items: order }| (nodes, items.contents(&order, Item::number));
-        let (nodes, contents) = match quality {
-            Quality::Fast => morton::build(&items),
-            Quality::Balanced => {
-                let binned = Binned {
-                    max_leaf: 3,
-                    bins: 32,
-                    items_a_bin: 16,
-                };
-                of_tree(binned.build(bounded()))
-            }
-            Quality::Best => {
-                let corners = items.corners();
-                of_tree(Spatial { corners: &corners }.build(bounded()))
-            }
+        let shapes = geometry.clone();
+        let items = Items::new(&shapes);
+        let mut statistics = Statistics::new();
+        let hierarchy = if level < Level::Avx512 {
+            let (wide, leaves) = build::<f32, WIDTH>(items, geometry, quality, &mut statistics);
+            Hierarchy::Eight(Eight {
+                leaves,
+                nodes: wide.nodes,
+                root: wide.root,
+                deep: wide.depth > USUAL_DEPTH,
+            })
+        } else {
+            let (wide, leaves) = if items.frame.exact().is_some() {
+                build::<f32, 16>(items, geometry, quality, &mut statistics)
+            } else {
+                build::<f64, 16>(items, geometry, quality, &mut statistics)
+            };
+            Hierarchy::Sixteen(Sixteen::new(&wide, leaves))
         };
-        let wide = Wide::new(&nodes, contents);
-        let Items { frame, unbounded, .. } = items;
-        let leaves = Leaves::new(geometry, frame, unbounded, wide.slots, wide.numbers);
-        let bytes = size_of_val(&*wide.nodes) + leaves.bytes();
-        let statistics = Statistics::from([
-            ("elements", (leaves.slots.len() + leaves.unbounded.len()) as f64),
-            ("unbounded", leaves.unbounded.len() as f64),
-            ("nodes", wide.nodes.len() as f64),
-            ("leaves", wide.leaves as f64),
-            ("depth", wide.depth as f64),
-            ("sah_cost", wide.cost),
+        let bytes = match &hierarchy {
+            Hierarchy::Eight(eight) => size_of_val(&*eight.nodes) + eight.leaves.bytes(),
+            Hierarchy::Sixteen(sixteen) => sixteen.bytes(),
+        };
+        statistics.extend([
             ("bytes", bytes as f64),
             ("build_seconds", start.elapsed().as_secs_f64()),
         ]);
         Self {
-            leaves,
-            nodes: wide.nodes,
-            root: wide.root,
-            deep: wide.depth > USUAL_DEPTH,
+            hierarchy,
             statistics,
+        }
+    }
+
+    fn leaves(&self) -> &Leaves {
+        match &self.hierarchy {
+            Hierarchy::Eight(eight) => &eight.leaves,
+            Hierarchy::Sixteen(sixteen) => &sixteen.leaves,
+        }
+    }
+
+    /// The root; `None` if there are no elements.
+    fn root(&self) -> Option<Child> {
+        match &self.hierarchy {
+            Hierarchy::Eight(eight) => eight.root,
+            Hierarchy::Sixteen(sixteen) => (!sixteen.leaves.slots.is_empty()).then_some(sixteen.root),
+        }
+    }
+
+    /// The children of a node, each with the corners of its box.
+    fn children(&self, node: usize) -> Vec<(Child, [DVec3; 2])> {
+        match &self.hierarchy {
+            Hierarchy::Eight(eight) => eight.nodes[node].boxes().collect(),
+            Hierarchy::Sixteen(sixteen) => sixteen.node(node).boxes().collect(),
         }
     }
 
@@ -145,15 +179,9 @@ impl Bvh {
         if let Kind::Inner(node) = child.kind()
             && depth < deepest
         {
-            let node = &self.nodes[node];
-            for (i, child) in node.children.map(Child).into_iter().enumerate() {
-                let corner = |side: usize| node.planes.map(|sides| f64::from(sides[side][i])).into();
-                let (min, max): (DVec3, DVec3) = (corner(0), corner(1));
-                // The box of an empty child slot is inverted (min > max).
-                if min.cmple(max).all() {
-                    let [min, max] = [min, max].map(|p| self.leaves.frame.world(p));
-                    self.outline(child, &Aabb { min, max }, depth + 1, deepest, found);
-                }
+            for (child, corners) in self.children(node) {
+                let [min, max] = corners.map(|p| self.leaves().frame.world(p));
+                self.outline(child, &Aabb { min, max }, depth + 1, deepest, found);
             }
         }
     }
@@ -167,9 +195,76 @@ impl Bvh {
         skip: SelfHitFilter,
     ) -> Option<PreliminaryIntersection> {
         let query = Query { ray, interval, skip };
+        match &self.hierarchy {
+            Hierarchy::Eight(eight) => eight.find::<ANY>(&query),
+            Hierarchy::Sixteen(sixteen) => sixteen.find::<ANY>(&query),
+        }
+    }
+}
+
+impl Eight {
+    #[inline(always)]
+    fn find<const ANY: bool>(&self, query: &Query<'_>) -> Option<PreliminaryIntersection> {
         // Nodes and leaves are eight wide, so AVX-512 gains nothing for a single ray. It is 4%
         // slower on some processors.
-        with_lanes(Level::Avx2, Search::<ANY, _>(self, &query))
+        with_lanes(Level::Avx2, Search::<ANY, _>(self, query))
+    }
+}
+
+/// Builds the hierarchy and its leaves.
+fn build<T: Corners, const N: usize>(
+    items: Items<'_>,
+    geometry: Arc<Geometry>,
+    quality: Quality,
+    statistics: &mut Statistics,
+) -> (Wide<N>, Leaves) {
+    let bounded = || items.each(|number| items.item(number));
+    let of_tree = |tree: Tree| (tree.nodes, items.contents::<T, _>(&tree.items, Item::number));
+    let (nodes, contents) = match quality {
+        Quality::Fast => morton::build(&items),
+        Quality::Balanced => {
+            let binned = Binned {
+                max_leaf: 3,
+                bins: 32,
+                items_a_bin: 16,
+            };
+            of_tree(binned.build(bounded()))
+        }
+        Quality::Best => {
+            let corners = items.corners();
+            of_tree(Spatial { corners: &corners }.build(bounded()))
+        }
+    };
+    let mut numbers = contents.corners.into_flattened();
+    let wide = Wide::new(&nodes, &contents.slots, &mut numbers);
+    let Items { frame, unbounded, .. } = items;
+    let mut leaves = Leaves::new(geometry, frame, unbounded, contents.slots, Vec::new());
+    T::store(numbers, &mut leaves);
+    statistics.extend([
+        ("elements", (leaves.slots.len() + leaves.unbounded.len()) as f64),
+        ("unbounded", leaves.unbounded.len() as f64),
+        ("nodes", wide.nodes.len() as f64),
+        ("leaves", wide.leaves as f64),
+        ("depth", wide.depth as f64),
+        ("sah_cost", wide.cost),
+    ]);
+    (wide, leaves)
+}
+
+/// The numbers of leaves, which belong into different fields.
+trait Corners: Number {
+    fn store(numbers: Vec<Self>, leaves: &mut Leaves);
+}
+
+impl Corners for f32 {
+    fn store(numbers: Vec<Self>, leaves: &mut Leaves) {
+        leaves.numbers = numbers;
+    }
+}
+
+impl Corners for f64 {
+    fn store(numbers: Vec<Self>, leaves: &mut Leaves) {
+        leaves.doubles = numbers;
     }
 }
 
@@ -189,11 +284,17 @@ impl Accelerator for Bvh {
 
     fn intersect_stream(&self, rays: &RayStream, hits: &mut HitStream) {
         hits.clear(rays);
-        stream::intersect(self, rays, hits);
+        match &self.hierarchy {
+            Hierarchy::Eight(eight) => stream::intersect(eight, rays, hits),
+            Hierarchy::Sixteen(sixteen) => sixteen.find_stream::<false>(rays, hits),
+        }
     }
 
     fn occluded_stream(&self, rays: &RayStream, hidden: &mut Lanes<bool>) {
-        stream::occluded(self, rays, hidden);
+        match &self.hierarchy {
+            Hierarchy::Eight(eight) => stream::occluded(eight, rays, hidden),
+            Hierarchy::Sixteen(sixteen) => sixteen.find_stream::<true>(rays, hidden),
+        }
     }
 
     fn statistics(&self) -> Statistics {
@@ -201,9 +302,9 @@ impl Accelerator for Bvh {
     }
 
     fn debug_bounds(&self, deepest: usize) -> Option<Vec<DebugBounds>> {
-        let whole = self.leaves.bounds();
+        let whole = self.leaves().bounds();
         let mut found = Vec::new();
-        if let Some(root) = self.root {
+        if let Some(root) = self.root() {
             self.outline(root, &whole, 0, deepest, &mut found);
         }
         Some(found)
@@ -215,10 +316,34 @@ mod tests {
     use super::*;
     use whitstone_testkit::accelerator_laws;
 
+    /// A `bvh` for processors of one level, which runs on all.
+    struct Of<const AVX512: bool>;
+
+    impl<const AVX512: bool> Plugin<Accelerators> for Of<AVX512> {
+        const TYPE: &'static str = "bvh";
+        type Config = Config;
+
+        fn build(
+            config: Config,
+            geometry: Arc<Geometry>,
+            _: &mut dyn Context,
+        ) -> Result<Box<dyn Accelerator>, SceneErrors> {
+            let level = if AVX512 { Level::Avx512 } else { Level::Avx2 };
+            Ok(Box::new(Bvh::new(geometry, config.quality, level)))
+        }
+    }
+
     #[test]
-    fn obeys_the_laws_of_accelerators() {
-        accelerator_laws::<Bvh>("");
-        accelerator_laws::<Bvh>("quality = \"fast\"");
-        accelerator_laws::<Bvh>("quality = \"best\"");
+    fn obeys_the_laws_of_accelerators_with_leaves_in_single_precision() {
+        accelerator_laws::<Of<false>>("");
+        accelerator_laws::<Of<false>>("quality = \"fast\"");
+        accelerator_laws::<Of<false>>("quality = \"best\"");
+    }
+
+    #[test]
+    fn obeys_them_with_leaves_in_double_precision() {
+        accelerator_laws::<Of<true>>("");
+        accelerator_laws::<Of<true>>("quality = \"fast\"");
+        accelerator_laws::<Of<true>>("quality = \"best\"");
     }
 }

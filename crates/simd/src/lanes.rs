@@ -184,7 +184,7 @@ impl Machine for Portable {
 }
 
 #[cfg(target_arch = "x86_64")]
-mod x86 {
+pub(crate) mod x86 {
     use super::{Kernel, Lanes, Machine};
     use std::arch::x86_64::*;
 
@@ -195,16 +195,24 @@ mod x86 {
 
     #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
     pub(super) fn avx512<K: Kernel>(kernel: K) -> K::Output {
-        kernel.run(Avx512(()))
+        kernel.run(Avx512::new())
     }
 
     /// Constructed only by `avx2` above.
     #[derive(Clone, Copy)]
     pub(super) struct Avx2(());
 
-    /// Constructed only by `avx512` above.
+    /// Constructed only where the processor supports AVX-512.
     #[derive(Clone, Copy)]
-    pub(super) struct Avx512(());
+    pub(crate) struct Avx512(());
+
+    impl Avx512 {
+        #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+        #[inline]
+        pub(crate) fn new() -> Self {
+            Self(())
+        }
+    }
 
     macro_rules! operations {
         ($($name:ident($($x:ident: $type:ty),+) -> $result:ty = $value:expr;)+) => {
@@ -219,6 +227,7 @@ mod x86 {
             )+
         };
     }
+    pub(crate) use operations;
 
     /// Reduces four numbers to one in two halving steps.
     macro_rules! reduce {

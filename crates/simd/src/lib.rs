@@ -6,13 +6,16 @@
 //! Rust never fuses `a * b + c` by itself, and all other operations round identically in vector
 //! registers.
 //!
-//! Where the compiler does not vectorise a loop well, a [`Kernel`] uses [`Lanes`] instead.
+//! Where the compiler does not vectorise a loop well, a [`Kernel`] uses [`Lanes`] instead, or a
+//! [`WideKernel`] the wider vectors and the permutations of AVX-512.
 
 mod dispatch;
 mod lanes;
+mod wide;
 
 pub use dispatch::{Level, dispatch};
 pub use lanes::{Kernel, Lanes, Machine, Portable, prefetch, with_lanes};
+pub use wide::{Doubles, Quad, QuadOrder, Sixteen, WideKernel, WideMachine, pack_order, with_wide_lanes};
 
 /// Selects one of two computed values: unlike `if`, never a branch, which would prevent
 /// vectorisation.

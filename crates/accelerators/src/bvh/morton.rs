@@ -6,6 +6,7 @@
 
 use super::MAX_DEPTH;
 use super::tree::{Binary, Parts};
+use crate::support::leaves::Number;
 use crate::support::leaves::filter::NUMBERS;
 use crate::support::leaves::items::{Box4, Contents, Items, PARALLEL};
 use rayon::prelude::*;
@@ -22,7 +23,7 @@ const NUMBER: u32 = 64 - 3 * BITS;
 
 /// Builds over all elements; returns the nodes and the contents of the leaves. The result depends
 /// only on the elements and their order.
-pub(super) fn build(items: &Items) -> (Vec<Binary>, Contents) {
+pub(super) fn build<T: Number>(items: &Items) -> (Vec<Binary>, Contents<T>) {
     let keys = sorted(keys(items));
     let contents = items.contents(&keys, |key| number(*key));
     if keys.is_empty() {
@@ -117,7 +118,7 @@ struct Builder<'a> {
 
 impl Builder<'_> {
     /// The box of the elements with these keys and corners, and the subtree over them.
-    fn subtree(&self, keys: &[u64], corners: &[[f32; NUMBERS]], depth: usize) -> (Box4, Parts) {
+    fn subtree<T: Number>(&self, keys: &[u64], corners: &[[T; NUMBERS]], depth: usize) -> (Box4, Parts) {
         let n = keys.len();
         if n < PARALLEL {
             let mut nodes = Vec::with_capacity(n);
@@ -134,7 +135,13 @@ impl Builder<'_> {
     }
 
     /// Appends the subtree over a few elements; returns its box.
-    fn node(&self, keys: &[u64], corners: &[[f32; NUMBERS]], nodes: &mut Vec<Binary>, depth: usize) -> Box4 {
+    fn node<T: Number>(
+        &self,
+        keys: &[u64],
+        corners: &[[T; NUMBERS]],
+        nodes: &mut Vec<Binary>,
+        depth: usize,
+    ) -> Box4 {
         let n = keys.len();
         if n <= MAX_LEAF {
             let boxes = keys.iter().zip(corners);

@@ -1,26 +1,41 @@
 //! Nodes, and the test of a ray against the eight boxes of a node.
 
-use crate::support::leaves::child::WIDTH;
+use crate::support::leaves::child::{Child, WIDTH};
 use crate::support::leaves::frame::{LocalRay, Planes};
+use whitstone_core::DVec3;
 use whitstone_simd::Lanes;
 
 /// An inner node: its children, and their boxes in local coordinates.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(32))]
-pub(super) struct Node {
+pub(super) struct Node<const N: usize> {
     /// Indexed by axis, side (0 minimum, 1 maximum) and child. The box of an empty child slot is
     /// inverted, so that no ray hits it.
-    pub(super) planes: [[[f32; WIDTH]; 2]; 3],
+    pub(super) planes: [[[f32; N]; 2]; 3],
     /// [`Child`]ren.
-    pub(super) children: [u32; WIDTH],
+    pub(super) children: [u32; N],
 }
 
-impl Node {
+impl<const N: usize> Node<N> {
     pub(super) const EMPTY: Self = Self {
-        planes: [[[f32::INFINITY; WIDTH], [f32::NEG_INFINITY; WIDTH]]; 3],
-        children: [0; WIDTH],
+        planes: [[[f32::INFINITY; N], [f32::NEG_INFINITY; N]]; 3],
+        children: [0; N],
     };
 
+    /// The children, each with the corners of its box.
+    pub(super) fn boxes(&self) -> impl Iterator<Item = (Child, [DVec3; 2])> {
+        (0..N).filter_map(|i| {
+            let corner = |side: usize| self.planes.map(|sides| f64::from(sides[side][i])).into();
+            let [min, max]: [DVec3; 2] = [corner(0), corner(1)];
+            // The box of an empty child slot is inverted (min > max).
+            min.cmple(max)
+                .all()
+                .then(|| (Child(self.children[i]), [min, max]))
+        })
+    }
+}
+
+impl Node<WIDTH> {
     /// Which boxes the ray may hit between its `min` and `limit`, as a bit mask, and lower bounds
     /// on their entry distances. No box that holds a hit of the double-precision tests is missed:
     /// the padding of the ray covers every rounding (`docs/accelerators.md`).

@@ -7,7 +7,7 @@
 //! at once (Boulos, Wald, Shirley, *Geometric and arithmetic culling methods for entire ray
 //! packets*, 2006, section 3).
 
-use super::Bvh;
+use super::Eight;
 use super::node::Node;
 use super::search::{SingleRay, Stack};
 use crate::support::leaves::child::{Child, Kind, WIDTH};
@@ -26,7 +26,7 @@ pub(super) const USUAL_DEPTH: usize = 18;
 
 /// A packet of rays.
 pub(super) struct Packet<'a, 's> {
-    pub(super) bvh: &'a Bvh,
+    pub(super) bvh: &'a Eight,
     pub(super) rays: &'s LocalRays,
     pub(super) alone: &'s mut Alone,
     pub(super) states: &'s mut [State<'a, Streamed<'a>>; GROUP],
@@ -241,7 +241,7 @@ impl Packet<'_, '_> {
     /// Rounded products and sums are monotonic too, so results computed from bounds bound those of
     /// [`Self::enter`].
     #[inline(always)]
-    fn cull<M: Machine>(&self, l: M, node: &Node, farthest: f32, b: &Bounds) -> u32 {
+    fn cull<M: Machine>(&self, l: M, node: &Node<WIDTH>, farthest: f32, b: &Bounds) -> u32 {
         let mut near = l.splat(b.min);
         let mut far = l.splat(farthest);
         for axis in 0..3 {
@@ -259,7 +259,7 @@ impl Packet<'_, '_> {
     /// Lower bounds on the rays' entry distances into a box, and which rays may hit it; the same
     /// numbers as in [`Node::enter`].
     #[inline(always)]
-    fn enter<L: Lanes<GROUP>>(&self, l: L, node: &Node, i: usize, rays: u32) -> (L::Floats, u32) {
+    fn enter<L: Lanes<GROUP>>(&self, l: L, node: &Node<WIDTH>, i: usize, rays: u32) -> (L::Floats, u32) {
         let mut near = l.load(&self.rays.min);
         let mut far = l.load(&self.limits);
         for axis in 0..3 {

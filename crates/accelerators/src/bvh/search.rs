@@ -1,6 +1,6 @@
 //! Single-ray traversal of the hierarchy.
 
-use super::Bvh;
+use super::Eight;
 use crate::support::leaves::Leaves;
 use crate::support::leaves::child::{Child, Kind, WIDTH};
 use crate::support::leaves::frame::LocalRay;
@@ -81,7 +81,7 @@ impl Stack {
     }
 }
 
-impl Walk for Bvh {
+impl Walk for Eight {
     fn leaves(&self) -> &Leaves {
         &self.leaves
     }
@@ -101,7 +101,7 @@ impl Walk for Bvh {
     }
 }
 
-impl Bvh {
+impl Eight {
     /// Traverses the subtree of `child`. Returns the limit up to which pending hits (found in
     /// single precision, not yet computed in double) may still be nearest.
     #[inline(always)]
@@ -202,7 +202,7 @@ impl Bvh {
 /// Single-ray traversal used by the stream and packet code below a given child. Kept as a separate
 /// kernel so that its state stays in registers.
 pub(super) struct SingleRay<'a, 's, const ANY: bool> {
-    pub(super) bvh: &'a Bvh,
+    pub(super) bvh: &'a Eight,
     pub(super) state: &'s mut State<'a, Streamed<'a>>,
     pub(super) local: &'s LocalRay,
     pub(super) child: Child,

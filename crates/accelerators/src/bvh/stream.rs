@@ -1,30 +1,30 @@
 //! Traversal of ray streams. The work before and after traversal is done for many rays at once in
 //! SIMD registers. During traversal, rays of one octant go together (`packet`).
 
-use super::Bvh;
+use super::Eight;
 use super::packet::{Packet, Wanted, WantedStack};
 use super::search::{SingleRay, Stack};
 use crate::support::leaves::Slot;
 use crate::support::leaves::child::Child;
 use crate::support::leaves::frame::{Alone, LocalLane, LocalRays};
-use crate::support::leaves::state::{State, Streamed};
+use crate::support::leaves::state::{Query, State, Streamed};
 use whitstone_core::stream::{GROUP, HitStream, LANES, Lanes as RayLanes, RayStream};
 use whitstone_core::triangle::{ShearedStream, TriangleHit};
 use whitstone_core::{DVec2, DVec3, InstanceId, PreliminaryIntersection, ShapeHit};
 use whitstone_simd::{Kernel, Level, Machine, with_lanes};
 
 /// Finds the nearest hits of a stream; `hits` must be clear.
-pub(super) fn intersect(bvh: &Bvh, rays: &RayStream, hits: &mut HitStream) {
+pub(super) fn intersect(bvh: &Eight, rays: &RayStream, hits: &mut HitStream) {
     search::<false>(bvh, rays, hits)
 }
 
 /// Finds whether each ray of a stream hits anything.
-pub(super) fn occluded(bvh: &Bvh, rays: &RayStream, hidden: &mut RayLanes<bool>) {
+pub(super) fn occluded(bvh: &Eight, rays: &RayStream, hidden: &mut RayLanes<bool>) {
     search::<true>(bvh, rays, hidden);
 }
 
 /// Destination of the results.
-trait Answers {
+pub(super) trait Answers {
     /// Stores the final result of a ray.
     fn set(&mut self, lane: usize, hit: Option<PreliminaryIntersection>);
     fn hits(&mut self) -> Option<&mut HitStream>;
@@ -54,7 +54,7 @@ impl Answers for RayLanes<bool> {
     }
 }
 
-fn search<const ANY: bool>(bvh: &Bvh, rays: &RayStream, answers: &mut impl Answers) {
+fn search<const ANY: bool>(bvh: &Eight, rays: &RayStream, answers: &mut impl Answers) {
     match bvh.root {
         Some(root) if !bvh.deep => {
             with_lanes(
@@ -70,14 +70,19 @@ fn search<const ANY: bool>(bvh: &Bvh, rays: &RayStream, answers: &mut impl Answe
         _ => {
             for lane in 0..rays.len.min(LANES) {
                 let (ray, skip) = (rays.ray(lane), rays.skip.skip(lane));
-                answers.set(lane, bvh.find::<ANY>(&ray, rays.interval(lane), skip));
+                let query = Query {
+                    ray: &ray,
+                    interval: rays.interval(lane),
+                    skip,
+                };
+                answers.set(lane, bvh.find::<ANY>(&query));
             }
         }
     }
 }
 
 struct Stream<'a, const ANY: bool, A> {
-    bvh: &'a Bvh,
+    bvh: &'a Eight,
     root: Child,
     rays: &'a RayStream,
     answers: &'a mut A,
@@ -169,7 +174,7 @@ struct Candidates([Option<(Child, u8)>; LANES]);
 impl Candidates {
     /// Computes the hits in double precision, as [`State`] does one by one.
     #[inline(always)]
-    fn decide(&self, bvh: &Bvh, rays: &RayStream, hits: &mut HitStream) {
+    fn decide(&self, bvh: &Eight, rays: &RayStream, hits: &mut HitStream) {
         let sheared = ShearedStream::new(rays);
         for start in rays.groups() {
             let mut corners = [[DVec3::ZERO; 3]; GROUP];

@@ -1,4 +1,4 @@
-//! Collapses a binary hierarchy into one with eight children a node.
+//! Collapses a binary hierarchy into one with up to `N` children a node.
 //!
 //! Ylitie, Karras, Laine, *Efficient incoherent ray traversal on GPUs through compressed wide
 //! BVHs*, HPG 2017, section 3.1: of all ways to remove inner nodes of the binary hierarchy, this
@@ -11,8 +11,7 @@ use super::node::Node;
 use super::tree::Binary;
 use crate::support::leaves::child::{Child, Kind, WIDTH};
 use crate::support::leaves::filter::NUMBERS;
-use crate::support::leaves::items::Contents;
-use crate::support::leaves::{Slot, by_coordinate};
+use crate::support::leaves::{Number, Slot, by_coordinate};
 use rayon::prelude::*;
 
 /// Subtrees of at most this many items are made by one thread.
@@ -20,12 +19,8 @@ const PART: usize = 4096;
 
 /// The wide hierarchy.
 #[derive(Default)]
-pub(super) struct Wide {
-    pub(super) nodes: Vec<Node>,
-    /// Elements of all leaves, concatenated.
-    pub(super) slots: Vec<Slot>,
-    /// The corners of the triangles of `slots` in local coordinates; see `filter`.
-    pub(super) numbers: Vec<f32>,
+pub(super) struct Wide<const N: usize> {
+    pub(super) nodes: Vec<Node<N>>,
     pub(super) root: Option<Child>,
     pub(super) leaves: usize,
     pub(super) depth: usize,
@@ -33,28 +28,27 @@ pub(super) struct Wide {
     pub(super) cost: f64,
 }
 
-impl Wide {
-    /// Builds from the nodes of a binary hierarchy and the contents of its leaves.
-    pub(super) fn new(binary: &[Binary], contents: Contents) -> Self {
+impl<const N: usize> Wide<N> {
+    /// Builds from the nodes of a binary hierarchy and the elements of its leaves. Reorders their
+    /// numbers by coordinate in each leaf.
+    pub(super) fn new<T: Number>(binary: &[Binary], slots: &[Slot], numbers: &mut [T]) -> Self {
         if binary.is_empty() {
             return Self::default();
         }
-        let Contents { slots, corners } = contents;
-        let mut numbers = corners.into_flattened();
         let mixed = slots.par_iter().with_min_len(PART).any(|slot| slot.is_custom());
         let most = if mixed { WIDTH - 1 } else { WIDTH };
-        let mut costs = vec![[0.0; WIDTH - 1]; binary.len()];
+        let mut costs = vec![[0.0; N]; binary.len()];
         prepare(binary, &mut costs, most);
         let maker = Maker {
             binary,
             costs: &costs,
-            slots: &slots,
+            slots,
             mixed,
             most,
         };
         let mut top = Top::default();
         maker.top(&mut top, Place::default(), None);
-        let mut rest = numbers.as_mut_slice();
+        let mut rest = numbers;
         let mut parts = Vec::with_capacity(top.below.len());
         for (place, _) in &top.below {
             // Together the parts hold all items, in order.
@@ -67,8 +61,8 @@ impl Wide {
             part.root = maker.part(&mut part, place, numbers);
             part
         });
-        let parts: Vec<Part> = parts.collect();
-        top.join(&parts, &binary[0], slots, numbers)
+        let parts: Vec<Part<N>> = parts.collect();
+        top.join(&parts, &binary[0])
     }
 }
 
@@ -80,7 +74,7 @@ const LEAF: (f32, f32) = (0.9, 0.05);
 
 /// Entry `i` is the least cost of a binary subtree that becomes at most `i + 1` children of a wide
 /// node.
-type Costs = [f32; WIDTH - 1];
+type Costs<const N: usize> = [f32; N];
 
 /// Cost of `count` items as one leaf; infinite if there are more than `most`.
 fn leaf_cost(area: f32, count: usize, most: usize) -> f32 {
@@ -92,7 +86,7 @@ fn leaf_cost(area: f32, count: usize, most: usize) -> f32 {
 }
 
 /// Computes the costs of the nodes of a subtree, children before parents.
-fn prepare(nodes: &[Binary], costs: &mut [Costs], most: usize) {
+fn prepare<const N: usize>(nodes: &[Binary], costs: &mut [Costs<N>], most: usize) {
     let root = 0;
     if let Some(second) = nodes[root].second()
         && nodes.len() > PART
@@ -111,29 +105,27 @@ fn prepare(nodes: &[Binary], costs: &mut [Costs], most: usize) {
 }
 
 /// The costs of a node, from those of its children.
-fn own_costs(nodes: &[Binary], costs: &[Costs], node: usize, most: usize) -> Costs {
+fn own_costs<const N: usize>(nodes: &[Binary], costs: &[Costs<N>], node: usize, most: usize) -> Costs<N> {
     let binary = &nodes[node];
     let area = binary.aabb().half_area();
     let leaf = leaf_cost(area, binary.count(), most);
     let Some(second) = binary.second() else {
-        return [leaf; WIDTH - 1];
+        return [leaf; N];
     };
     let (first, second) = (&costs[node + 1], &costs[node + second]);
-    // Indexed by the number of children minus two.
-    let mut both = [f32::INFINITY; WIDTH - 1];
-    for i in 0..WIDTH - 1 {
-        for j in 0..WIDTH - 1 - i {
-            both[i + j] = both[i + j].min(first[i] + second[j]);
+    // Entry `i` is the least cost of `i + 1` children or fewer, with at least one from each side.
+    let mut both = [f32::INFINITY; N];
+    for i in 0..N - 1 {
+        for j in 0..N - 1 - i {
+            both[i + j + 1] = both[i + j + 1].min(first[i] + second[j]);
         }
     }
-    let inner = NODE * area + both[WIDTH - 2];
+    let inner = NODE * area + both[N - 1];
     let mut least = inner.min(leaf);
-    let mut own = [least; WIDTH - 1];
-    for i in 1..WIDTH - 1 {
-        least = least.min(both[i - 1]);
-        own[i] = least;
-    }
-    own
+    both.map(|both| {
+        least = least.min(both);
+        least
+    })
 }
 
 /// A subtree: its binary node, its first item, its depth in the wide hierarchy.
@@ -146,23 +138,21 @@ struct Place {
 
 /// The wide nodes at the top of the hierarchy.
 #[derive(Default)]
-struct Top {
-    nodes: Vec<Node>,
+struct Top<const N: usize> {
+    nodes: Vec<Node<N>>,
     /// The sum of the areas of their boxes.
     cost: f64,
     /// The subtrees below, in order, each with its parent node and its index among the children.
     below: Vec<(Place, Option<(usize, usize)>)>,
 }
 
-impl Top {
+impl<const N: usize> Top<N> {
     /// Appends the nodes of the subtrees and links them to their parents.
-    fn join(self, parts: &[Part], root: &Binary, slots: Vec<Slot>, numbers: Vec<f32>) -> Wide {
-        let count = |part: &Part| part.nodes.len();
+    fn join(self, parts: &[Part<N>], root: &Binary) -> Wide<N> {
+        let count = |part: &Part<N>| part.nodes.len();
         let mut wide = Wide {
             nodes: Vec::with_capacity(self.nodes.len() + parts.iter().map(count).sum::<usize>()),
             root: Some(Child::new(Kind::Inner(0))),
-            slots,
-            numbers,
             cost: self.cost,
             ..Wide::default()
         };
@@ -189,17 +179,17 @@ impl Top {
 
 /// The wide nodes of a subtree, with indices relative to its first node.
 #[derive(Default)]
-struct Part {
-    nodes: Vec<Node>,
+struct Part<const N: usize> {
+    nodes: Vec<Node<N>>,
     root: Child,
     leaves: usize,
     depth: usize,
     cost: f64,
 }
 
-struct Maker<'a> {
+struct Maker<'a, const N: usize> {
     binary: &'a [Binary],
-    costs: &'a [Costs],
+    costs: &'a [Costs<N>],
     slots: &'a [Slot],
     /// Whether some element is not a triangle.
     mixed: bool,
@@ -207,10 +197,10 @@ struct Maker<'a> {
     most: usize,
 }
 
-impl Maker<'_> {
+impl<const N: usize> Maker<'_, N> {
     /// Builds the nodes at the top; `parent` is the parent of the first one and the child index in
     /// it.
-    fn top(&self, top: &mut Top, place: Place, parent: Option<(usize, usize)>) {
+    fn top(&self, top: &mut Top<N>, place: Place, parent: Option<(usize, usize)>) {
         let binary = &self.binary[place.node];
         let Some(second) = binary.second().filter(|_| binary.count() > PART) else {
             top.below.push((place, parent));
@@ -229,7 +219,7 @@ impl Maker<'_> {
     }
 
     /// Appends the subtree of a binary node; `numbers` are those of its items.
-    fn part(&self, part: &mut Part, place: Place, numbers: &mut [f32]) -> Child {
+    fn part<T: Number>(&self, part: &mut Part<N>, place: Place, numbers: &mut [T]) -> Child {
         let binary = &self.binary[place.node];
         let area = binary.aabb().half_area();
         part.depth = part.depth.max(place.depth);
@@ -256,9 +246,9 @@ impl Maker<'_> {
 
     /// The children of the wide node over two binary nodes, and the node with their boxes but
     /// without references to them.
-    fn node(&self, first: usize, second: usize) -> (Children, Node) {
+    fn node(&self, first: usize, second: usize) -> (Children<N>, Node<N>) {
         let mut children = Children::default();
-        self.divide(first, second, WIDTH, &mut children);
+        self.divide(first, second, N, &mut children);
         let mut node = Node::EMPTY;
         for (i, &child) in children.nodes[..children.count].iter().enumerate() {
             let aabb = self.binary[child].aabb();
@@ -272,7 +262,7 @@ impl Maker<'_> {
     }
 
     /// Adds the children that two binary nodes become, at most `places` in total.
-    fn divide(&self, first: usize, second: usize, places: usize, children: &mut Children) {
+    fn divide(&self, first: usize, second: usize, places: usize, children: &mut Children<N>) {
         let (a, b) = (&self.costs[first], &self.costs[second]);
         let (mut least, mut of_first) = (f32::INFINITY, 1);
         for i in 1..places {
@@ -286,7 +276,7 @@ impl Maker<'_> {
     }
 
     /// Adds the children that a binary node becomes, at most `places`.
-    fn choose(&self, node: usize, places: usize, children: &mut Children) {
+    fn choose(&self, node: usize, places: usize, children: &mut Children<N>) {
         let costs = &self.costs[node];
         let fewest = (1..places)
             .find(|&i| costs[i - 1] <= costs[places - 1])
@@ -301,7 +291,11 @@ impl Maker<'_> {
     }
 
     /// The subtrees of the children of the wide node over a subtree.
-    fn places(&self, children: &Children, Place { first, depth, .. }: Place) -> impl Iterator<Item = Place> {
+    fn places(
+        &self,
+        children: &Children<N>,
+        Place { first, depth, .. }: Place,
+    ) -> impl Iterator<Item = Place> {
         let mut next = first;
         children.nodes.into_iter().take(children.count).map(move |node| {
             let first = next;
@@ -315,7 +309,7 @@ impl Maker<'_> {
     }
 
     /// Makes a leaf of `count` items and reorders their numbers by coordinate.
-    fn leaf(&self, first: usize, count: usize, numbers: &mut [f32]) -> Child {
+    fn leaf<T: Number>(&self, first: usize, count: usize, numbers: &mut [T]) -> Child {
         by_coordinate(numbers, count);
         let slots = &self.slots[first..][..count];
         Child::new(if self.mixed && slots.iter().any(|slot| slot.is_custom()) {
@@ -327,8 +321,16 @@ impl Maker<'_> {
 }
 
 /// The binary nodes that become the children of a wide one.
-#[derive(Default)]
-struct Children {
-    nodes: [usize; WIDTH],
+struct Children<const N: usize> {
+    nodes: [usize; N],
     count: usize,
+}
+
+impl<const N: usize> Default for Children<N> {
+    fn default() -> Self {
+        Self {
+            nodes: [0; N],
+            count: 0,
+        }
+    }
 }

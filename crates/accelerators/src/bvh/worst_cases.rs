@@ -3,9 +3,10 @@
 
 use super::{Bvh, Quality};
 use crate::bvh2::Bvh2;
-use crate::support::leaves::child::{Kind, WIDTH};
+use crate::support::leaves::child::Kind;
 use std::sync::Arc;
 use whitstone_core::{Accelerators, DVec3, Geometry, Interval, LoweredShape, Ray, Registry, SelfHitFilter};
+use whitstone_simd::Level;
 use whitstone_testkit::{Random, accelerator_agrees, build, tiny_ball};
 
 /// The ratio of the sizes, and the offset in sizes of the ball.
@@ -45,30 +46,30 @@ fn rays(offset: f64) -> Vec<Ray> {
 
 /// The nodes, and the elements of leaves, that a ray visits if it is not shortened by hits.
 fn visited(bvh: &Bvh, ray: &Ray) -> usize {
-    let Some(local) = bvh.leaves.frame.ray(ray, &Interval::FORWARD) else {
-        return bvh.leaves.slots.len();
+    let Some(local) = bvh.leaves().frame.ray(ray, &Interval::FORWARD) else {
+        return bvh.leaves().slots.len();
     };
-    let mut open: Vec<_> = bvh.root.into_iter().collect();
+    let mut open: Vec<_> = bvh.root().into_iter().collect();
     let mut count = 0;
     while let Some(child) = open.pop() {
         let node = match child.kind() {
-            Kind::Inner(node) => &bvh.nodes[node],
+            Kind::Inner(node) => node,
             Kind::Triangles(_, elements) | Kind::Mixed(_, elements) => {
                 count += elements;
                 continue;
             }
         };
         count += 1;
-        for i in 0..WIDTH {
+        for (child, corners) in bvh.children(node) {
             let (mut near, mut far) = (local.min, local.max);
             for axis in 0..3 {
                 let side = local.side(axis);
-                let sides = &node.planes[axis];
-                near = near.max(sides[side][i] * local.reciprocal[axis] + local.near[axis]);
-                far = far.min(sides[1 - side][i] * local.reciprocal[axis] + local.far[axis]);
+                let plane = |side: usize| corners[side][axis] as f32;
+                near = near.max(plane(side) * local.reciprocal[axis] + local.near[axis]);
+                far = far.min(plane(1 - side) * local.reciprocal[axis] + local.far[axis]);
             }
             if near <= far {
-                open.push(super::Child(node.children[i]));
+                open.push(child);
             }
         }
     }
@@ -84,7 +85,7 @@ fn cost_of_choice(ratio: f64, offset: f64) -> (String, f64) {
     let rays = rays(offset);
     let count: usize = match name.as_str() {
         "bvh" => {
-            let bvh = Bvh::new(geometry, Quality::Balanced);
+            let bvh = Bvh::new(geometry, Quality::Balanced, Level::current());
             rays.iter().map(|ray| visited(&bvh, ray)).sum()
         }
         "bvh2" => {
@@ -112,7 +113,7 @@ fn no_ratio_of_sizes_and_no_offset_makes_the_automatic_choice_slow() {
 /// What the choice avoids.
 #[test]
 fn single_precision_boxes_of_tiny_elements_do_not_help() {
-    let bvh = Bvh::new(scene(1e7, 0.0), Quality::Balanced);
+    let bvh = Bvh::new(scene(1e7, 0.0), Quality::Balanced, Level::current());
     let count: usize = rays(0.0).iter().map(|ray| visited(&bvh, ray)).sum();
     assert!(count > 100 * 10_000, "{count}");
 }
@@ -121,7 +122,11 @@ fn single_precision_boxes_of_tiny_elements_do_not_help() {
 fn hits_in_hard_geometry_are_those_of_testing_every_element() {
     for (ratio, offset) in CASES {
         let geometry = scene(ratio, offset);
-        accelerator_agrees(&geometry, &Bvh::new(geometry.clone(), Quality::Balanced), 28);
+        accelerator_agrees(
+            &geometry,
+            &Bvh::new(geometry.clone(), Quality::Balanced, Level::current()),
+            28,
+        );
         let bvh2 = build::<Accelerators, Bvh2>("", geometry.clone()).unwrap();
         accelerator_agrees(&geometry, &*bvh2, 28);
         for ray in rays(offset).iter().take(20) {

@@ -14,6 +14,7 @@ pub(crate) mod state;
 use child::{Child, Kind, WIDTH};
 use filter::{NUMBERS, WINDOW};
 use frame::Frame;
+use glam::{Vec3A, Vec4, Vec4Swizzles};
 use std::sync::Arc;
 use whitstone_core::triangle::Axis;
 use whitstone_core::{Aabb, DVec3, Element, Geometry, LoweredShape};
@@ -30,6 +31,9 @@ pub(crate) struct Leaves {
     pub(crate) numbers: Vec<f32>,
     /// Factor that turns `numbers` into the exact world coordinates of corners; 0 if there is none.
     pub(crate) exact: f64,
+    /// The corners in the world instead of `numbers`, for double-precision leaves without such a
+    /// factor.
+    pub(crate) doubles: Vec<f64>,
 }
 
 impl Leaves {
@@ -48,12 +52,14 @@ impl Leaves {
             slots,
             numbers,
             exact: frame.exact().unwrap_or(0.0),
+            doubles: Vec::new(),
         }
     }
 
     /// Size in memory, in bytes.
     pub(crate) fn bytes(&self) -> usize {
-        size_of_val(&*self.slots) + size_of_val(&*self.numbers) + size_of_val(&*self.unbounded)
+        let numbers = size_of_val(&*self.numbers) + size_of_val(&*self.doubles);
+        size_of_val(&*self.slots) + numbers + size_of_val(&*self.unbounded)
     }
 
     /// Bounds of all elements that have a box.
@@ -101,10 +107,41 @@ impl Leaves {
     }
 }
 
+/// A coordinate of a corner: in `f32` in local coordinates, in `f64` in the world.
+pub(crate) trait Number: Copy + Default + Send + Sync {
+    /// A corner, given in the world.
+    fn corner(frame: &Frame, p: DVec3) -> [Self; 3];
+    /// The corners of a triangle in local coordinates, rounded.
+    fn local(frame: &Frame, corners: &[Self; NUMBERS]) -> [Vec3A; 3];
+}
+
+impl Number for f32 {
+    #[inline(always)]
+    fn corner(frame: &Frame, p: DVec3) -> [Self; 3] {
+        frame.point(p).as_vec3().to_array()
+    }
+    #[inline(always)]
+    fn local(_: &Frame, corners: &[Self; NUMBERS]) -> [Vec3A; 3] {
+        let four = |start: usize| Vec4::from_slice(&corners[start..start + 4]);
+        [four(0), four(3), four(5).yzww()].map(Vec3A::from_vec4)
+    }
+}
+
+impl Number for f64 {
+    #[inline(always)]
+    fn corner(_: &Frame, p: DVec3) -> [Self; 3] {
+        p.to_array()
+    }
+    #[inline(always)]
+    fn local(frame: &Frame, corners: &[Self; NUMBERS]) -> [Vec3A; 3] {
+        [0, 3, 6].map(|i| frame.point(DVec3::from_slice(&corners[i..])).as_vec3a())
+    }
+}
+
 /// Transposes the numbers of a leaf: from triangle by triangle to rows of one number of every
 /// triangle, axis by axis, corner by corner.
-pub(crate) fn by_coordinate(numbers: &mut [f32], count: usize) {
-    let mut old = [0.0; NUMBERS * WIDTH];
+pub(crate) fn by_coordinate<T: Number>(numbers: &mut [T], count: usize) {
+    let mut old = [T::default(); NUMBERS * WIDTH];
     let old = &mut old[..numbers.len()];
     old.copy_from_slice(numbers);
     for (i, triangle) in old.as_chunks::<NUMBERS>().0.iter().enumerate() {
@@ -116,7 +153,7 @@ pub(crate) fn by_coordinate(numbers: &mut [f32], count: usize) {
 }
 
 /// An element in a leaf.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Slot {
     pub(crate) shape: u32,
     /// The triangle, or [`Slot::CUSTOM`].

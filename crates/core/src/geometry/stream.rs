@@ -117,6 +117,12 @@ impl Vectors {
         DVec3::new(self.x[lane], self.y[lane], self.z[lane])
     }
 
+    /// The coordinates of all lanes, axis by axis.
+    #[inline(always)]
+    pub fn columns(&self) -> [&Lanes<f64>; 3] {
+        [&self.x, &self.y, &self.z]
+    }
+
     /// Replaces the vector of a lane.
     #[inline(always)]
     pub fn set(&mut self, lane: usize, value: DVec3) {

@@ -23,6 +23,9 @@ impl Child {
     /// Exclusive upper bound on the indices of slots and nodes.
     pub(crate) const LIMIT: usize = 1 << Self::BITS;
 
+    /// Neither a node nor a leaf.
+    pub(crate) const NONE: Self = Self(u32::MAX);
+
     pub(crate) fn new(kind: Kind) -> Self {
         let (tag, index) = match kind {
             Kind::Inner(node) => (0, node),
@@ -45,6 +48,11 @@ impl Child {
     #[inline(always)]
     pub(crate) fn is_inner(self) -> bool {
         self.0 < 1 << Self::BITS
+    }
+
+    #[inline(always)]
+    pub(crate) fn is_leaf(self) -> bool {
+        !self.is_inner() & (self != Self::NONE)
     }
 
     /// The node or first slot.

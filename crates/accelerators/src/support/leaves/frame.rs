@@ -9,9 +9,9 @@ use whitstone_simd::select;
 /// Transform to local coordinates, in which the whole structure lies in the cube from -1 to 1.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frame {
-    center: DVec3,
+    pub(crate) center: DVec3,
     /// A power of two, so that scaling is exact.
-    scale: f64,
+    pub(crate) scale: f64,
     /// Whether `f32` coordinates in the world are exact in `f32` here too.
     exact: bool,
 }

@@ -1,10 +1,10 @@
 //! The input of a build: boxes in single precision, rounded outward.
 
-use super::Slot;
 use super::filter::{NUMBERS, WINDOW};
 use super::frame::{Frame, ROUNDING};
+use super::{Number, Slot};
 use crate::support::oversized::oversized;
-use glam::{Vec3A, Vec4, Vec4Swizzles};
+use glam::{Vec3A, Vec4};
 use rayon::prelude::*;
 use whitstone_core::{Aabb, DVec3, Element, Geometry, LoweredShape, TriangleMesh};
 
@@ -143,10 +143,10 @@ const BLOCK: usize = 128;
 const ORIGIN: &[DVec3] = &[DVec3::ZERO];
 
 /// Contents of all leaves, concatenated.
-pub(crate) struct Contents {
+pub(crate) struct Contents<T> {
     pub(crate) slots: Vec<Slot>,
-    /// The corners of triangles in local coordinates, followed by padding of zeros.
-    pub(crate) corners: Vec<[f32; NUMBERS]>,
+    /// The corners of triangles, followed by padding of zeros.
+    pub(crate) corners: Vec<[T; NUMBERS]>,
 }
 
 impl<'a> Items<'a> {
@@ -287,9 +287,8 @@ impl<'a> Items<'a> {
 
     /// The box of the element with this number and these corners, as in [`Contents`].
     #[inline(always)]
-    pub(crate) fn aabb(&self, number: u32, corners: &[f32; NUMBERS]) -> Box4 {
-        let four = |start: usize| Vec4::from_slice(&corners[start..start + 4]);
-        let own = [four(0), four(3), four(5).yzww()].map(Vec3A::from_vec4);
+    pub(crate) fn aabb<T: Number>(&self, number: u32, corners: &[T; NUMBERS]) -> Box4 {
+        let own = T::local(&self.frame, corners);
         self.quick_box(own).unwrap_or_else(|| self.item(number).aabb())
     }
 
@@ -313,7 +312,11 @@ impl<'a> Items<'a> {
     }
 
     /// The contents of leaves that hold the elements with these numbers, in this order.
-    pub(crate) fn contents<T: Sync>(&self, all: &[T], number: impl Fn(&T) -> u32 + Sync + Send) -> Contents {
+    pub(crate) fn contents<T: Number, I: Sync>(
+        &self,
+        all: &[I],
+        number: impl Fn(&I) -> u32 + Sync + Send,
+    ) -> Contents<T> {
         let slots = all.par_iter().with_min_len(PARALLEL);
         let slots = slots.map(|one| Slot::new(self.element(number(one)))).collect();
         let length = all.len() + BEHIND;
@@ -325,10 +328,10 @@ impl<'a> Items<'a> {
             for (source, one) in sources.iter_mut().zip(block) {
                 *source = self.source(self.element(number(one)));
             }
-            let mut corners = [[0.0; NUMBERS]; BLOCK];
+            let mut corners = [[T::default(); NUMBERS]; BLOCK];
             for ((corners, _), (positions, indices)) in corners.iter_mut().zip(block).zip(sources) {
-                let own = indices.map(|i| self.frame.point(positions[i as usize]).as_vec3());
-                let [[a, b, c], [d, e, f], [g, h, i]] = own.map(|p| p.to_array());
+                let of = |i: u32| T::corner(&self.frame, positions[i as usize]);
+                let [[a, b, c], [d, e, f], [g, h, i]] = indices.map(of);
                 *corners = [a, b, c, d, e, f, g, h, i];
             }
             corners

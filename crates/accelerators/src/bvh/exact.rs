@@ -1,0 +1,73 @@
+//! The hierarchy for processors with AVX-512: nodes of sixteen boxes in single precision, and
+//! leaves whose triangles are tested in double precision, eight at once.
+//!
+//! `search` traverses with one ray, `packet` with sixteen coherent ones, and `stream` with many
+//! others at a time.
+
+mod leaf;
+mod node;
+mod packet;
+mod ray;
+mod search;
+mod stack;
+mod stream;
+
+use super::stream::Answers;
+use super::wide::Wide;
+use crate::support::leaves::Leaves;
+use crate::support::leaves::child::Child;
+use crate::support::leaves::state::Query;
+use node::Node;
+use stream::{Places, Stream};
+use whitstone_core::PreliminaryIntersection;
+use whitstone_core::stream::RayStream;
+use whitstone_simd::with_wide_lanes;
+
+/// The hierarchy, with its leaves.
+pub(super) struct Sixteen {
+    pub(super) leaves: Leaves,
+    nodes: Vec<Node>,
+    /// Arbitrary if there are no elements.
+    pub(super) root: Child,
+    depth: usize,
+}
+
+impl Sixteen {
+    pub(super) fn new(wide: &Wide<16>, leaves: Leaves) -> Self {
+        Self {
+            leaves,
+            nodes: node::sorted(&wide.nodes),
+            root: wide.root.unwrap_or_default(),
+            depth: wide.depth,
+        }
+    }
+
+    /// The boxes and the children of a node.
+    pub(super) fn node(&self, node: usize) -> &super::node::Node<16> {
+        &self.nodes[node].boxes
+    }
+
+    /// Size in memory, in bytes.
+    pub(super) fn bytes(&self) -> usize {
+        size_of_val(&*self.nodes) + self.leaves.bytes()
+    }
+
+    /// Finds any hit if `ANY`, else the nearest.
+    #[inline(always)]
+    pub(super) fn find<const ANY: bool>(&self, query: &Query<'_>) -> Option<PreliminaryIntersection> {
+        with_wide_lanes(search::Search::<ANY>(self, query))
+    }
+
+    /// The same for each ray of a stream.
+    #[inline(always)]
+    pub(super) fn find_stream<const ANY: bool>(&self, rays: &RayStream, answers: &mut impl Answers) {
+        Places::with(|places| {
+            with_wide_lanes(Stream::<ANY, _> {
+                tree: self,
+                rays,
+                answers,
+                places,
+            });
+        });
+    }
+}
