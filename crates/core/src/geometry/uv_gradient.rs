@@ -13,8 +13,11 @@ const TOLERANCE: f64 = 16.0;
 /// Upper bound on the factor between two steps, in both directions.
 const FACTOR: f64 = (1_u64 << 40) as f64;
 
+/// Factor on a step that ends where the surface cannot be extrapolated to.
+const BEYOND: f64 = 1.0 / (1 << 12) as f64;
+
 /// Upper bound on the number of steps that are tried.
-const TRIES: u32 = 6;
+const TRIES: u32 = 8;
 
 impl Geometry {
     /// The gradients of u and v at a hit, per metre: the vectors across `n_g` whose products with a
@@ -32,7 +35,9 @@ impl Geometry {
             let [Some((e_change, e_length)), Some((f_change, f_length))] =
                 [e, f].map(|along| self.uv_change(point, hit, along, step))
             else {
-                return [DVec3::ZERO; 2];
+                // Beyond the shape, or it has no derivatives.
+                step *= BEYOND;
+                continue;
             };
             let (by_e, by_f) = (e_change / e_length, f_change / f_length);
             gradients = [by_e.x * e + by_f.x * f, by_e.y * e + by_f.y * f];
@@ -63,6 +68,9 @@ impl Geometry {
     ) -> Option<(DVec2, f64)> {
         let [before, after] = [-step, step].map(|step| point.position + step * along);
         let at = |q| self.surface_at_offset(point, hit, q, SurfaceAttributes::UV);
-        Some((at(after)?.uv - at(before)?.uv, (after - before).dot(along)))
+        let change = at(after)?.uv - at(before)?.uv;
+        change
+            .is_finite()
+            .then_some((change, (after - before).dot(along)))
     }
 }
