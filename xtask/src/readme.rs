@@ -131,8 +131,8 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     verdict(&problems, "readme: all generated files are up to date")
 }
 
-/// Runs this command again without AVX-512. With it, nodes of `bvh` have sixteen children instead of
-/// eight; the picture of its boxes must be the same on every machine.
+/// Runs this command again without AVX-512. With it, nodes of `bvh` have sixteen children instead
+/// of eight; the picture of its boxes must be the same on every machine.
 fn without_avx512() -> Result<Exit, Failure> {
     let program = std::env::current_exe().map_err(Failure::environment)?;
     let mut command = Command::new(program);
