@@ -213,7 +213,7 @@ impl Geometry {
     }
 
     /// The instance that a path leads through, and the number of its shape.
-    fn instance(&self, path: InstanceId) -> Option<(u32, &Instance)> {
+    pub(crate) fn instance(&self, path: InstanceId) -> Option<(u32, &Instance)> {
         let after = self.instances.partition_point(|(first, _)| *first <= path.0);
         let (_, shape) = self.instances.get(after.checked_sub(1)?)?;
         match &self.shapes[*shape as usize] {

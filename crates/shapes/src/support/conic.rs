@@ -270,6 +270,33 @@ impl<M: Mapping> Clipped<M> {
     }
 }
 
+impl<M: Mapping> Clipped<M> {
+    /// The surface of a part near a point of object space, also beyond the box.
+    #[inline(always)]
+    fn surface_near(&self, p: DVec3, primitive: u32, needs: SurfaceAttributes) -> SurfaceInteraction {
+        let conic = &self.conic;
+        let (on_quadric, half, slack) = conic.project(p);
+        let smooth = select(half.length_squared() > 0.0, 1.0, 0.0);
+        let gradient = half + (1.0 - smooth) * conic.tip;
+        let n = conic.face_normal(primitive);
+        let cap = primitive != 0;
+        let on_face = |n: f64, low: f64, high: f64, p: f64| select(n < 0.0, low, select(n > 0.0, high, p));
+        let part = |i: usize| {
+            let flat = on_face(n[i], conic.min[i], conic.max[i], p[i]);
+            (select(cap, flat, on_quadric[i]), select(cap, n[i], gradient[i]))
+        };
+        let ((x, g_x), (y, g_y), (z, g_z)) = (part(0), part(1), part(2));
+        let (p, gradient) = (DVec3::new(x, y, z), DVec3::new(g_x, g_y, g_z));
+        let slack = select(cap, 0.0, slack);
+        let (position, error, n_g) = self.frame.point_with_gradient(p, gradient, slack);
+        let mut point = SurfaceInteraction::new(position, error, n_g);
+        if needs.contains(SurfaceAttributes::UV) {
+            point.uv = self.mapping.uv(p, primitive);
+        }
+        point
+    }
+}
+
 impl<M: Mapping> ShapeKernel for Clipped<M> {
     fn bounds(&self) -> Aabb {
         self.bounds
@@ -316,28 +343,9 @@ impl<M: Mapping> ShapeKernel for Clipped<M> {
         hit: &PreliminaryIntersection,
         needs: SurfaceAttributes,
     ) -> SurfaceInteraction {
-        let conic = &self.conic;
         let p = self.frame.point_to_object(ray.at(hit.t));
-        let p = p.max(conic.min).min(conic.max);
-        let (on_quadric, half, slack) = conic.project(p);
-        let smooth = select(half.length_squared() > 0.0, 1.0, 0.0);
-        let gradient = half + (1.0 - smooth) * conic.tip;
-        let n = conic.face_normal(hit.primitive);
-        let cap = hit.primitive != 0;
-        let on_face = |n: f64, low: f64, high: f64, p: f64| select(n < 0.0, low, select(n > 0.0, high, p));
-        let part = |i: usize| {
-            let flat = on_face(n[i], conic.min[i], conic.max[i], p[i]);
-            (select(cap, flat, on_quadric[i]), select(cap, n[i], gradient[i]))
-        };
-        let ((x, g_x), (y, g_y), (z, g_z)) = (part(0), part(1), part(2));
-        let (p, gradient) = (DVec3::new(x, y, z), DVec3::new(g_x, g_y, g_z));
-        let slack = select(cap, 0.0, slack);
-        let (position, error, n_g) = self.frame.point_with_gradient(p, gradient, slack);
-        let mut point = SurfaceInteraction::new(position, error, n_g);
-        if needs.contains(SurfaceAttributes::UV) {
-            point.uv = self.mapping.uv(p, hit.primitive);
-        }
-        point
+        let p = p.max(self.conic.min).min(self.conic.max);
+        self.surface_near(p, hit.primitive, needs)
     }
 
     fn parts(&self) -> Vec<SurfacePart> {
@@ -351,9 +359,8 @@ impl<M: Mapping> ShapeKernel for Clipped<M> {
         q: DVec3,
         needs: SurfaceAttributes,
     ) -> Option<SurfaceInteraction> {
-        let there = PreliminaryIntersection { t: 0.0, ..*hit };
-        let there = ShapeKernel::surface(self, &Ray::new(q, point.n_g), &there, needs);
-        Some(goes_on(there, point))
+        let q = self.frame.point_to_object(q);
+        Some(goes_on(self.surface_near(q, hit.primitive, needs), point))
     }
 
     fn is_solid(&self) -> bool {
