@@ -43,6 +43,7 @@ pub use shading::color::Rgb;
 pub use shading::glossy_lobe::GlossyLobe;
 pub use shading::integrator::{Counters, Integrator, LightMemory, Scene, Scratch, TreeNode};
 pub use shading::light::{Light, LightFlags, LightSample};
+pub use shading::light_tree::LightBounds;
 pub use shading::material::{
     BsdfFlags, IncidentLight, LaneMask, LightSamples, Material, MaterialRef, SpecularRay, SpecularRayKind,
     SpecularRayStream, SpecularRayStreams, SpecularRays, Transmittance,
@@ -54,6 +55,6 @@ pub use shading::object_order::{ObjectOrder, Refused, View};
 pub use shading::path::{MediumState, PathLetter, PathState};
 pub use shading::ray_differential::{Footprint, RayDifferential};
 pub use shading::sampler::{Refinement, Sampler};
-pub use shading::shadow::ShadowMode;
+pub use shading::shadow::{DirectLighting, ShadowMode};
 pub use shading::texture::{ColorSource, Texture, TextureBytes};
 pub use whitstone_simd as simd;

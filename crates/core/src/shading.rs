@@ -6,6 +6,7 @@ pub(crate) mod color;
 pub(crate) mod glossy_lobe;
 pub(crate) mod integrator;
 pub(crate) mod light;
+pub(crate) mod light_tree;
 pub(crate) mod material;
 pub(crate) mod nested_dielectrics;
 pub(crate) mod object_order;

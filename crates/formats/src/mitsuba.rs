@@ -94,6 +94,7 @@ const FEATURES: &[Feature] = features! {
     Approximated "[integrator] whitted": "path: diffuse surfaces also light each other.";
     Approximated "[integrator] rasterizer": "direct.";
     Approximated "[integrator] shadows": "Shadows are opaque.";
+    Approximated "[integrator] light_cutoff": "All lights count, however faint.";
     Dropped "[[light]] falloff none": "Lights in Mitsuba always fall off with the squared distance.";
     Approximated "[[light]] projector with a coloured intensity": "The mean of its channels.";
     Approximated "[[light]] area": "An emitter on a visible surface, which lights from random points.";

@@ -93,6 +93,7 @@ const FEATURES: &[Feature] = features! {
     Approximated "[sampler] adaptive": "sobol with the most samples.";
     Approximated "[integrator]": "path with max_depth + 1 vertices, or 1: diffuse surfaces also light each other.";
     Approximated "[integrator] shadows": "Shadows are opaque.";
+    Approximated "[integrator] light_cutoff": "All lights count, however faint.";
     Dropped "[[light]] falloff none": "Lights in pbrt always fall off with the squared distance.";
     Approximated "[[light]] spot": "spot, whose falloff is smooth in the cosine of the angle.";
     Dropped "[[light]] image of a spot": "The light is written without it.";

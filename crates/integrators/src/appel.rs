@@ -6,12 +6,13 @@
 //! - Twin: the Mitsuba driver at depth 0, without branches.
 //! - Example: `scenes/integrators/appel.toml`.
 
-use crate::rules::Rules;
+use crate::rules::{Rules, no_cutoff};
 use schemars::JsonSchema;
 use serde::Deserialize;
+use whitstone_core::config::NonNegative;
 use whitstone_core::stream::{Colors, HitStream, RayStream};
 use whitstone_core::{
-    Context, Integrator, Integrators, Plugin, Ray, Rgb, Scene, SceneErrors, Scratch, ShadowMode,
+    Context, DirectLighting, Integrator, Integrators, Plugin, Ray, Rgb, Scene, SceneErrors, Scratch, ShadowMode,
 };
 
 /// Ray casting: local illumination with shadows, without reflected or refracted rays.
@@ -23,6 +24,10 @@ pub struct Config {
     /// no shadows.
     #[serde(default)]
     shadows: ShadowMode,
+    /// A light sample (a light, or a point of an area light) does not count where its irradiance is
+    /// below this in every channel, in W/m².
+    #[serde(default = "no_cutoff")]
+    light_cutoff: NonNegative,
 }
 
 /// The `appel` integrator; see the module documentation.
@@ -37,7 +42,10 @@ impl Plugin<Integrators> for Appel {
     fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Box<dyn Integrator>, SceneErrors> {
         Ok(Box::new(Self {
             rules: Rules {
-                shadows: config.shadows,
+                lighting: DirectLighting {
+                    shadows: config.shadows,
+                    light_cutoff: config.light_cutoff.get(),
+                },
                 branches: None,
             },
         }))

@@ -1,7 +1,7 @@
 //! Shared code of the integrators: emission and local illumination.
 
 use whitstone_core::{
-    BsdfFlags, DVec3, LightSamples, MediumState, Rgb, Scene, Scratch, SelfHitFilter, ShadowMode,
+    BsdfFlags, DVec3, DirectLighting, LightSamples, MediumState, Rgb, Scene, Scratch, SelfHitFilter,
     SurfaceInteraction,
 };
 
@@ -9,7 +9,7 @@ use whitstone_core::{
 /// that `point` sees. `medium`: the medium on the viewer's side.
 #[allow(clippy::too_many_arguments, reason = "all that shading depends on")]
 pub(crate) fn local_illumination(
-    shadows: ShadowMode,
+    lighting: DirectLighting,
     scene: &Scene,
     shape: u32,
     point: &SurfaceInteraction,
@@ -21,7 +21,7 @@ pub(crate) fn local_illumination(
     let (material, flags) = (&scene.materials[shape as usize], scene.flags_of(shape));
     let mut sum = Rgb::BLACK;
     if flags.contains(BsdfFlags::LOCAL) {
-        scene.gather_lights(point, view, skip, shadows, medium, scratch);
+        scene.gather_lights(point, view, skip, lighting, medium, scratch);
         let light = LightSamples {
             ambient: scene.ambient,
             lights: &scratch.incoming,

@@ -15,15 +15,16 @@ mod bins;
 mod fill;
 mod gouraud;
 
-use crate::rules::Rules;
+use crate::rules::{Rules, no_cutoff};
 use bins::Bins;
 use fill::{Depths, Projected, project};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use toml::Spanned;
+use whitstone_core::config::NonNegative;
 use whitstone_core::stream::{Colors, HitStream, Lanes, RayStream};
 use whitstone_core::{
-    Context, DMat4, DVec2, DVec3, DVec4, Integrator, Integrators, Interval, LoweredShape, ObjectOrder,
+    Context, DMat4, DVec2, DVec3, DVec4, DirectLighting, Integrator, Integrators, Interval, LoweredShape, ObjectOrder,
     Plugin, Ray, Refused, Rgb, Scene, SceneError, SceneErrors, Scratch, SelfHitFilter, ShadowMode, View,
 };
 
@@ -36,6 +37,10 @@ pub struct Config {
     /// no shadows.
     #[serde(default)]
     shadows: ShadowMode,
+    /// A light sample (a light, or a point of an area light) does not count where its irradiance is
+    /// below this in every channel, in W/m².
+    #[serde(default = "no_cutoff")]
+    light_cutoff: NonNegative,
     /// Interpolation over a triangle: "phong" interpolates normals; "gouraud" interpolates colours
     /// and requires `shadows = "none"`.
     #[serde(default)]
@@ -57,7 +62,7 @@ enum Interpolation {
 /// The `rasterizer` integrator; see the module documentation.
 #[derive(Clone, Copy)]
 pub struct Rasterizer {
-    shadows: ShadowMode,
+    lighting: DirectLighting,
     interpolation: Interpolation,
 }
 
@@ -65,7 +70,7 @@ impl Rasterizer {
     /// The rules of tracing: local illumination at the nearest hit, without branches.
     fn rules(&self) -> Rules {
         Rules {
-            shadows: self.shadows,
+            lighting: self.lighting,
             branches: None,
         }
     }
@@ -85,7 +90,7 @@ impl Rasterizer {
                 for lane in 0..rays.len {
                     out.set(
                         lane,
-                        gouraud::radiance(scene, &rays.ray(lane), hits.get(lane), scratch),
+                        gouraud::radiance(self.lighting, scene, &rays.ray(lane), hits.get(lane), scratch),
                     );
                 }
             }
@@ -100,12 +105,15 @@ impl Plugin<Integrators> for Rasterizer {
     fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Box<dyn Integrator>, SceneErrors> {
         let interpolation = config.interpolation.as_ref();
         let rasterizer = Self {
-            shadows: config.shadows,
+            lighting: DirectLighting {
+                    shadows: config.shadows,
+                    light_cutoff: config.light_cutoff.get(),
+                },
             interpolation: interpolation.map_or(Interpolation::Phong, |found| *found.get_ref()),
         };
         if let Some(place) = interpolation
             && rasterizer.interpolation == Interpolation::Gouraud
-            && rasterizer.shadows != ShadowMode::None
+            && config.shadows != ShadowMode::None
         {
             let error = SceneError::at(place.span(), "shadows cannot be interpolated between vertices");
             return Err(error.with_help("add shadows = \"none\"").into());
@@ -128,7 +136,7 @@ impl Integrator for Rasterizer {
                 let hit = scene
                     .accelerator
                     .intersect(ray, Interval::FORWARD, SelfHitFilter::NOTHING);
-                gouraud::radiance(scene, ray, hit, scratch)
+                gouraud::radiance(self.lighting, scene, ray, hit, scratch)
             }
         }
     }

@@ -3,16 +3,22 @@
 use crate::local_illumination::local_illumination;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use whitstone_core::config::NonNegative;
 use whitstone_core::{
-    BsdfFlags, DVec3, Interval, MediumState, PathState, Ray, Rgb, Scene, Scratch, SelfHitFilter, ShadowMode,
-    SpecularRay, SpecularRayKind, SpecularRays, SurfaceInteraction,
+    BsdfFlags, DVec3, DirectLighting, Interval, MediumState, PathState, Ray, Rgb, Scene, Scratch,
+    SelfHitFilter, SpecularRay, SpecularRayKind, SpecularRays, SurfaceInteraction,
 };
 
 /// The rays that are traced at a surface.
 pub(crate) struct Rules {
-    pub(crate) shadows: ShadowMode,
+    pub(crate) lighting: DirectLighting,
     /// `None`: local illumination only.
     pub(crate) branches: Option<Limits>,
+}
+
+/// The default of `light_cutoff`: every light counts.
+pub(crate) fn no_cutoff() -> NonNegative {
+    NonNegative::new(0.0).expect("0 is not negative")
 }
 
 /// Limits on tracing branches.
@@ -85,7 +91,7 @@ impl Rules {
                 inside: path.inside,
             };
             local = local_illumination(
-                self.shadows,
+                self.lighting,
                 scene,
                 hit.shape,
                 &point,

@@ -12,8 +12,8 @@ use whitstone_core::stream::{
     Colors, GROUP, HitStream, LANES, Lanes, NO_SHAPE, RayStream, SurfaceStream, Vectors, groups,
 };
 use whitstone_core::{
-    BsdfFlags, Counters, LightMemory, Material, MediumStack, PathLetter, Rgb, Scene, Scratch,
-    SpecularRayStream, SpecularRayStreams, simd,
+    BsdfFlags, DirectLighting, LightMemory, LightSamples, Material, MediumStack, MediumState, PathLetter,
+    Rgb, Scene, Scratch, SpecularRayStream, SpecularRayStreams, simd,
 };
 
 /// Working memory: about 200 KiB per thread.
@@ -79,8 +79,8 @@ impl Rules {
         let m = &mut *memory;
         m.current.start(rays);
         out.fill(rays.len, Rgb::BLACK);
-        m.trace(scene, &mut scratch.counters);
-        self.waves(scene, m, &mut scratch.counters, out);
+        m.trace(scene, scratch);
+        self.waves(scene, m, scratch, out);
         scratch.put_memory(memory);
     }
 
@@ -98,23 +98,23 @@ impl Rules {
         m.current.start(rays);
         out.fill(rays.len, Rgb::BLACK);
         swap(&mut m.hits, hits);
-        self.waves(scene, m, &mut scratch.counters, out);
+        self.waves(scene, m, scratch, out);
         scratch.put_memory(memory);
     }
 
     /// Traces waves until no pixel has a pending ray. The hits of the current rays must be known.
-    fn waves(&self, scene: &Scene, m: &mut Memory, counters: &mut Counters, out: &mut Colors) {
+    fn waves(&self, scene: &Scene, m: &mut Memory, scratch: &mut Scratch, out: &mut Colors) {
         while m.current.rays.len > 0 {
-            self.wave(scene, m, counters, out);
+            self.wave(scene, m, scratch, out);
             swap(&mut m.current, &mut m.next);
             if m.current.rays.len > 0 {
-                m.trace(scene, counters);
+                m.trace(scene, scratch);
             }
         }
     }
 
     /// Shades the hits of the current rays and collects the next ray of each pixel in `next`.
-    fn wave(&self, scene: &Scene, m: &mut Memory, counters: &mut Counters, out: &mut Colors) {
+    fn wave(&self, scene: &Scene, m: &mut Memory, scratch: &mut Scratch, out: &mut Colors) {
         m.next.clear();
         let len = m.current.rays.len;
         if m.current.absorbing {
@@ -123,7 +123,7 @@ impl Rules {
         if let Some(shape) = only(&m.hits.id.shape, len) {
             swap(&mut m.group, &mut m.current);
             swap(&mut m.group_hits, &mut m.hits);
-            self.shade(scene, shape, m, counters, out);
+            self.shade(scene, shape, m, scratch, out);
             return;
         }
         let mut by_shape = std::mem::take(&mut m.by_shape);
@@ -134,14 +134,14 @@ impl Rules {
                 #[inline(always)]
                 || m.group_hits.gather(0, &m.hits, lanes),
             );
-            self.shade(scene, shape, m, counters, out);
+            self.shade(scene, shape, m, scratch, out);
         });
         m.by_shape = by_shape;
     }
 
     /// Adds the contribution of the rays in `group`, which all hit this shape or all miss, to their
     /// pixels, and collects their next rays.
-    fn shade(&self, scene: &Scene, shape: u32, m: &mut Memory, counters: &mut Counters, out: &mut Colors) {
+    fn shade(&self, scene: &Scene, shape: u32, m: &mut Memory, scratch: &mut Scratch, out: &mut Colors) {
         if shape == NO_SHAPE {
             background(scene, &m.group, &mut m.radiance);
             weigh(&m.group, &mut m.radiance);
@@ -153,13 +153,16 @@ impl Rules {
         scene.surface_stream(shape, &m.group.rays, &m.group_hits, &mut m.points);
         let material = &*scene.materials[shape as usize];
         let lobes = scene.flags_of(shape);
-        scene.count_shaded(shape, len, counters);
+        scene.count_shaded(shape, len, &mut scratch.counters);
         let shown = lobes.intersects(BsdfFlags::LOCAL_OR_EMISSIVE);
         if lobes.contains(BsdfFlags::LOCAL) {
             let (points, origin_primitive, media) = (&m.points, &m.group_hits.id, &m.group.absorption);
-            let shadows = self.shadows;
-            scene.gather_lights_stream(points, origin_primitive, media, shadows, &mut m.lights, counters);
-            material.local_illumination_stream(points, scene.ambient, &m.lights.samples, &mut m.radiance);
+            let (lighting, counters) = (self.lighting, &mut scratch.counters);
+            if scene.gather_lights_stream(points, origin_primitive, media, lighting, &mut m.lights, counters) {
+                material.local_illumination_stream(points, scene.ambient, &m.lights.samples, &mut m.radiance);
+            } else {
+                m.illuminate_singly(scene, material, lighting, scratch);
+            }
         } else {
             m.radiance.fill(len, Rgb::BLACK);
         }
@@ -195,11 +198,33 @@ impl Rules {
 
 impl Memory {
     /// Intersects the current rays with the scene.
-    fn trace(&mut self, scene: &Scene, counters: &mut Counters) {
-        counters.closest += self.current.rays.len as u64;
+    fn trace(&mut self, scene: &Scene, scratch: &mut Scratch) {
+        scratch.counters.closest += self.current.rays.len as u64;
         scene
             .accelerator
             .intersect_stream(&self.current.rays, &mut self.hits);
+    }
+
+    /// Local illumination of the points one by one, by more lights than streams hold.
+    fn illuminate_singly(
+        &mut self,
+        scene: &Scene,
+        material: &dyn Material,
+        lighting: DirectLighting,
+        scratch: &mut Scratch,
+    ) {
+        for lane in 0..self.group.rays.len {
+            let (point, view) = (self.points.get(lane), self.points.view.get(lane));
+            let skip = self.group_hits.id.skip(lane);
+            let medium = MediumState::absorbing(self.group.absorption.get(lane));
+            scene.gather_lights(&point, view, skip, lighting, medium, scratch);
+            let light = LightSamples {
+                ambient: scene.ambient,
+                lights: &scratch.incoming,
+            };
+            let radiance = material.local_illumination(&point, view, &light);
+            self.radiance.set(lane, radiance);
+        }
     }
 
     /// Adds the emission of the material.

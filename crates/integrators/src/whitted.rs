@@ -11,13 +11,13 @@
 //! - Twin: the Mitsuba driver, which traverses the same tree level by level.
 //! - Example: `scenes/integrators/whitted.toml`.
 
-use crate::rules::{Beyond, Limits, Rules};
+use crate::rules::{Beyond, Limits, Rules, no_cutoff};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::config::{IntegerIn, NonNegative};
 use whitstone_core::stream::{Colors, HitStream, RayStream};
 use whitstone_core::{
-    Context, Integrator, Integrators, Plugin, Ray, Rgb, Scene, SceneErrors, Scratch, ShadowMode,
+    Context, DirectLighting, Integrator, Integrators, Plugin, Ray, Rgb, Scene, SceneErrors, Scratch, ShadowMode,
 };
 
 /// Recursive ray tracing: local illumination, plus a reflected and a refracted ray where the
@@ -30,7 +30,7 @@ pub struct Config {
     #[serde(default = "six")]
     max_depth: IntegerIn<0, 100_000>,
     /// Branches whose throughput is below this in every channel are not traced.
-    #[serde(default = "zero")]
+    #[serde(default = "no_minimum")]
     min_contribution: NonNegative,
     /// Radiance of branches beyond `max_depth`: "background" or "black".
     #[serde(default)]
@@ -40,13 +40,17 @@ pub struct Config {
     /// no shadows.
     #[serde(default)]
     shadows: ShadowMode,
+    /// A light sample (a light, or a point of an area light) does not count where its irradiance is
+    /// below this in every channel, in W/m².
+    #[serde(default = "no_cutoff")]
+    light_cutoff: NonNegative,
 }
 
 fn six() -> IntegerIn<0, 100_000> {
     IntegerIn::new(6).expect("6 is in range")
 }
 
-fn zero() -> NonNegative {
+fn no_minimum() -> NonNegative {
     NonNegative::new(0.0).expect("0 is not negative")
 }
 
@@ -62,7 +66,10 @@ impl Plugin<Integrators> for Whitted {
     fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Box<dyn Integrator>, SceneErrors> {
         Ok(Box::new(Self {
             rules: Rules {
-                shadows: config.shadows,
+                lighting: DirectLighting {
+                    shadows: config.shadows,
+                    light_cutoff: config.light_cutoff.get(),
+                },
                 branches: Some(Limits {
                     max_depth: config.max_depth.get(),
                     min_contribution: config.min_contribution.get(),

@@ -22,8 +22,8 @@ use toml::Spanned;
 use whitstone_core::config::{Color, FilePath, IntegerIn, TransformSteps};
 use whitstone_core::stream::{LANES, SampleStreams, Vectors};
 use whitstone_core::{
-    Aabb, Context, DVec3, Light, LightFlags, LightSample, Lights, Plugin, Rgb, SceneError, SceneErrors,
-    Transform, TriangleMesh,
+    Aabb, Context, DVec3, Light, LightBounds, LightFlags, LightSample, Lights, Plugin, Rgb, SceneError,
+    SceneErrors, Transform, TriangleMesh,
 };
 
 /// Upper limit of points of a mesh; each one costs a shadow ray per surface point.
@@ -331,6 +331,12 @@ impl Light for Area {
         };
         let shines = self.intensities.iter().any(|intensity| !intensity.is_black());
         shines && self.points.iter().any(faces_bounds)
+    }
+
+    fn bounds(&self) -> Option<LightBounds> {
+        let positions: Vec<DVec3> = self.points.iter().map(|point| point.position).collect();
+        let intensities = self.intensities.iter().map(|intensity| intensity.max_component());
+        emission::bounds(&positions, intensities.fold(0.0, f64::max), self.falloff)
     }
 }
 

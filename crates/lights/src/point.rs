@@ -10,7 +10,7 @@ use std::sync::Arc;
 use whitstone_core::config::{Color, Vector3};
 use whitstone_core::stream::{SampleStreams, Vectors};
 use whitstone_core::{
-    Aabb, Context, DVec3, Light, LightFlags, LightSample, Lights, Plugin, Rgb, SceneErrors,
+    Aabb, Context, DVec3, Light, LightBounds, LightFlags, LightSample, Lights, Plugin, Rgb, SceneErrors,
 };
 
 /// A point light that emits equally in all directions.
@@ -67,6 +67,10 @@ impl Light for Point {
 
     fn affects_bounds(&self, _: &Aabb) -> bool {
         !self.intensity.is_black()
+    }
+
+    fn bounds(&self) -> Option<LightBounds> {
+        emission::bounds(&[self.position], self.intensity.max_component(), self.falloff)
     }
 }
 

@@ -19,7 +19,7 @@ use toml::Spanned;
 use whitstone_core::config::{Color, Finite, TextureRef, Vector3};
 use whitstone_core::stream::{SampleStreams, Vectors};
 use whitstone_core::{
-    Aabb, ColorSource, Context, DVec2, DVec3, Light, LightFlags, LightSample, Lights, Plugin, Rgb,
+    Aabb, ColorSource, Context, DVec2, DVec3, Light, LightBounds, LightFlags, LightSample, Lights, Plugin, Rgb,
     SceneError, SceneErrors,
 };
 
@@ -161,6 +161,13 @@ impl Light for Projector {
         // False if a distance is NaN: the light is assumed to reach the box.
         let misses = farthest > radius + 1e-9 * (out.length() + radius);
         !(self.intensity.is_black() || self.image.is_black() || misses)
+    }
+
+    /// Brightest in the corners, where d/z is largest.
+    fn bounds(&self) -> Option<LightBounds> {
+        let stretch = (1.0 + self.half.length_squared()).sqrt().powi(3);
+        let intensity = (self.intensity * self.image.constant()?).max_component();
+        emission::bounds(&[self.position], intensity * stretch, Falloff::InverseSquare)
     }
 }
 

@@ -18,7 +18,7 @@ use toml::Spanned;
 use whitstone_core::config::{Color, Finite, TextureRef, Vector3};
 use whitstone_core::stream::{SampleStreams, Vectors};
 use whitstone_core::{
-    Aabb, ColorSource, Context, DVec2, DVec3, Light, LightFlags, LightSample, Lights, Plugin, Rgb,
+    Aabb, ColorSource, Context, DVec2, DVec3, Light, LightBounds, LightFlags, LightSample, Lights, Plugin, Rgb,
     SceneError, SceneErrors,
 };
 
@@ -191,6 +191,15 @@ impl Light for Spot {
         let misses = beyond > 0.0 && (radius / out.length()).asin() < beyond;
         let dark = self.image.as_ref().is_some_and(|image| image.color.is_black());
         !(self.intensity.is_black() || dark || misses)
+    }
+
+    fn bounds(&self) -> Option<LightBounds> {
+        let brightest = match &self.image {
+            None => Rgb::WHITE,
+            Some(image) => image.color.constant()?,
+        };
+        let intensity = (self.intensity * brightest).max_component();
+        emission::bounds(&[self.position], intensity, self.falloff)
     }
 }
 

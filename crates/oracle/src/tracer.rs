@@ -122,6 +122,7 @@ struct Rules {
     min_contribution: f64,
     black_at_max_depth: bool,
     shadows: Shadows,
+    light_cutoff: f64,
     specular_rays: bool,
     /// Whether colours are computed at the vertices of triangles (Gouraud shading).
     at_corners: bool,
@@ -143,6 +144,8 @@ struct Whitted {
     min_contribution: f64,
     at_max_depth: Option<String>,
     shadows: Option<String>,
+    #[serde(default)]
+    light_cutoff: f64,
     interpolation: Option<String>,
 }
 
@@ -163,6 +166,7 @@ impl Rules {
             min_contribution,
             at_max_depth,
             shadows,
+            light_cutoff,
             interpolation,
         } = decode(&plugin.table)?;
         let shadows = match shadows.as_deref() {
@@ -175,6 +179,7 @@ impl Rules {
             min_contribution,
             black_at_max_depth: at_max_depth.as_deref() == Some("black"),
             shadows,
+            light_cutoff,
             specular_rays: plugin.name == "whitted",
             at_corners: interpolation.as_deref() == Some("gouraud"),
         })
@@ -487,7 +492,7 @@ impl Tracer {
             // Rule G of the model, and the light must be on the viewer's side of the shading
             // normal.
             let counts = n_g.dot(l) * n_g.dot(viewer) > 0.0 && material.n().dot(l) > 0.0;
-            if counts {
+            if counts && e.max_component() >= self.rules.light_cutoff {
                 sum += material.eval(l) * e * shadow(l, distance)?;
             }
         }

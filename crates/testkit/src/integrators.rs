@@ -409,7 +409,7 @@ pub fn integrator_laws(integrator: &dyn Integrator, shadows: bool) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::{MediumState, ShadowMode};
+    use whitstone_core::{DirectLighting, MediumState, ShadowMode};
 
     /// A recursive integrator with one bounce and a switch for each fault.
     #[derive(Default)]
@@ -458,7 +458,10 @@ mod tests {
                 &point,
                 view,
                 SelfHitFilter::leaving(&hit),
-                shadows,
+                DirectLighting {
+                    shadows,
+                    light_cutoff: 0.0,
+                },
                 MediumState::absorbing(Rgb::BLACK),
                 scratch,
             );

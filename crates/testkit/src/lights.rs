@@ -3,7 +3,7 @@
 use crate::spread::directions;
 use crate::streams::light_streams;
 use crate::textures::is_colour;
-use whitstone_core::{Aabb, DVec3, Light, LightFlags, LightSample, Rgb};
+use whitstone_core::{Aabb, DVec3, Light, LightBounds, LightFlags, LightSample, Rgb};
 
 fn samples(light: &dyn Light, point: DVec3) -> Vec<LightSample> {
     let mut out = Vec::new();
@@ -72,6 +72,9 @@ pub fn light_laws(light: &dyn Light) {
         .err();
     assert_eq!(broken, None, "streams must give the same light as single calls");
     dark_where_unaffected(light);
+    if let Some(bounds) = light.bounds() {
+        points.iter().for_each(|point| within_bounds(light, &bounds, *point));
+    }
     let ambient = light.ambient();
     assert!(
         is_colour(ambient),
@@ -87,6 +90,26 @@ pub fn light_laws(light: &dyn Light) {
         says || !reached,
         "a light with samples must have the flag `SAMPLES`"
     );
+}
+
+/// Checks that no sample at a point is brighter than the bounds of the light allow.
+fn within_bounds(light: &dyn Light, bounds: &LightBounds, point: DVec3) {
+    let LightBounds {
+        bounds,
+        max_intensity,
+    } = *bounds;
+    let outside = (bounds.min - point).max(point - bounds.max).max(DVec3::ZERO);
+    let distance = outside.length();
+    let limit = max_intensity / distance / distance * (1.0 + 1e-9);
+    for sample in samples(light, point) {
+        let found = sample.irradiance.max_component();
+        // True also if the limit is NaN.
+        let bright = found > limit;
+        assert!(
+            !bright,
+            "the irradiance {found} at {point} exceeds the bounds of the light, which allow {limit}"
+        );
+    }
 }
 
 /// Checks boxes of many sizes, near and far: where the light does not reach a box, its samples are

@@ -26,6 +26,7 @@ const KEPT: &str = "[scene]";
 const AOVS: &str = "[film] aovs";
 const DEPTH: &str = "[integrator] at_max_depth";
 const CUTOFF: &str = "[integrator] min_contribution";
+const LIGHT_CUTOFF: &str = "[integrator] light_cutoff";
 const SAMPLES: &str = "[sampler]";
 const CHANNELS: &str = "[texture] of three channels";
 
@@ -44,6 +45,11 @@ const FEATURES: &[Feature] = &[
         name: CUTOFF,
         treatment: Treatment::Approximated,
         how: "No faint rays are left out: POV-Ray's rule is another one.",
+    },
+    Feature {
+        name: LIGHT_CUTOFF,
+        treatment: Treatment::Approximated,
+        how: "All lights count, however faint.",
     },
     Feature {
         name: SAMPLES,
@@ -89,6 +95,7 @@ impl PovRayFormat {
             let feature = match change.split(['=', '.']).collect::<Vec<_>>()[..] {
                 ["film", ..] => AOVS,
                 ["integrator", "min_contribution", ..] => CUTOFF,
+                ["integrator", "light_cutoff", ..] => LIGHT_CUTOFF,
                 _ => DEPTH,
             };
             notes.add(FEATURES, feature, change.clone());

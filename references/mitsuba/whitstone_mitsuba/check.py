@@ -98,7 +98,7 @@ def _direct(built: Built, setting: Setting) -> Dict[str, Any]:
     if not document.integrator.shadows:
         raise NotApplicable('`shadows = "none"`: Mitsuba always traces shadow rays')
     bare = copy.copy(built)
-    bare.document = replace(document, integrator=replace(document.integrator, follow=False))
+    bare.document = replace(document, integrator=replace(document.integrator, follow=False, light_cutoff=0.0))
     bare.ambient_light = mi.Color3f(dr.opaque(mi.Float, 0.0))
     tracer = Tracer(bare, [setting])
     tracer.native_uv = True  # Mitsuba's integrators do not know the model's uv

@@ -45,6 +45,8 @@ class Integrator:
     gouraud: bool = False
     # Whether transparent surfaces attenuate shadow rays instead of blocking them.
     filtered: bool = False
+    # A lamp does not count where its irradiance is below this in every channel.
+    light_cutoff: float = 0.0
 
     def bounces(self, directions: int) -> int:
         """Upper bound on path length when every bounce splits into `directions` equally weighted
@@ -174,6 +176,7 @@ def _integrator(table: Any, errors: List[str], unsupported: List[str]) -> Option
         return None
     shadowing = fields.choice("shadows", "opaque", ("opaque", "filtered", "none"))
     shadows, filtered = shadowing != "none", shadowing == "filtered"
+    faintest = fields.number("light_cutoff", 0.0, lambda value: value >= 0, "a number >= 0")
     depth, cut, limit = 0, 0.0, False
     if kind == "whitted":
         depth = fields.integer("max_depth", 6, 0, 100000)
@@ -183,7 +186,7 @@ def _integrator(table: Any, errors: List[str], unsupported: List[str]) -> Option
     if gouraud and shadows:
         fields.error("interpolation", 'Gouraud shading has no shadows: add `shadows = "none"`')
     fields.close()
-    return Integrator(kind == "whitted", depth, cut, limit, shadows, gouraud, filtered)
+    return Integrator(kind == "whitted", depth, cut, limit, shadows, gouraud, filtered, faintest)
 
 
 def _only_triangles(tables: Any, camera: Optional[cameras.Camera], errors: List[str]) -> None:

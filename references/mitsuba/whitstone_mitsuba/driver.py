@@ -68,6 +68,7 @@ class Tracer:
         self._noise = mi.Float(np.array([setting.ulps * ULP for setting in table], dtype=np.float32))
         self._largest = mi.Bool(np.array([setting.largest for setting in table]))
         self._seed = mi.UInt32(np.array([setting.seed for setting in table], dtype=np.uint32))
+        self._faintest = dr.opaque(mi.Float, float(self.document.integrator.light_cutoff))
         self._cut = dr.opaque(mi.Float, float(self.document.integrator.min_contribution))
         self._pending: List[Any] = []
         self._budget: float = math.inf
@@ -434,6 +435,8 @@ class Tracer:
         side = dr.dot(n_g, v)
         n = dr.select(side >= 0, n_s, -n_s)
         counts = (dr.dot(n_g, l) * side > 0) & (dr.dot(n, l) > 0) & (dr.max(irradiance) > 0)
+        if self.document.integrator.light_cutoff > 0:
+            counts &= dr.max(irradiance) >= self._faintest
         if lamp.finite:
             counts &= ds.dist > 0
         visible = counts

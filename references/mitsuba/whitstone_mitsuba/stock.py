@@ -93,6 +93,8 @@ def why_not(document: Document) -> List[str]:
         reasons.append("integrator: Mitsuba always has shadows")
     elif document.integrator.filtered and any("T" in material.branches for material in materials):
         reasons.append("integrator: Mitsuba's shadows are opaque")
+    if document.integrator.light_cutoff > 0:
+        reasons.append("integrator: Mitsuba cuts off no faint lights")
     if document.integrator.gouraud:
         reasons.append("integrator: Mitsuba does not interpolate the colours of vertices")
     if max(document.lights.ambient) > 0 and any(material.ambient is not None for material in materials):

@@ -282,6 +282,8 @@ def _integrator(table: Any, context: Context) -> _Integrator:
     if shadowing == "filtered":
         fields.unsupported("POV-Ray's shadows through what is transparent follow a rule of its own", "shadows")
     shadows = shadowing != "none"
+    if fields.number("light_cutoff", 0.0, lambda value: value >= 0, "a number >= 0") > 0:
+        fields.unsupported("POV-Ray cuts off no faint lights", "light_cutoff")
     if kind == "whitted":
         level = 1 + fields.integer("max_depth", 6, 0, 100000)
         if level > MAX_LEVEL:

@@ -1,9 +1,10 @@
-//! `bench lights`: hundreds of lights, most of which illuminate only a small part of the scene.
+//! `bench lights`: hundreds of lights, most of which illuminate only a small part of the scene; and
+//! up to a hundred thousand, with `light_cutoff` and without.
 
 use super::machine::load;
 use super::median;
 use clap::Args;
-use serde_json::json;
+use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -23,8 +24,11 @@ const LAMPS: [[f64; 3]; 4] = [
     [0.9, 0.9, 0.8],
 ];
 
-/// Benchmark light culling: render a landscape of 380,192 triangles under 100 spots and 4 lamps
-/// with and without it, interleaved; the pictures must be identical
+/// Benchmark scenes with many lights
+///
+/// Renders a landscape of 380,192 triangles. First under 100 spots and 4 lamps, with and without
+/// light culling, interleaved; the images must be identical. Then at 64 x 48 under growing numbers
+/// of weak lamps, exactly and with `light_cutoff`, and prints the error that the cutoff causes.
 #[derive(Args, Debug)]
 pub(crate) struct Arguments {
     /// Width and height of the image in pixels
@@ -36,6 +40,12 @@ pub(crate) struct Arguments {
     /// Number of threads; 0 means one per core
     #[arg(long, value_name = "COUNT", default_value_t = 0)]
     threads: usize,
+    /// Numbers of weak lamps
+    #[arg(long, value_name = "COUNT,...", value_delimiter = ',', default_values_t = [100, 1_000, 10_000, 100_000])]
+    lamps: Vec<u32>,
+    /// Reach of a weak lamp in metres, by the cutoff; the landscape is 2 m wide
+    #[arg(long, value_name = "METRES", default_value_t = 0.2)]
+    reach: f64,
     /// Write all results to this file as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -44,11 +54,7 @@ pub(crate) struct Arguments {
 /// Runs the command.
 pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let pipeline = |culls: bool| -> Result<Pipeline, Failure> {
-        let text = scene(arguments.size);
-        let sources = Sources::from_text("lights", &text, Path::new("scenes"), &[])
-            .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
-        let report = |errors| Failure::usage(sources.report(&errors, false));
-        let mut built = Pipeline::load(&sources, registry, BuildOptions::default()).map_err(report)?;
+        let mut built = load_scene(&spots(arguments.size), registry)?;
         built.scene.culls_lights &= culls;
         Ok(built)
     };
@@ -90,6 +96,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         );
     }
     println!("  without culling {:.2} times as long", slow / fast);
+    let many = many_lamps(arguments, registry)?;
     if let Some(path) = &arguments.json {
         let row = |culling: bool, seconds: f64| {
             json!({
@@ -97,7 +104,9 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
                 "mrays_per_s": rate(seconds),
             })
         };
-        let text = json!({ "rows": [row(true, fast), row(false, slow)], "same": same, "load": load() });
+        let text = json!({
+            "rows": [row(true, fast), row(false, slow)], "same": same, "lamps": many, "load": load(),
+        });
         atomic::write_bytes(path, format!("{text:#}\n").as_bytes()).map_err(Failure::environment)?;
     }
     if same {
@@ -108,15 +117,95 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     }
 }
 
-/// A landscape seen obliquely from above, with a grid of spots over it, each illuminating a part,
-/// and lamps at the corners.
-fn scene(size: u32) -> String {
-    let mut text = format!(
-        "film = {{ width = {size}, height = {size} }}\n\
+fn load_scene(text: &str, registry: &Registry) -> Result<Pipeline, Failure> {
+    let sources = Sources::from_text("lights", text, Path::new("scenes"), &[])
+        .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
+    let report = |errors| Failure::usage(sources.report(&errors, false));
+    Pipeline::load(&sources, registry, BuildOptions::default()).map_err(report)
+}
+
+/// Times the landscape under each number of weak lamps, exactly and with a cutoff.
+fn many_lamps(arguments: &Arguments, registry: &Registry) -> Result<Vec<Value>, Failure> {
+    let options = RenderOptions {
+        threads: arguments.threads,
+        progress: None,
+    };
+    println!(
+        "64 x 48, 380,192 triangles, weak lamps; the cutoff lets each reach {} m",
+        arguments.reach
+    );
+    let mut rows = Vec::new();
+    for &count in &arguments.lamps {
+        let mut films = Vec::new();
+        for cutoff in [0.0, lamp_intensity(count) / (arguments.reach * arguments.reach)] {
+            let start = Instant::now();
+            let pipeline = load_scene(&lamps(count, cutoff), registry)?;
+            let loaded = start.elapsed().as_secs_f64();
+            // The hierarchy over the lights is built while rendering: each time is a first one.
+            let start = Instant::now();
+            let film = pipeline.render(options);
+            let seconds = start.elapsed().as_secs_f64();
+            let rays = film.counters.total();
+            let rate = 1e-6 * rays as f64 / seconds;
+            let error = films.first().map_or(0.0, |exact| relative_error(&film.rgb, exact));
+            println!(
+                "  {count:>7} lamps  cutoff {cutoff:<8.2e}  loading {loaded:6.3} s  rendering {seconds:7.3} s  {rays:>11} rays  {rate:6.2} Mrays/s  relative RMSE {error:.4}"
+            );
+            rows.push(json!({
+                "lamps": count, "light_cutoff": cutoff, "loading_s": loaded, "seconds": seconds,
+                "rays": rays, "mrays_per_s": rate, "relative_rmse": error,
+            }));
+            films.push(film.rgb);
+        }
+    }
+    Ok(rows)
+}
+
+/// The root of the mean squared difference, divided by the mean.
+fn relative_error(found: &[[f32; 3]], exact: &[[f32; 3]]) -> f64 {
+    let channels = |pixels: &[[f32; 3]]| pixels.iter().flatten().map(|c| f64::from(*c)).collect::<Vec<_>>();
+    let (found, exact) = (channels(found), channels(exact));
+    let count = exact.len() as f64;
+    let squares: f64 = found.iter().zip(&exact).map(|(a, b)| (a - b) * (a - b)).sum();
+    (squares / count).sqrt() / (exact.iter().sum::<f64>() / count)
+}
+
+/// A landscape seen obliquely from above.
+fn landscape(width: u32, height: u32) -> String {
+    format!(
+        "film = {{ width = {width}, height = {height} }}\n\
          [camera]\ntype = \"perspective\"\nlook_at = {{ origin = [0, -2.2, 1.6], target = [0, 0, 0], up = [0, 0, 1] }}\nfov = 50\n\
          [[shape]]\ntype = \"heightfield\"\ncolumns = 436\nrows = 436\n\
          material = {{ type = \"matte\", reflectance = 0.7 }}\n"
-    );
+    )
+}
+
+/// Radiant intensity of each of `count` weak lamps: together they light flat ground with about 1
+/// W/m² (2 pi times their number per square metre times their intensity).
+fn lamp_intensity(count: u32) -> f64 {
+    4.0 / (std::f64::consts::TAU * f64::from(count))
+}
+
+/// The landscape under weak lamps at pseudo-random places (the additive recurrence of the plastic
+/// number: Roberts 2018, *The unreasonable effectiveness of quasirandom sequences*).
+fn lamps(count: u32, cutoff: f64) -> String {
+    let mut text = landscape(64, 48);
+    let _ = writeln!(text, "[integrator]\ntype = \"whitted\"\nlight_cutoff = {cutoff:e}");
+    let intensity = lamp_intensity(count);
+    for number in 0..count {
+        let place = |step: f64| 2.0 * (f64::from(number) * step).fract() - 1.0;
+        let [x, y] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_3].map(place);
+        let _ = writeln!(
+            text,
+            "[[light]]\ntype = \"point\"\nposition = [{x}, {y}, 0.3]\nintensity = {intensity:e}"
+        );
+    }
+    text
+}
+
+/// The landscape with a grid of spots over it, each illuminating a part, and lamps at the corners.
+fn spots(size: u32) -> String {
+    let mut text = landscape(size, size);
     for number in 0..SIDE * SIDE {
         let place = |index: u32| (f64::from(index) + 0.5) / f64::from(SIDE) * 2.0 - 1.0;
         let [x, y] = [number % SIDE, number / SIDE].map(place);

@@ -1,3 +1,4 @@
+use crate::shading::light_tree::LightTree;
 use crate::shading::shadow::shadow_ray;
 use crate::simd;
 use crate::simd::select;
@@ -6,14 +7,14 @@ use crate::stream::{
     groups,
 };
 use crate::{
-    Accelerator, BsdfFlags, Context, Footprint, Geometry, IncidentLight, Interval, Light, LightFlags,
+    Aabb, Accelerator, BsdfFlags, Context, DirectLighting, Footprint, Geometry, IncidentLight, Interval, Light, LightFlags,
     LightSample, Material, MediumInterface, MediumStack, MediumState, NestedDielectrics, ObjectOrder,
     PathState, PreliminaryIntersection, Ray, RayDifferential, Refused, Rgb, SelfHitFilter, ShadowMode,
     SpecularRays, SurfaceAttributes, SurfaceInteraction, VertexAttributes, View,
 };
 use glam::DVec3;
 use std::any::Any;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Computes the radiance that arrives along a camera ray.
 pub trait Integrator: Send + Sync {
@@ -72,6 +73,9 @@ pub trait Integrator: Send + Sync {
 /// Number of lights from which culling them per stream of points pays off.
 const MANY_LIGHTS: usize = 8;
 
+/// Maximum number of light samples per point in streams, which take 60 MB then.
+const MAX_STREAMED_SAMPLES: usize = 4096;
+
 /// A scene as integrators see it, ready to trace.
 pub struct Scene {
     /// All shapes.
@@ -87,6 +91,8 @@ pub struct Scene {
     /// Whether lights that reach no point of a stream are skipped before they are sampled. The
     /// image does not change.
     pub culls_lights: bool,
+    /// The hierarchy over `lights`, built when an integrator first needs it.
+    light_tree: OnceLock<LightTree>,
     /// Sum of the ambient radiances.
     pub ambient: Rgb,
     /// Additional distance before a light at which shadow rays end, in metres, beyond the margin
@@ -148,6 +154,7 @@ impl Scene {
             accelerator,
             materials,
             culls_lights: samplers.len() >= MANY_LIGHTS,
+            light_tree: OnceLock::new(),
             lights: samplers,
             backgrounds,
             ambient,
@@ -381,21 +388,33 @@ impl Scene {
         point: &SurfaceInteraction,
         view: DVec3,
         skip: SelfHitFilter,
-        shadows: ShadowMode,
+        lighting: DirectLighting,
         medium: MediumState,
         scratch: &mut Scratch,
     ) {
+        let DirectLighting {
+            shadows,
+            light_cutoff,
+        } = lighting;
         let through = self.lets_through(shadows);
         scratch.incoming.clear();
         scratch.samples.clear();
-        for light in &self.lights {
-            light.samples(point.position, &mut scratch.samples);
+        let (lights, samples) = (&mut scratch.lights, &mut scratch.samples);
+        if self.bright_lights(light_cutoff, || Aabb::around([point.position]), lights) {
+            for light in lights {
+                self.lights[*light as usize].samples(point.position, samples);
+            }
+        } else {
+            for light in &self.lights {
+                light.samples(point.position, samples);
+            }
         }
         let n = point.n_towards(view);
         for sample in &scratch.samples {
             let lit = n.dot(sample.direction) > 0.0
                 && point.same_side(view, sample.direction)
-                && !sample.irradiance.is_black();
+                && !sample.irradiance.is_black()
+                && sample.irradiance.max_component() >= light_cutoff;
             if !lit {
                 continue;
             }
@@ -420,6 +439,19 @@ impl Scene {
                 irradiance,
             });
         }
+    }
+}
+
+impl Scene {
+    /// Finds the lights that can reach the cutoff at some point of a box, in the order of the
+    /// scene. Returns false if there are too few lights, or no cutoff, for this to pay off.
+    fn bright_lights(&self, cutoff: f64, points: impl FnOnce() -> Aabb, out: &mut Vec<u32>) -> bool {
+        let searches = cutoff > 0.0 && self.culls_lights;
+        if searches {
+            let tree = self.light_tree.get_or_init(|| LightTree::new(&self.lights));
+            tree.find(&points(), cutoff, out);
+        }
+        searches
     }
 }
 
@@ -448,6 +480,8 @@ pub struct LightMemory {
     /// Light samples; after [`Scene::gather_lights_stream`], those that do not reach their points
     /// are black.
     pub samples: SampleStreams,
+    /// Indices of the lights that can reach the cutoff.
+    bright: Vec<u32>,
     shadows: Box<ShadowRays>,
 }
 
@@ -455,26 +489,45 @@ impl Scene {
     /// [`Self::gather_lights`] for every point of a stream, into `memory.samples`.
     /// `origin_primitive` contains the primitives that the points lie on, `media` the absorption
     /// coefficients on the viewers' sides.
+    ///
+    /// Returns false, without a result, if there are too many samples to keep those of all points
+    /// at once.
+    #[must_use]
     pub fn gather_lights_stream(
         &self,
         points: &SurfaceStream,
         origin_primitive: &Ids,
         media: &Colors,
-        shadows: ShadowMode,
+        lighting: DirectLighting,
         memory: &mut LightMemory,
         counters: &mut Counters,
-    ) {
+    ) -> bool {
+        let DirectLighting {
+            shadows,
+            light_cutoff,
+        } = lighting;
         let LightMemory {
             samples,
+            bright,
             shadows: rays,
         } = memory;
         let ShadowRays { all, lit, hidden } = &mut **rays;
         samples.clear();
         let near = self.culls_lights.then(|| points.position.bounds(points.len));
-        for light in &self.lights {
+        let mut add = |light: &dyn Light| {
             if near.as_ref().is_none_or(|near| light.affects_bounds(near)) {
                 light.samples_stream(points.len, &points.position, samples);
             }
+            samples.len() <= MAX_STREAMED_SAMPLES
+        };
+        let bounds = || points.position.bounds(points.len);
+        let fits = if self.bright_lights(light_cutoff, bounds, bright) {
+            bright.iter().all(|light| add(&*self.lights[*light as usize]))
+        } else {
+            self.lights.iter().all(|light| add(&**light))
+        };
+        if !fits {
+            return false;
         }
         let (len, margin) = (points.len.min(LANES), self.light_margin);
         for samples in samples.iter_mut() {
@@ -488,7 +541,8 @@ impl Scene {
                             let sample = samples.get(lane);
                             let lit = (point.n_towards(view).dot(sample.direction) > 0.0)
                                 & point.same_side(view, sample.direction)
-                                & !sample.irradiance.is_black();
+                                & !sample.irradiance.is_black()
+                                & (sample.irradiance.max_component() >= light_cutoff);
                             faces[lane] = lit;
                             let (ray, free) = shadow_ray(&point, &sample, margin);
                             all.origin.set(lane, ray.origin);
@@ -541,6 +595,7 @@ impl Scene {
                 samples.irradiance.set(lane, Rgb::new(r, g, b));
             }
         }
+        true
     }
 }
 
@@ -549,6 +604,8 @@ impl Scene {
 pub struct Scratch {
     /// Light samples before the shadow test.
     pub samples: Vec<LightSample>,
+    /// Indices of the lights that are sampled.
+    lights: Vec<u32>,
     /// Lights that reach the point being shaded.
     pub incoming: Vec<IncidentLight>,
     /// Rays that are still to be traced.

@@ -1,5 +1,5 @@
 use crate::stream::{Colors, SampleStreams, Vectors};
-use crate::{Aabb, Rgb};
+use crate::{Aabb, LightBounds, Rgb};
 use glam::DVec3;
 use std::ops::{BitOr, BitOrAssign};
 
@@ -42,6 +42,12 @@ pub trait Light: Send + Sync {
     fn affects_bounds(&self, bounds: &Aabb) -> bool {
         let _ = bounds;
         true
+    }
+
+    /// Bounds on the samples, for a light whose irradiance falls off with the squared distance;
+    /// `None` for others. Where they are below the `light_cutoff` of a scene, the light is skipped.
+    fn bounds(&self) -> Option<LightBounds> {
+        None
     }
 
     /// Uniform radiance from all directions, for the ambient terms of materials.

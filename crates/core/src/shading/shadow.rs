@@ -28,6 +28,15 @@ pub enum ShadowMode {
     None,
 }
 
+/// The lights that count at a surface point.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct DirectLighting {
+    /// Treatment of surfaces between the point and a light.
+    pub shadows: ShadowMode,
+    /// A light sample does not count if its irradiance is below this in every channel, in W/m².
+    pub light_cutoff: f64,
+}
+
 impl ShadowMode {
     /// The BSDF flags of surfaces that let light through.
     pub(crate) fn passing(self) -> BsdfFlags {

@@ -79,6 +79,14 @@ impl ColorSource {
         }
     }
 
+    /// Its value, if it is the same everywhere.
+    pub fn constant(&self) -> Option<Rgb> {
+        match self {
+            Self::Constant(value) => Some(*value),
+            Self::Texture(_) => None,
+        }
+    }
+
     /// Whether it is known to be zero everywhere without evaluating it.
     pub fn is_black(&self) -> bool {
         matches!(self, Self::Constant(value) if value.is_black())

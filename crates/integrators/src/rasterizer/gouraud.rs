@@ -5,12 +5,13 @@
 
 use crate::local_illumination::local_illumination;
 use whitstone_core::{
-    BsdfFlags, DVec2, LoweredShape, MediumState, PathState, PreliminaryIntersection, Ray, Rgb, Scene,
-    Scratch, SelfHitFilter, ShadowMode,
+    BsdfFlags, DVec2, DirectLighting, LoweredShape, MediumState, PathState, PreliminaryIntersection, Ray, Rgb, Scene,
+    Scratch, SelfHitFilter,
 };
 
 /// Radiance along a camera ray that starts at the viewer.
 pub(super) fn radiance(
+    lighting: DirectLighting,
     scene: &Scene,
     ray: &Ray,
     hit: Option<PreliminaryIntersection>,
@@ -44,7 +45,7 @@ pub(super) fn radiance(
         if scene.flags_of(hit.shape).intersects(BsdfFlags::LOCAL_OR_EMISSIVE) {
             let (skip, medium) = (SelfHitFilter::leaving(&hit), MediumState::absorbing(Rgb::BLACK));
             sum += local_illumination(
-                ShadowMode::None,
+                lighting,
                 scene,
                 hit.shape,
                 &point,
@@ -65,7 +66,8 @@ mod tests {
     use super::*;
     use std::sync::Arc;
     use whitstone_core::{
-        Accelerator, DVec3, Geometry, Interval, Material, Statistics, TriangleMesh, triangle::ShearedRay,
+        Accelerator, DVec3, Geometry, Interval, Material, ShadowMode, Statistics, TriangleMesh,
+        triangle::ShearedRay,
     };
     use whitstone_testkit::{Lamp, Simple};
 
@@ -131,7 +133,11 @@ mod tests {
         let hit = scene
             .accelerator
             .intersect(&ray, Interval::FORWARD, SelfHitFilter::NOTHING);
-        let found = radiance(&scene, &ray, hit, &mut Scratch::default());
+        let unshadowed = DirectLighting {
+            shadows: ShadowMode::None,
+            light_cutoff: 0.0,
+        };
+        let found = radiance(unshadowed, &scene, &ray, hit, &mut Scratch::default());
         assert!((found.g - 2.0 * mean).abs() < 1e-14, "{found:?} {mean}");
         // Shaded directly, the middle would be bright.
         assert!(2.0 * cosine(&middle) > 3.0 * found.g, "{}", cosine(&middle));

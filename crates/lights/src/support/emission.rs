@@ -4,7 +4,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use whitstone_core::stream::{GROUP, SampleStreams, Vectors, groups};
-use whitstone_core::{Aabb, DVec3, LightSample, Rgb, simd};
+use whitstone_core::{Aabb, DVec3, LightBounds, LightSample, Rgb, simd};
 
 /// Falloff of a light with a position, as a function of the distance d.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
@@ -39,6 +39,14 @@ pub(crate) fn ball_around(bounds: &Aabb) -> (DVec3, f64) {
     // Rounding may put points of a surface outside of its box.
     let rounding = 1e-12 * center.abs().max_element();
     (center, (bounds.max - center).length() * (1.0 + 1e-12) + rounding)
+}
+
+/// The bounds of a light that emits at most `max_intensity` from each of its positions.
+pub(crate) fn bounds(positions: &[DVec3], max_intensity: f64, falloff: Falloff) -> Option<LightBounds> {
+    (falloff == Falloff::InverseSquare).then(|| LightBounds {
+        bounds: Aabb::around(positions.iter().copied()),
+        max_intensity,
+    })
 }
 
 /// [`sample`] for every point of a stream.

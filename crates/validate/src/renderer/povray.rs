@@ -88,6 +88,12 @@ impl Reference for PovRay {
                 ));
             }
         }
+        if key("light_cutoff").is_some() {
+            found.push(Adaptation::new(
+                "integrator.light_cutoff=0",
+                "POV-Ray cuts off no faint lights",
+            ));
+        }
         found
     }
 }

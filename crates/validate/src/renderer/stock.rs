@@ -102,6 +102,7 @@ impl Reference for Stock {
                 .and_then(|table| table.get(name))
                 .and_then(Value::as_str)
         };
+        let adapted = found.len();
         if key("type").is_none_or(|kind| kind == "whitted") {
             let kinds = kinds(scene);
             let has = |some: &[&str]| kinds.iter().any(|kind| some.contains(kind));
@@ -120,6 +121,13 @@ impl Reference for Stock {
                     "Mitsuba's `path` and `volpathmis` return black beyond their depth limit, and do not prune faint rays",
                 ));
             }
+        }
+        let cuts = integrator.is_some_and(|table| table.get("light_cutoff").is_some());
+        if cuts && found.len() == adapted {
+            found.push(Adaptation::new(
+                "integrator.light_cutoff=0",
+                "Mitsuba cuts off no faint lights",
+            ));
         }
         found
     }

@@ -83,6 +83,9 @@ impl<'a> Exporter<'a> {
             Some("none") => self.note("[integrator] shadows", "none"),
             _ => {}
         }
+        if table::number(settings, "light_cutoff").is_some_and(|cutoff| cutoff > 0.0) {
+            self.note("[integrator] light_cutoff", "integrator");
+        }
         let types = self.material_types();
         let lit = types.iter().any(|kind| LIT.contains(kind));
         self.lit = lit;

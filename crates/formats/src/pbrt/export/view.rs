@@ -147,6 +147,9 @@ impl Exporter<'_> {
         if let Some(shadows @ ("filtered" | "none")) = table::text(settings, "shadows") {
             self.note("[integrator] shadows", shadows);
         }
+        if table::number(settings, "light_cutoff").is_some_and(|cutoff| cutoff > 0.0) {
+            self.note("[integrator] light_cutoff", "integrator");
+        }
         self.note("[integrator]", "integrator");
         let depth = match table::kind(settings) {
             "" | "whitted" => table::number(settings, "max_depth").unwrap_or(6.0) as i64 + 1,
