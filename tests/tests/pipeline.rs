@@ -2,7 +2,7 @@
 
 use std::path::Path;
 use std::sync::Arc;
-use whitstone::core::{Aabb, BsdfFlags, DVec3, Light, LightFlags, LightSample, Rgb};
+use whitstone::core::{Aabb, BsdfFlags, DVec3, Light, LightBounds, LightFlags, LightSample, Rgb};
 use whitstone::render::{Pipeline, RenderOptions};
 use whitstone::scene::Sources;
 use whitstone_tests::{build, root};
@@ -94,6 +94,85 @@ fn many_lights_are_culled() {
         "what says that it does not reach is not asked"
     );
     assert_ne!(render(false, true), all);
+}
+
+/// A bulb that says that it is a million times fainter than it is.
+struct Modest;
+
+impl Light for Modest {
+    fn flags(&self) -> LightFlags {
+        LightFlags::SAMPLES
+    }
+    fn samples(&self, point: DVec3, out: &mut Vec<LightSample>) {
+        let (direction, distance) = (DVec3::new(0.0, 0.0, 4.0) - point).normalize_and_length();
+        out.push(LightSample {
+            direction,
+            distance,
+            irradiance: Rgb::splat(100.0 / (distance * distance)),
+        });
+    }
+    fn bounds(&self) -> Option<LightBounds> {
+        Some(LightBounds {
+            bounds: Aabb::around([DVec3::new(0.0, 0.0, 4.0)]),
+            max_intensity: 1e-4,
+        })
+    }
+}
+
+/// With `light_cutoff` the hierarchy over the lights changes no image, except for a light with
+/// wrong bounds; and the cutoff changes it by less than what it cuts off.
+#[test]
+fn faint_lights_do_not_count() {
+    const COUNT: u32 = 300;
+    let scene = |cutoff: f64, more: &str| {
+        let mut text = format!(
+            "[film]\nwidth = 48\nheight = 32\n[integrator]\ntype = \"whitted\"\nlight_cutoff = {cutoff:e}\n\
+             [[shape]]\ntype = \"rectangle\"\nmaterial = {{ type = \"whitted\", k_d = 0.5, k_refl = 0.25 }}\n\
+             transform = {{ scale = [3, 3, 1] }}\n\
+             [[shape]]\ntype = \"sphere\"\nmaterial = {{ type = \"matte\", reflectance = 0.5 }}\n{more}"
+        );
+        for number in 0..COUNT {
+            let place = |step: u32| f64::from(number * step % 101) / 101.0 * 6.0 - 3.0;
+            text += &format!(
+                "[[light]]\ntype = \"point\"\nposition = [{}, {}, 0.4]\nintensity = [0.01, 0.02, {}]\n",
+                place(37),
+                place(58),
+                0.001 * f64::from(number % 7)
+            );
+        }
+        pipeline(&text)
+    };
+    let render = |mut built: Pipeline, culls: bool, lies: bool| {
+        if lies {
+            built.scene.lights.push(Arc::new(Modest));
+        }
+        built.scene.culls_lights &= culls;
+        let film = built.render(RenderOptions::default());
+        (film.rgb, film.counters)
+    };
+    let cutoff = 0.05;
+    let exact = render(scene(0.0, ""), true, false);
+    let found = render(scene(cutoff, ""), true, false);
+    assert_eq!(render(scene(cutoff, ""), false, false), found);
+    assert!(2 * found.1.shadow < exact.1.shadow, "{:?} {:?}", found.1, exact.1);
+    assert_ne!(found.0, exact.0);
+    // Each light that does not count would have added at most the cutoff times 0.5, twice with the
+    // reflection.
+    let most = 0.5 * cutoff * 1.25 * f64::from(COUNT);
+    for (found, exact) in found.0.iter().flatten().zip(exact.0.iter().flatten()) {
+        let lost = f64::from(exact - found);
+        assert!((-1e-6..most).contains(&lost), "{lost}");
+    }
+    assert_eq!(render(scene(1e-300, ""), true, false), exact);
+    // One at a time: a nested dielectric, even if no ray meets it.
+    let glass = "[[shape]]\ntype = \"sphere\"\ncenter = [0, 0, 90]\nmaterial = { type = \"dielectric\", priority = 1 }\n";
+    let singly = scene(cutoff, glass);
+    assert!(singly.scene.requires_scalar_tracing());
+    assert_eq!(render(singly, true, false), found);
+    // The bounds of a light are believed.
+    let believed = render(scene(cutoff, ""), true, true);
+    assert_eq!(believed.0, found.0);
+    assert_ne!(render(scene(cutoff, ""), false, true).0, found.0);
 }
 
 /// What is left out is what would have been black: the picture is the same as with the light in

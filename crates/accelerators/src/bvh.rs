@@ -1,4 +1,5 @@
-//! A wide SIMD bounding volume hierarchy (BVH): the default accelerator of all but tiny scenes.
+//! A wide SIMD bounding volume hierarchy (BVH): the default accelerator. Exceptions are tiny scenes
+//! and those with many elements that single precision cannot separate or that have no area.
 //!
 //! - Nodes hold boxes in `f32`, leaves up to eight triangles. `docs/accelerators.md` proves that no
 //!   hit is missed.
@@ -50,7 +51,7 @@ use whitstone_core::{
 use whitstone_simd::{Level, with_lanes};
 use wide::Wide;
 
-/// A wide SIMD bounding volume hierarchy (BVH): the best choice for all but tiny scenes.
+/// A wide SIMD bounding volume hierarchy (BVH): the best choice for most scenes that are not tiny.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -82,7 +83,8 @@ pub struct Bvh {
 enum Hierarchy {
     /// With leaves in single precision.
     Eight(Eight),
-    /// With leaves in double precision, for AVX-512.
+    /// With leaves tested in double precision, for AVX-512. Their corners are stored in `f32` where
+    /// that is exact.
     Sixteen(Sixteen),
 }
 
@@ -205,8 +207,8 @@ impl Bvh {
 impl Eight {
     #[inline(always)]
     fn find<const ANY: bool>(&self, query: &Query<'_>) -> Option<PreliminaryIntersection> {
-        // Nodes and leaves are eight wide, so AVX-512 gains nothing for a single ray. It is 4%
-        // slower on some processors.
+        // Only tests build this form on processors with AVX-512, which gains nothing for a single
+        // ray here: nodes and leaves are eight wide.
         with_lanes(Level::Avx2, Search::<ANY, _>(self, query))
     }
 }

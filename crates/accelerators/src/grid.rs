@@ -11,8 +11,8 @@
 //!   cells are visited. Distances to planes are computed from the planes' coordinates, not
 //!   accumulated, so that errors do not grow along the ray.
 //! - An element in several cells is seldom tested twice: `Mailbox`.
-//! - Cost model: a ray through a grid of c³ cells visits about 3 c of them, and each step takes
-//!   about half the time of a test. More cells mean fewer tests and more steps; the two balance at
+//! - Cost model: a ray through a grid of c³ cells visits at most about 3 c of them, and about c on
+//!   average. Each step takes about half the time of a test. More cells mean fewer tests and more steps; the two balance at
 //!   a few cells per element if the elements are spread evenly. If they are not (the teapot in the
 //!   stadium), one cell holds nearly all of them and nothing is gained. A second level fixes one
 //!   such jump in scale (18,000 tests a ray become 46). Memory: `density` cells per element, and at

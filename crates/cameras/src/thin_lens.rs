@@ -5,8 +5,8 @@
 //! 4.3, rays start at points of the lens. The points are fixed: the n x n cell centres of a square,
 //! mapped to the disk (Shirley and Chiu, *A low distortion map between disk and square*, 1997).
 //!
-//! - Twin: Mitsuba `thinlens` (native), by formula where the window is not centred or its pixels
-//!   are not square.
+//! - Twin: Mitsuba `thinlens` (native), by formula where the aperture is 0, the window is not
+//!   centred or its pixels are not square.
 //! - Example: `scenes/cameras/thin_lens.toml`.
 
 use crate::support::pinhole::{FovAxis, Keys, Pinhole, Window, normalize};

@@ -12,7 +12,8 @@ use serde::Deserialize;
 use whitstone_core::config::NonNegative;
 use whitstone_core::stream::{Colors, HitStream, RayStream};
 use whitstone_core::{
-    Context, DirectLighting, Integrator, Integrators, Plugin, Ray, Rgb, Scene, SceneErrors, Scratch, ShadowMode,
+    Context, DirectLighting, Integrator, Integrators, Plugin, Ray, Rgb, Scene, SceneErrors, Scratch,
+    ShadowMode,
 };
 
 /// Ray casting: local illumination with shadows, without reflected or refracted rays.

@@ -1,5 +1,5 @@
 //! Rasterization: projects each triangle to the image and keeps the nearest one per sample in a
-//! depth buffer; shading is that of ray casting.
+//! depth buffer; shading is that of ray casting, unless `interpolation = "gouraud"`.
 //!
 //! Catmull, *A subdivision algorithm for computer display of curved surfaces*, 1974 (the depth
 //! buffer); Pineda, *A parallel algorithm for polygon rasterization*, 1988 (edge functions); Olano
@@ -24,8 +24,9 @@ use toml::Spanned;
 use whitstone_core::config::NonNegative;
 use whitstone_core::stream::{Colors, HitStream, Lanes, RayStream};
 use whitstone_core::{
-    Context, DMat4, DVec2, DVec3, DVec4, DirectLighting, Integrator, Integrators, Interval, LoweredShape, ObjectOrder,
-    Plugin, Ray, Refused, Rgb, Scene, SceneError, SceneErrors, Scratch, SelfHitFilter, ShadowMode, View,
+    Context, DMat4, DVec2, DVec3, DVec4, DirectLighting, Integrator, Integrators, Interval, LoweredShape,
+    ObjectOrder, Plugin, Ray, Refused, Rgb, Scene, SceneError, SceneErrors, Scratch, SelfHitFilter,
+    ShadowMode, View,
 };
 
 /// Rasterization of triangles with a depth buffer, local illumination and shadows.
@@ -106,9 +107,9 @@ impl Plugin<Integrators> for Rasterizer {
         let interpolation = config.interpolation.as_ref();
         let rasterizer = Self {
             lighting: DirectLighting {
-                    shadows: config.shadows,
-                    light_cutoff: config.light_cutoff.get(),
-                },
+                shadows: config.shadows,
+                light_cutoff: config.light_cutoff.get(),
+            },
             interpolation: interpolation.map_or(Interpolation::Phong, |found| *found.get_ref()),
         };
         if let Some(place) = interpolation
@@ -186,8 +187,7 @@ impl Integrator for Rasterizer {
         let (mut vertices, mut triangles) = (0, 0);
         for (shape, number) in view.geometry.shapes().iter().zip(0..) {
             let LoweredShape::Triangles(mesh) = shape else {
-                let help =
-                    "use a mesh, or the integrator \"appel\", which renders the same image by ray casting";
+                let help = "use a mesh, or the integrator \"appel\", which renders by ray casting: the same image, except with interpolation = \"gouraud\"";
                 return Err(refuse(Some(number), "only triangles can be rasterized", help));
             };
             vertices += mesh.positions.len();

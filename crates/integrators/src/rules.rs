@@ -144,7 +144,8 @@ impl Rules {
     }
 }
 
-/// The ray of a branch; `None` if rule G or its weight drops it.
+/// The ray of a branch; `None` if rule G (section 8 of the Whitted model) or its
+/// weight drops it.
 fn follow(
     path: &PathState,
     branch: &SpecularRay,

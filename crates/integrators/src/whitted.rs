@@ -17,7 +17,8 @@ use serde::Deserialize;
 use whitstone_core::config::{IntegerIn, NonNegative};
 use whitstone_core::stream::{Colors, HitStream, RayStream};
 use whitstone_core::{
-    Context, DirectLighting, Integrator, Integrators, Plugin, Ray, Rgb, Scene, SceneErrors, Scratch, ShadowMode,
+    Context, DirectLighting, Integrator, Integrators, Plugin, Ray, Rgb, Scene, SceneErrors, Scratch,
+    ShadowMode,
 };
 
 /// Recursive ray tracing: local illumination, plus a reflected and a refracted ray where the
@@ -126,8 +127,9 @@ impl Integrator for Whitted {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::Arc;
     use whitstone_core::stream::LANES;
-    use whitstone_core::{DVec3, SelfHitFilter, TreeNode};
+    use whitstone_core::{DVec3, Light, SelfHitFilter, TreeNode};
     use whitstone_testkit::{Lamp, Simple, Wall, build, floor, integrator_laws, world_of_walls};
 
     const SKY: Lamp = Lamp {
@@ -358,8 +360,8 @@ mod tests {
         }
     }
 
-    /// A lamp above two surfaces above a floor: the transmittance of each surface, the media
-    /// between them, and the cut-off.
+    /// A lamp above two surfaces above a floor: the transmittance of each surface and the
+    /// cut-off.
     #[test]
     fn shadow_rays_go_through_holes_and_filters() {
         let white = Simple {
@@ -409,12 +411,39 @@ mod tests {
         assert_eq!(lit("", thin, hole(1.0)), Rgb::BLACK);
     }
 
+    /// Streams hold the samples of some thousands of lights; those of more are gathered point by
+    /// point.
+    #[test]
+    fn thousands_of_lights_are_the_same_in_streams() {
+        let white = Simple {
+            diffuse: 1.0,
+            ..Simple::default()
+        };
+        let mut scene = world_of_walls(&[(floor(0.0), white), (floor(-1.0), white)], Lamp::default());
+        scene.lights = (0..5000)
+            .map(|k| -> Arc<dyn Light> {
+                Arc::new(Lamp {
+                    lamp: Some((DVec3::new(f64::from(k) * 1e-3, 3.0, 0.0), 1e-3)),
+                    ..Lamp::default()
+                })
+            })
+            .collect();
+        let rays: Vec<Ray> = (0..30)
+            .map(|k| Ray::new(DVec3::new(f64::from(k), 1.0, 0.0), DVec3::NEG_Y))
+            .collect();
+        same_in_streams("", &scene, &rays);
+        let lit = |text: &str| render(text, &scene, DVec3::NEG_Y).0.g;
+        assert!(lit("") > 1.0);
+        assert_eq!(lit("light_cutoff = 1e-3"), lit(""));
+        assert_eq!(lit("light_cutoff = 1.1e-3"), 0.0);
+    }
+
     #[test]
     fn faults_are_refused_at_their_places() {
-        let text = "max_depth = 100001\nmin_contribution = -1\nat_max_depth = \"grey\"\nshadows = \"soft\"";
+        let text = "max_depth = 100001\nmin_contribution = -1\nlight_cutoff = -2\nat_max_depth = \"grey\"\nshadows = \"soft\"";
         let errors = build::<Integrators, Whitted>(text, ()).err().unwrap();
         let mut found: Vec<&str> = errors.0.iter().map(|e| &text[e.span.clone().unwrap()]).collect();
         found.sort_unstable();
-        assert_eq!(found, ["\"grey\"", "\"soft\"", "-1", "100001"]);
+        assert_eq!(found, ["\"grey\"", "\"soft\"", "-1", "-2", "100001"]);
     }
 }

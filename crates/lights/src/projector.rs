@@ -19,8 +19,8 @@ use toml::Spanned;
 use whitstone_core::config::{Color, Finite, TextureRef, Vector3};
 use whitstone_core::stream::{SampleStreams, Vectors};
 use whitstone_core::{
-    Aabb, ColorSource, Context, DVec2, DVec3, Light, LightBounds, LightFlags, LightSample, Lights, Plugin, Rgb,
-    SceneError, SceneErrors,
+    Aabb, ColorSource, Context, DVec2, DVec3, Light, LightBounds, LightFlags, LightSample, Lights, Plugin,
+    Rgb, SceneError, SceneErrors,
 };
 
 /// Default angle of the image, in degrees.

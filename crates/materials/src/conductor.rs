@@ -195,7 +195,8 @@ impl Conductor {
     fn reflected(&self, point: &SurfaceInteraction, view: DVec3) -> (DVec3, Rgb) {
         let n = point.n_towards(view);
         // If the view grazes the geometric surface, rounding may put the viewer behind the normal.
-        // Rule G drops that branch.
+        // Rule G of the Whitted model (a reflected ray must leave on the viewer's side of the
+        // surface) then drops that branch.
         let (c, s) = (n.dot(view).abs(), n.cross(view).length());
         let [r, g, b] = self.channels.map(|index| index.reflectance(c, s));
         (reflect(n, view), Rgb::new(r, g, b))

@@ -1,8 +1,8 @@
 //! Normal mapping: shading normals from the colours of a texture.
 //!
 //! Cohen, Olano and Manocha 1998, *Appearance-preserving simplification* (tangent-space normals
-//! encoded as colours). The scene defines the tangent frame by a world-space direction or by an
-//! axis of rotation, so that it is exact for every shape.
+//! encoded as colours). The scene defines the tangent frame by a world-space direction or an axis
+//! of rotation, which are exact for every shape, or takes the tangents of a mesh.
 //!
 //! - Twin: hosted by the Mitsuba driver, which rotates the shading frame that Mitsuba's BSDFs see.
 //! - Example: `scenes/materials/normal_map.toml`.

@@ -3,8 +3,9 @@
 //! The density is trilinear between eight values, so along a ray it is a cubic in each cell.
 //! Marmitt, Kleer, Wald, Friedrich, Slusallek, *Fast and accurate ray-voxel intersection techniques
 //! for iso-surface ray tracing*, VMV 2004, split the cubic at its extrema. Here the cubic is in
-//! Bernstein form: by multilinearity its coefficients are values of the density at mixed endpoints.
-//! Neighbouring cells therefore compute identical bits on their common face. Cells are traversed as
+//! Bernstein form. By multilinearity its outer coefficients are the density at the ends of the
+//! segment, and each inner one is the mean of the density at three points that mix the coordinates
+//! of both ends. Neighbouring cells therefore compute identical bits on their common face. Cells are traversed as
 //! in Amanatides and Woo, *A fast voxel traversal algorithm*, Eurographics 1987. Blocks of cells
 //! whose values do not span the level are skipped at once.
 //!
@@ -191,8 +192,9 @@ impl Grid {
             }
         }
         for axis in 0..3 {
-            // One more cell on each side: the start of a traversal must not be a root, not even on
-            // the face.
+            // One more cell on each side, except at the border of the grid: a ray that enters the
+            // box one rounding late must still start outside the set, also where the surface lies
+            // on a face.
             grid.first[axis] = grid.first[axis].saturating_sub(1);
             grid.last[axis] = (grid.last[axis] + 1).min(grid.size[axis] - 1);
             // If no value spans the level, any cell will do.
@@ -513,7 +515,7 @@ mod tests {
     }
 
     /// Exact crossings of an axis-parallel ray at dyadic coordinates: the density is exact in
-    /// double precision, and linear between nodes.
+    /// double precision, or rounded in the last place, and linear between nodes.
     fn exact_crossings(size: [usize; 3], values: &[f64], axis: usize, [u, v]: [f64; 2]) -> Vec<f64> {
         let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
         let node = |i: usize| {
@@ -541,8 +543,8 @@ mod tests {
         found
     }
 
-    /// Rays through plateaus: values of -1, 0 and 1, also constant over whole cells, with the level
-    /// exactly at 0.
+    /// Rays through plateaus: values of 0, -1 and ±2^-k, also constant over whole cells, with the
+    /// level exactly at 0.
     #[test]
     fn no_root_is_missed_where_the_density_is_the_level_all_over_cells() {
         let mut random = Random::new(30);
@@ -550,8 +552,8 @@ mod tests {
         for case in 0..400 {
             let size = [2 + random.below(12), 2 + random.below(6), 2 + random.below(20)];
             let count = size.iter().product();
-            // Half of all values equal the level exactly; in some grids the others are very close
-            // to it.
+            // Half of all values equal the level exactly; in some grids a third are very close to
+            // it.
             let small = 0.5f64.powi(case % 50);
             let values: Vec<f64> = (0..count)
                 .map(|_| [0.0, 0.0, 0.0, small, -small, -1.0][random.below(6)])
@@ -565,8 +567,8 @@ mod tests {
                     eighths(size[(axis + 2) % 3], &mut random),
                 ];
                 let expected = exact_crossings(size, &values, axis, across);
-                // Converting to object space rounds unless the grid size happens to be a power of
-                // two, so ends are compared up to rounding.
+                // Converting to object space rounds unless the number of cells along the axis is a
+                // power of two, so roots are compared up to rounding.
                 let unit = shape.grid.cells_per_unit();
                 let mut cells = DVec3::ZERO;
                 cells[(axis + 1) % 3] = across[0];

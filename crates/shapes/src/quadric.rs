@@ -165,7 +165,8 @@ fn eighths(min: DVec3, max: DVec3) -> impl Iterator<Item = (DVec3, DVec3)> {
 fn diagonal(q: DMat3) -> (DMat3, DVec3) {
     let mut a = [0, 1, 2].map(|row| q.row(row).to_array());
     let mut turn = [0, 1, 2].map(|row| DMat3::IDENTITY.row(row).to_array());
-    // Convergence is quadratic: each sweep squares the off-diagonal elements. Five sweeps suffice.
+    // Convergence is quadratic: each sweep squares the off-diagonal elements. About
+    // five sweeps suffice; twelve are a safe limit, and elements that are already 0 are skipped.
     for (i, j) in [(0, 1), (0, 2), (1, 2)].into_iter().cycle().take(3 * 12) {
         if a[i][j] == 0.0 {
             continue;

@@ -73,7 +73,9 @@ pub fn light_laws(light: &dyn Light) {
     assert_eq!(broken, None, "streams must give the same light as single calls");
     dark_where_unaffected(light);
     if let Some(bounds) = light.bounds() {
-        points.iter().for_each(|point| within_bounds(light, &bounds, *point));
+        points
+            .iter()
+            .for_each(|point| within_bounds(light, &bounds, *point));
     }
     let ambient = light.ambient();
     assert!(

@@ -6,7 +6,8 @@
 //! sample (Kwatra, Essa, Bobick and Kwatra, *Texture optimization for example-based synthesis*,
 //! 2005) by plain least squares. All errors are integers, so every machine and the reference choose
 //! the same pieces. The weights of that paper, error^(r - 2) with r = 0.8, are not integers and
-//! would let rounding choose. `scenes/showcase/texture_optimization.toml` compares both.
+//! would let rounding choose. `scenes/showcase/texture_optimization.toml` shows a quilt without
+//! and with this optimisation.
 //!
 //! - Twin: Mitsuba `bitmap` (native; `trilinear` and `ewa` are hosted), of a picture quilted in
 //!   Python, written from the model.
@@ -203,7 +204,8 @@ impl Plugin<Textures> for Synthesized {
             Some(overlap) => {
                 let found = overlap.get_ref().get() as usize;
                 if 2 * found > block {
-                    let message = format!("expected at most half a block, which is {block}, found {found}");
+                    let message =
+                        format!("expected at most half of the block of {block} texels, found {found}");
                     return Err(SceneError::at(overlap.span(), message).into());
                 }
                 found
@@ -294,7 +296,7 @@ mod tests {
     use whitstone_core::hash::mix;
     use whitstone_testkit::{TestContext, build_in, texture_laws};
 
-    /// Two-tone noise from the hash.
+    /// Noise in two channels from the hash, the same for three texels in a row.
     pub(super) fn noise(width: usize, height: usize) -> Codes {
         let texel = |at: usize| {
             let hash = mix(at as u32 / 3);

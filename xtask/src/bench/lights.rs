@@ -44,7 +44,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "COUNT,...", value_delimiter = ',', default_values_t = [100, 1_000, 10_000, 100_000])]
     lamps: Vec<u32>,
     /// Reach of a weak lamp in metres, by the cutoff; the landscape is 2 m wide
-    #[arg(long, value_name = "METRES", default_value_t = 0.2)]
+    #[arg(long, value_name = "METRES", default_value_t = 0.3)]
     reach: f64,
     /// Write all results to this file as JSON
     #[arg(long, value_name = "FILE")]
@@ -136,7 +136,7 @@ fn many_lamps(arguments: &Arguments, registry: &Registry) -> Result<Vec<Value>, 
     );
     let mut rows = Vec::new();
     for &count in &arguments.lamps {
-        let mut films = Vec::new();
+        let mut films: Vec<Vec<[f32; 3]>> = Vec::new();
         for cutoff in [0.0, lamp_intensity(count) / (arguments.reach * arguments.reach)] {
             let start = Instant::now();
             let pipeline = load_scene(&lamps(count, cutoff), registry)?;
@@ -147,7 +147,9 @@ fn many_lamps(arguments: &Arguments, registry: &Registry) -> Result<Vec<Value>, 
             let seconds = start.elapsed().as_secs_f64();
             let rays = film.counters.total();
             let rate = 1e-6 * rays as f64 / seconds;
-            let error = films.first().map_or(0.0, |exact| relative_error(&film.rgb, exact));
+            let error = films
+                .first()
+                .map_or(0.0, |exact| relative_error(&film.rgb, exact));
             println!(
                 "  {count:>7} lamps  cutoff {cutoff:<8.2e}  loading {loaded:6.3} s  rendering {seconds:7.3} s  {rays:>11} rays  {rate:6.2} Mrays/s  relative RMSE {error:.4}"
             );
@@ -170,12 +172,12 @@ fn relative_error(found: &[[f32; 3]], exact: &[[f32; 3]]) -> f64 {
     (squares / count).sqrt() / (exact.iter().sum::<f64>() / count)
 }
 
-/// A landscape seen obliquely from above.
-fn landscape(width: u32, height: u32) -> String {
+/// A landscape seen obliquely from above. `amplitude`: of its noise, in metres.
+fn landscape(width: u32, height: u32, amplitude: f64) -> String {
     format!(
         "film = {{ width = {width}, height = {height} }}\n\
          [camera]\ntype = \"perspective\"\nlook_at = {{ origin = [0, -2.2, 1.6], target = [0, 0, 0], up = [0, 0, 1] }}\nfov = 50\n\
-         [[shape]]\ntype = \"heightfield\"\ncolumns = 436\nrows = 436\n\
+         [[shape]]\ntype = \"heightfield\"\ncolumns = 436\nrows = 436\namplitude = {amplitude}\n\
          material = {{ type = \"matte\", reflectance = 0.7 }}\n"
     )
 }
@@ -189,15 +191,18 @@ fn lamp_intensity(count: u32) -> f64 {
 /// The landscape under weak lamps at pseudo-random places (the additive recurrence of the plastic
 /// number: Roberts 2018, *The unreasonable effectiveness of quasirandom sequences*).
 fn lamps(count: u32, cutoff: f64) -> String {
-    let mut text = landscape(64, 48);
-    let _ = writeln!(text, "[integrator]\ntype = \"whitted\"\nlight_cutoff = {cutoff:e}");
+    let mut text = landscape(64, 48, 0.02);
+    let _ = writeln!(
+        text,
+        "[integrator]\ntype = \"whitted\"\nlight_cutoff = {cutoff:e}"
+    );
     let intensity = lamp_intensity(count);
     for number in 0..count {
         let place = |step: f64| 2.0 * (f64::from(number) * step).fract() - 1.0;
         let [x, y] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_3].map(place);
         let _ = writeln!(
             text,
-            "[[light]]\ntype = \"point\"\nposition = [{x}, {y}, 0.3]\nintensity = {intensity:e}"
+            "[[light]]\ntype = \"point\"\nposition = [{x}, {y}, 0.06]\nintensity = {intensity:e}"
         );
     }
     text
@@ -205,7 +210,7 @@ fn lamps(count: u32, cutoff: f64) -> String {
 
 /// The landscape with a grid of spots over it, each illuminating a part, and lamps at the corners.
 fn spots(size: u32) -> String {
-    let mut text = landscape(size, size);
+    let mut text = landscape(size, size, 0.2);
     for number in 0..SIDE * SIDE {
         let place = |index: u32| (f64::from(index) + 0.5) / f64::from(SIDE) * 2.0 - 1.0;
         let [x, y] = [number % SIDE, number / SIDE].map(place);

@@ -32,7 +32,7 @@ const MAX_TRACE: f64 = 2.0;
 /// fans, coincident triangles, clusters
 ///
 /// Prints nanoseconds per ray. Exit code 1 if the automatic choice takes more than three times as
-/// long as the best structure, or more than 5 microseconds per ray where another takes less.
+/// long as the best structure, or more than 5 microseconds per ray where the best takes less than 5.
 #[derive(Args, Debug)]
 pub(crate) struct Arguments {
     /// Families to run [default: all]
@@ -64,7 +64,7 @@ struct FamilyOfMeshes {
 const FAMILIES: [FamilyOfMeshes; 6] = [
     FamilyOfMeshes {
         name: "size",
-        parameter: "size of one triangle, relative to the mesh",
+        parameter: "size of one additional triangle, relative to the ball of all others",
         steps: &[1e0, 1e3, 1e4, 1e5, 1e6, 1e9, 1e12],
         mesh: |ratio, _| tiny_ball(ratio, 0.0),
         aim: |_| (DVec3::ZERO, 0.5),

@@ -7,10 +7,10 @@ use crate::stream::{
     groups,
 };
 use crate::{
-    Aabb, Accelerator, BsdfFlags, Context, DirectLighting, Footprint, Geometry, IncidentLight, Interval, Light, LightFlags,
-    LightSample, Material, MediumInterface, MediumStack, MediumState, NestedDielectrics, ObjectOrder,
-    PathState, PreliminaryIntersection, Ray, RayDifferential, Refused, Rgb, SelfHitFilter, ShadowMode,
-    SpecularRays, SurfaceAttributes, SurfaceInteraction, VertexAttributes, View,
+    Aabb, Accelerator, BsdfFlags, Context, DirectLighting, Footprint, Geometry, IncidentLight, Interval,
+    Light, LightFlags, LightSample, Material, MediumInterface, MediumStack, MediumState, NestedDielectrics,
+    ObjectOrder, PathState, PreliminaryIntersection, Ray, RayDifferential, Refused, Rgb, SelfHitFilter,
+    ShadowMode, SpecularRays, SurfaceAttributes, SurfaceInteraction, VertexAttributes, View,
 };
 use glam::DVec3;
 use std::any::Any;
@@ -221,7 +221,7 @@ impl Scene {
         self.needs[shape as usize]
     }
 
-    /// True if rays need state (medium set) or branching that `RayStream` cannot store, so
+    /// True if rays need state (a [`MediumStack`]) or branching that `RayStream` cannot store, so
     /// integrators must use the scalar path.
     pub fn requires_scalar_tracing(&self) -> bool {
         self.requires_scalar_tracing

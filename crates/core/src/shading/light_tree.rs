@@ -59,7 +59,7 @@ impl LightBounds {
 
     fn union(&self, other: &Self) -> Self {
         Self {
-            bounds: self.bounds.union(&other.bounds),
+            bounds: self.bounds.union(other.bounds),
             max_intensity: self.max_intensity.max(other.max_intensity),
         }
     }
@@ -200,7 +200,11 @@ mod tests {
                     }
                 }
                 let most = bright + 2 * LEAF * bright + 12;
-                assert!(found.len() <= most, "{point} {cutoff}: {} of {bright}", found.len());
+                assert!(
+                    found.len() <= most,
+                    "{point} {cutoff}: {} of {bright}",
+                    found.len()
+                );
                 assert!(found.is_sorted());
             }
         }

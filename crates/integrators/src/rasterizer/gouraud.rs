@@ -5,8 +5,8 @@
 
 use crate::local_illumination::local_illumination;
 use whitstone_core::{
-    BsdfFlags, DVec2, DirectLighting, LoweredShape, MediumState, PathState, PreliminaryIntersection, Ray, Rgb, Scene,
-    Scratch, SelfHitFilter,
+    BsdfFlags, DVec2, DirectLighting, LoweredShape, MediumState, PathState, PreliminaryIntersection, Ray,
+    Rgb, Scene, Scratch, SelfHitFilter,
 };
 
 /// Radiance along a camera ray that starts at the viewer.
@@ -44,16 +44,8 @@ pub(super) fn radiance(
         scene.count_shaded(hit.shape, 1, &mut scratch.counters);
         if scene.flags_of(hit.shape).intersects(BsdfFlags::LOCAL_OR_EMISSIVE) {
             let (skip, medium) = (SelfHitFilter::leaving(&hit), MediumState::absorbing(Rgb::BLACK));
-            sum += local_illumination(
-                lighting,
-                scene,
-                hit.shape,
-                &point,
-                view,
-                skip,
-                medium,
-                scratch,
-            ) * weight;
+            sum +=
+                local_illumination(lighting, scene, hit.shape, &point, view, skip, medium, scratch) * weight;
         }
     }
     let point = scene.surface(ray, &hit).seen_from(-ray.direction);

@@ -148,8 +148,8 @@ impl Interface {
     #[inline(always)]
     pub(crate) fn cross(&self, n: DVec3, v: DVec3) -> Crossing {
         let cosine = n.dot(v);
-        // The normal can face away only for a view that grazes the geometric surface. Rule G drops
-        // that branch, so any unit direction is acceptable.
+        // The normal can face away only for a view that grazes the geometric surface. Rule G
+        // of the Whitted model (section 8) drops that branch, so any unit direction is acceptable.
         let (n, cos_i) = if cosine < 0.0 { (-n, -cosine) } else { (n, cosine) };
         let sine = n.cross(v);
         let sin_i = sine.length();
