@@ -6,6 +6,7 @@ mod chart;
 mod choice;
 mod data;
 mod fetch;
+mod growth;
 mod import;
 mod lights;
 mod machine;
@@ -46,6 +47,7 @@ pub(crate) struct Arguments {
 #[derive(Subcommand, Debug)]
 enum What {
     Accelerators(accelerators::Arguments),
+    Growth(growth::Arguments),
     Import(import::Arguments),
     Lights(lights::Arguments),
     Plugins(plugins::Arguments),
@@ -63,6 +65,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     match &arguments.what {
         None => picture::run(&arguments.picture, registry),
         Some(What::Accelerators(arguments)) => accelerators::run(arguments, registry),
+        Some(What::Growth(arguments)) => growth::run(arguments, registry),
         Some(What::Import(arguments)) => import::run(arguments, registry),
         Some(What::Lights(arguments)) => lights::run(arguments, registry),
         Some(What::Plugins(arguments)) => plugins::run(arguments, registry),

@@ -8,6 +8,7 @@ mod dependencies;
 mod features;
 mod formats;
 mod gallery;
+mod growth;
 mod links;
 mod oracle;
 mod pages;

@@ -1,7 +1,7 @@
 //! `readme`: generates the pictures and the table of numbers in README.md from the stored
 //! references.
 
-use crate::{formats, pages, plugins, run_time, verdict, worst_cases};
+use crate::{formats, growth, pages, plugins, run_time, verdict, worst_cases};
 use clap::Args;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -57,7 +57,8 @@ const BOUNDS: [(&str, &str, usize); 9] = [
 /// Write all generated documentation
 ///
 /// That is: the pictures and numbers of README.md and docs/validation.md, from the stored
-/// references; docs/run-time.md, from the stored result of `bench sizes`; the pictures of
+/// references; docs/run-time.md and docs/growth.md, from the stored
+/// results of `bench sizes` and `bench growth`; the pictures of
 /// docs/accelerators.md; a page for every plugin in docs/plugins; and the data of `list --json`.
 #[derive(Args, Debug)]
 #[command(
@@ -90,6 +91,10 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
             page(VALIDATION, &[((BEGIN, END), table(&cases))])?,
         ),
         (PathBuf::from(run_time::PAGE), run_time::page(&times).into_bytes()),
+        (
+            PathBuf::from(growth::PAGE),
+            growth::page(&stored(growth::RESULT)?).into_bytes(),
+        ),
         (
             PathBuf::from(worst_cases::PAGE),
             page(worst_cases::PAGE, &[((BEGIN_WORST, END_WORST), worst)])?,

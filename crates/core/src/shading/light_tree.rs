@@ -218,7 +218,9 @@ mod tests {
             (1e200, 1e300, 1e-101, true),
             (1e200, 1e300, 1e-99, false),
             (1e-200, 1e-300, 1e90, true),
-            (1e-200, 1e-300, 1e101, false),
+            // The distance underflows; `true` is on the safe side.
+            (1e-200, 1e-300, 1e101, true),
+            (1e-100, 1e-300, 1e-99, false),
             (0.0, 1.0, 1e300, true),
             (0.0, 0.0, 1.0, true),
             (2.0, 4.0, 1.0, true),
