@@ -3,11 +3,13 @@
 //! The time of a ray is in nanoseconds; no other benchmark of this program looks at geometry that
 //! no structure likes. The limits that it checks are those of `docs/accelerators.md`.
 
+use super::backend::{self, Backend};
 use super::choice::{Choice, build};
+use super::data;
 use super::machine::{date, load, processor};
 use clap::Args;
 use serde_json::{Value, json};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 use whitstone::core::{
@@ -31,8 +33,9 @@ const MAX_TRACE: f64 = 2.0;
 /// Benchmark every accelerator on geometry that gets worse step by step: sizes, offsets, slivers,
 /// fans, coincident triangles, clusters
 ///
-/// Prints nanoseconds per ray. Exit code 1 if the automatic choice takes more than three times as
-/// long as the best structure, or more than 5 microseconds per ray where the best takes less than 5.
+/// Prints nanoseconds per ray; where Embree is installed, also of Embree, which has single
+/// precision. Exit code 1 if the automatic choice takes more than three times as long as the best
+/// structure, or more than 5 microseconds per ray where the best takes less than 5.
 #[derive(Args, Debug)]
 pub(crate) struct Arguments {
     /// Families to run [default: all]
@@ -185,6 +188,33 @@ fn nanoseconds(accelerator: &dyn Accelerator, rays: &[Ray]) -> f64 {
     1e9 * best / rays.len() as f64
 }
 
+/// The column of Embree.
+const EMBREE: &str = "Embree";
+
+/// The compiled Embree program, and the folder for its files.
+struct Embree<'a> {
+    program: PathBuf,
+    folder: &'a Path,
+}
+
+impl Embree<'_> {
+    /// Nanoseconds per ray, the best of some rounds, and seconds of building, at high quality.
+    fn time(&self, mesh: &TriangleMesh, rays: &[Ray]) -> Result<(f64, f64), String> {
+        let queries: Vec<_> = rays.iter().map(|ray| (*ray, Interval::FORWARD)).collect();
+        data::write_mesh(&self.folder.join("worst.tri"), mesh)?;
+        data::write_rays(&self.folder.join("worst_bounce.rays"), &queries)?;
+        let mut backend = Backend::start(&self.program, self.folder, "worst", "HIGH")?;
+        let (mut best, start) = (f64::INFINITY, Instant::now());
+        for _ in 0..50 {
+            best = best.min(backend.trace("bounce", 1)?.0);
+            if start.elapsed().as_secs_f64() > 0.1 {
+                break;
+            }
+        }
+        Ok((1e9 * best / rays.len() as f64, backend.build_seconds))
+    }
+}
+
 /// Runs the command.
 pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     for name in &arguments.families {
@@ -198,13 +228,31 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         .filter(|entry| entry.family == FamilyName::Accelerator)
         .map(|entry| entry.name)
         .collect();
+    let folder = tempfile::tempdir().map_err(Failure::environment)?;
+    let embree = match backend::compile(folder.path()) {
+        Ok(program) => Some(Embree {
+            program,
+            folder: folder.path(),
+        }),
+        Err(why) => {
+            eprintln!("without Embree: {why}");
+            None
+        }
+    };
     let (mut stored, mut problems) = (Vec::new(), Vec::new());
     for family in &FAMILIES {
         let wanted = |name: &String| name == family.name;
         if !arguments.families.is_empty() && !arguments.families.iter().any(wanted) {
             continue;
         }
-        let rows = steps(family, &structures, arguments, registry, &mut problems)?;
+        let rows = steps(
+            family,
+            &structures,
+            embree.as_ref(),
+            arguments,
+            registry,
+            &mut problems,
+        )?;
         stored.push(json!({ "family": family.name, "parameter": family.parameter, "steps": rows }));
     }
     for problem in &problems {
@@ -229,19 +277,22 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
 fn steps(
     family: &FamilyOfMeshes,
     structures: &[&str],
+    embree: Option<&Embree<'_>>,
     arguments: &Arguments,
     registry: &Registry,
     problems: &mut Vec<String>,
 ) -> Result<Vec<Value>, Failure> {
     println!("\n{}: {}; nanoseconds per ray\n", family.name, family.parameter);
     let heads: Vec<String> = structures.iter().map(|name| format!("{name:>12}")).collect();
-    println!("{:>8}{}  auto", "", heads.concat());
+    println!("{:>8}{}{:>12}  auto", "", heads.concat(), EMBREE);
     let mut slow = vec![false; structures.len()];
     let mut rows = Vec::new();
     for &step in family.steps {
         let mesh = (family.mesh)(step, arguments.triangles);
-        let geometry = Arc::new(Geometry::new(vec![LoweredShape::Triangles(mesh)]));
         let rays = rays(arguments.rays, (family.aim)(step));
+        let theirs = embree.map(|embree| embree.time(&mesh, &rays)).transpose();
+        let theirs = theirs.map_err(Failure::environment)?;
+        let geometry = Arc::new(Geometry::new(vec![LoweredShape::Triangles(mesh)]));
         let auto = registry.automatic_accelerator(&geometry);
         let auto = auto
             .map_err(|errors| Failure::environment(format!("{errors:?}")))?
@@ -261,6 +312,13 @@ fn steps(
             *slow = built > MAX_BUILD || 1e-9 * time * rays.len() as f64 > MAX_TRACE;
             print!("{time:12.0}");
             times.insert((*name).to_owned(), json!({ "ns": time, "build_s": built }));
+        }
+        match theirs {
+            Some((time, built)) => {
+                print!("{time:12.0}");
+                times.insert(EMBREE.to_owned(), json!({ "ns": time, "build_s": built }));
+            }
+            None => print!("{:>12}", "-"),
         }
         println!("  {auto}");
         let of = |name: &str| times.get(name).and_then(|time| time["ns"].as_f64());
