@@ -61,7 +61,7 @@ pub(crate) fn page(result: &Value) -> String {
             number(result, "load"),
         )),
         wrapped(
-            "Each table varies one number. The last line fits `quantity = c * number^e` to the upper half of the rows, where fixed costs matter least, and lists the exponents e. Beside the measured times stand limits that the machine sets. *Latency*: the expected steps of a ray (nodes and leaves, `sah_cost`), each waiting for one load from a working set as large as the accelerator; hierarchies stay below it when neighbouring rays find their nodes in the caches, and streams when their loads overlap. *Arithmetic*: the operations of as many tests of nodes with eight boxes, and nothing else. *Bandwidth*: the time of writing the finished accelerator once."
+            "Each table varies one number. The last line fits `quantity = c * number^e` to the upper half of the rows, where fixed costs matter least, and lists the exponents e. Beside the measured times stand two times that the machine sets for the expected steps of a ray (nodes and leaves, `sah_cost`). *By latency*: each step waits for one load from a working set as large as the accelerator, which is the time of single rays without any order; neighbouring rays find their nodes in the caches, and the loads of a stream overlap. *By arithmetic*: the operations of as many tests of nodes with eight boxes, and nothing else. *By bandwidth*: the time of writing the finished accelerator once: no build can be faster. A dash: scenes of a few shapes have no hierarchy."
         ),
         number(result, "bandwidth_gb_s"),
         number(result, "gflop_s"),
@@ -87,7 +87,7 @@ fn table(page: &mut String, family: &Value) {
     let _ = write!(
         page,
         "\n## {title}\n\n{}\n\n\
-         | {name} | build, s | limit by bandwidth, s | accelerator | render, s | rays | a ray, ns | limit by latency, ns | limit by arithmetic, ns |\n\
+         | {name} | build, s | by bandwidth, s | accelerator | render, s | rays | a ray, ns | by latency, ns | by arithmetic, ns |\n\
          |---|---|---|---|---|---|---|---|---|\n",
         wrapped(&format!("Varied: {}. {law}", text(family, "parameter"))),
     );
@@ -95,16 +95,16 @@ fn table(page: &mut String, family: &Value) {
         let of = |key: &str| number(row, key);
         let _ = writeln!(
             page,
-            "| {} | {:.4} | {:.4} | {} | {:.4} | {} | {:.1} | {:.1} | {:.1} |",
+            "| {} | {} | {} | {} | {} | {} | {} | {} | {} |",
             of("value"),
-            of("build_s"),
-            of("bandwidth_limit_s"),
+            digits(of("build_s"), 4),
+            digits(of("bandwidth_limit_s"), 4),
             bytes(of("bytes")),
-            of("render_s"),
+            digits(of("render_s"), 4),
             of("rays"),
-            of("ns_per_ray"),
-            of("latency_limit_ns"),
-            of("arithmetic_limit_ns"),
+            digits(of("ns_per_ray"), 1),
+            digits(of("latency_limit_ns"), 1),
+            digits(of("arithmetic_limit_ns"), 1),
         );
     }
     let exponents = &family["exponents"];
@@ -121,6 +121,15 @@ fn table(page: &mut String, family: &Value) {
         exponent("rays"),
         exponent("ray"),
     );
+}
+
+/// A number with so many digits after the point; a dash if there is none.
+fn digits(number: f64, count: usize) -> String {
+    if number.is_finite() {
+        format!("{number:.count$}")
+    } else {
+        "–".to_owned()
+    }
 }
 
 /// A size in a unit with one to three digits before the point.
@@ -149,7 +158,7 @@ mod tests {
                 "family": "lights", "parameter": "lamps",
                 "exponents": { "build": null, "bytes": 0.0, "render": 1.004, "rays": 1.0, "ray": 0.01 },
                 "rows": [{ "value": 10.0, "build_s": 0.5, "render_s": 2.0, "rays": 100.0, "bytes": 2048.0,
-                    "ns_per_ray": 20.0, "latency_limit_ns": 3.0, "arithmetic_limit_ns": 4.0,
+                    "ns_per_ray": 20.0, "latency_limit_ns": null, "arithmetic_limit_ns": 4.0,
                     "bandwidth_limit_s": 0.125 }],
             }],
         });
@@ -159,7 +168,7 @@ mod tests {
             "{page}"
         );
         assert!(
-            page.contains("| 10 | 0.5000 | 0.1250 | 2.0 KiB | 2.0000 | 100 | 20.0 | 3.0 | 4.0 |\n| *exponent* | – | | 0.00 | 1.00 | 1.00 | 0.01 | | |"),
+            page.contains("| 10 | 0.5000 | 0.1250 | 2.0 KiB | 2.0000 | 100 | 20.0 | – | 4.0 |\n| *exponent* | – | | 0.00 | 1.00 | 1.00 | 0.01 | | |"),
             "{page}"
         );
         assert!(page.contains("\n## Lights\n\nVaried: lamps. Theory: one shadow ray"));

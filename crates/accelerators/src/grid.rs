@@ -12,12 +12,12 @@
 //!   accumulated, so that errors do not grow along the ray.
 //! - An element in several cells is seldom tested twice: `Mailbox`.
 //! - Cost model: a ray through a grid of c³ cells visits at most about 3 c of them, and about c on
-//!   average. Each step takes about half the time of a test. More cells mean fewer tests and more steps; the two balance at
-//!   a few cells per element if the elements are spread evenly. If they are not (the teapot in the
-//!   stadium), one cell holds nearly all of them and nothing is gained. A second level fixes one
-//!   such jump in scale (18,000 tests a ray become 46). Memory: `density` cells per element, and at
-//!   most 16 references per element on average; the cells are enlarged otherwise. Build: O(n), the
-//!   fastest of all.
+//!   average. Each step takes about half the time of a test. More cells mean fewer tests and more
+//!   steps; the two balance at a few cells per element if the elements are spread evenly. If they
+//!   are not (the teapot in the stadium), one cell holds nearly all of them and nothing is gained.
+//!   A second level fixes one such jump in scale (18,000 tests a ray become 46). Memory: `density`
+//!   cells per element, and at most 16 references per element on average; the cells are enlarged
+//!   otherwise. Build: O(n), the fastest of all.
 //! - If the origin is so far away that the widened ray is half a cell wide (10^11 cell widths), the
 //!   ray visits every cell.
 //!

@@ -5,9 +5,9 @@
 //! for iso-surface ray tracing*, VMV 2004, split the cubic at its extrema. Here the cubic is in
 //! Bernstein form. By multilinearity its outer coefficients are the density at the ends of the
 //! segment, and each inner one is the mean of the density at three points that mix the coordinates
-//! of both ends. Neighbouring cells therefore compute identical bits on their common face. Cells are traversed as
-//! in Amanatides and Woo, *A fast voxel traversal algorithm*, Eurographics 1987. Blocks of cells
-//! whose values do not span the level are skipped at once.
+//! of both ends. Neighbouring cells therefore compute identical bits on their common face. Cells
+//! are traversed as in Amanatides and Woo, *A fast voxel traversal algorithm*, Eurographics 1987.
+//! Blocks of cells whose values do not span the level are skipped at once.
 //!
 //! - Twin: POV-Ray `isosurface` with the interpolation as nested functions.
 //! - Example: `scenes/shapes/isosurface.toml`.
