@@ -93,7 +93,13 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         (PathBuf::from(run_time::PAGE), run_time::page(&times).into_bytes()),
         (
             PathBuf::from(growth::PAGE),
-            growth::page(&stored(growth::RESULT)?).into_bytes(),
+            growth::page(
+                &growth::RESULTS
+                    .map(stored)
+                    .into_iter()
+                    .collect::<Result<Vec<_>, _>>()?,
+            )
+            .into_bytes(),
         ),
         (
             PathBuf::from(worst_cases::PAGE),

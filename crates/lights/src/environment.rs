@@ -113,7 +113,7 @@ impl Plugin<Lights> for Environment {
         let sky = match (&keys.radiance, &keys.faces) {
             (Some(radiance), None) => Sky::Sphere(context.texture(radiance)?),
             (None, Some(faces)) => Sky::Cube(cube(faces.get_ref(), context)?),
-            // Rejected by `try_from`.
+            // Rejected by `Config::deserialize`.
             (None, None) => return Err(SceneErrors::default()),
             (Some(_), Some(faces)) => {
                 let message = "`faces` and `radiance` exclude each other";

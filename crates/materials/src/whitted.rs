@@ -6,7 +6,7 @@
 //! Transmitted radiance is not scaled by the squared relative index.
 //!
 //! - Twin: hosted by the Mitsuba driver as a Python BSDF; POV-Ray `phong`, `reflection` and a
-//!   filter (native).
+//!   filter (native), with a second texture for total internal reflection.
 //! - Example: `scenes/materials/whitted.toml`.
 
 use crate::support::body::Body;

@@ -76,22 +76,45 @@ impl TileScratch {
             .extend(self.order.iter().map(|[x, y]| [tile.x + x, tile.y + y]));
     }
 
-    /// Writes the pixels and counters since the last call to the film.
-    fn write(&mut self, film: &mut Film) {
-        film.counters
-            .add(std::mem::take(&mut self.memory.scratch.counters));
-        let width = film.width as usize;
-        let place = |[x, y]: &[u32; 2]| *y as usize * width + *x as usize;
+    /// Writes the pixels to their band of an image with this width.
+    fn write(&self, band: &mut Band<'_>, width: u32) {
+        let place = |[x, y]: &[u32; 2]| (*y % TILE) as usize * width as usize + *x as usize;
         // Without values if the pixels are not finished.
         for (pixel, rgb) in self.pixels.iter().zip(&self.rgb) {
-            film.rgb[place(pixel)] = *rgb;
+            band.rgb[place(pixel)] = *rgb;
         }
         let values = self.layers.chunks_exact(self.pixels.len().max(1));
-        for ((_, layer), values) in film.layers.iter_mut().zip(values) {
+        for (layer, values) in band.layers.iter_mut().zip(values) {
             for (pixel, value) in self.pixels.iter().zip(values) {
                 layer[place(pixel)] = *value;
             }
         }
+    }
+}
+
+/// The rows of a film that one row of tiles covers.
+struct Band<'f> {
+    rgb: &'f mut [[f32; 3]],
+    layers: Vec<&'f mut [f32]>,
+}
+
+impl<'f> Band<'f> {
+    /// The bands of a film, from the top.
+    fn all(film: &'f mut Film) -> Vec<Mutex<Self>> {
+        let size = (film.width as usize * TILE as usize).max(1);
+        let rgb = film.rgb.chunks_mut(size);
+        let mut bands: Vec<Self> = rgb
+            .map(|rgb| Self {
+                rgb,
+                layers: Vec::new(),
+            })
+            .collect();
+        for (_, layer) in &mut film.layers {
+            for (band, layer) in bands.iter_mut().zip(layer.chunks_mut(size)) {
+                band.layers.push(layer);
+            }
+        }
+        bands.into_iter().map(Mutex::new).collect()
     }
 }
 
@@ -117,8 +140,12 @@ impl Pipeline {
         let size = self.film.size;
         let total = u64::from(size.width) * u64::from(size.height);
         let done = AtomicU64::new(0);
-        let tiles: Vec<Tile> = (0..size.height.div_ceil(TILE))
-            .flat_map(|row| (0..size.width.div_ceil(TILE)).map(move |column| (column * TILE, row * TILE)))
+        // Column by column: threads that work side by side then write to different bands. The first
+        // write to a page of the film takes as long as some rays, and threads that wait for one
+        // another's writes would not get faster beyond four.
+        let rows = size.height.div_ceil(TILE);
+        let tiles: Vec<Tile> = (0..size.width.div_ceil(TILE))
+            .flat_map(|column| (0..rows).map(move |row| (column * TILE, row * TILE)))
             .map(|(x, y)| Tile {
                 x,
                 y,
@@ -126,7 +153,7 @@ impl Pipeline {
                 height: TILE.min(size.height - y),
             })
             .collect();
-        let film = Mutex::new(Film {
+        let mut film = Film {
             width: size.width,
             height: size.height,
             rgb: vec![[0.0; 3]; total as usize],
@@ -140,17 +167,21 @@ impl Pipeline {
             samples: self.samples(),
             counters: Counters::default(),
             render_seconds: 0.0,
-        });
+        };
         let adaptive = self.sampler.refinement().map(|rule| Adaptive::new(rule, size));
         let first = adaptive.as_ref().map_or(self.sampler.count(), Adaptive::first);
         // Each thread takes the next tile when it finishes one, because a fixed division of the
         // image would take unequal times.
         let next = AtomicUsize::new(0);
-        rayon::broadcast(|_| {
+        let bands = Band::all(&mut film);
+        let counters = rayon::broadcast(|_| {
             let mut scratch = TileScratch::default();
             while let Some(tile) = tiles.get(next.fetch_add(1, Ordering::Relaxed)) {
                 self.render_tile(tile, first, adaptive.as_ref(), &mut scratch);
-                scratch.write(&mut film.lock().unwrap_or_else(PoisonError::into_inner));
+                if let Some(band) = bands.get((tile.y / TILE) as usize) {
+                    let mut band = band.lock().unwrap_or_else(PoisonError::into_inner);
+                    scratch.write(&mut band, size.width);
+                }
                 let pixels = u64::from(tile.width) * u64::from(tile.height);
                 let so_far = done.fetch_add(pixels, Ordering::Relaxed) + pixels;
                 if let Some(progress) = progress
@@ -159,8 +190,12 @@ impl Pipeline {
                     progress(so_far, total);
                 }
             }
+            scratch.memory.scratch.counters
         });
-        let mut film = film.into_inner().unwrap_or_else(PoisonError::into_inner);
+        drop(bands);
+        for counted in counters {
+            film.counters.add(counted);
+        }
         if let Some(adaptive) = adaptive {
             let mut scratch = TileScratch::default();
             let pixels = tiles.iter().flat_map(|tile| {

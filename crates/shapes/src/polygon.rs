@@ -134,7 +134,8 @@ impl Plane {
         let center = first + vertices.iter().map(|p| *p - first).sum::<DVec3>() / vertices.len() as f64;
         let twice_area: DVec3 = edges(vertices).map(|(a, b)| (a - center).cross(b - center)).sum();
         if twice_area.length() <= FLATNESS * size * size {
-            return Err((None, "the vertices of this polygon enclose no area".to_owned()));
+            let message = "this polygon encloses no area: its vertices lie on one line, or its edges cross so that the areas cancel";
+            return Err((None, message.to_owned()));
         }
         let normal = twice_area.normalize();
         let distance = |p: DVec3| (p - center).dot(normal).abs();
@@ -503,7 +504,7 @@ mod tests {
             .collect();
         let fan: Vec<Vec<DVec3>> = edges(&rim).map(|(a, b)| vec![tip, a, b]).collect();
         let along: Vec<DVec3> = rim.iter().flat_map(|p| [*p, tip]).collect();
-        let mut naive_wrong = 0;
+        let (mut naive_wrong, mut tested) = (0, 0);
         for (rings, line) in [(vec![close(-1.0), close(1.0)], &cut), (fan, &along)] {
             let parts: Vec<_> = rings.iter().map(|ring| polygon(ring)).collect();
             for i in 0..40_000 {
@@ -522,10 +523,11 @@ mod tests {
                 }
                 let hits = parts.iter().filter(|part| is_hit(&***part, &ray)).count();
                 assert_eq!(hits, 1, "{ray:?}");
+                tested += 1;
                 naive_wrong += usize::from(rings.iter().filter(|ring| naive_hit(ring, &ray)).count() != 1);
             }
         }
-        println!("PNPOLY: {naive_wrong} of 80000 wrong");
+        println!("PNPOLY: {naive_wrong} of {tested} wrong");
         assert!(naive_wrong > 100, "the naive way must fail: {naive_wrong}");
     }
 
@@ -580,7 +582,12 @@ mod tests {
         assert_eq!(ring(eight).message, "edges 0 and 2 of this polygon intersect");
         assert_eq!(
             ring("[0, 0, 0], [1, 0, 0], [2, 0, 0]").message,
-            "the vertices of this polygon enclose no area"
+            "this polygon encloses no area: its vertices lie on one line, or its edges cross so that the areas cancel"
+        );
+        // A square with two vertices exchanged: its halves have opposite areas.
+        assert_eq!(
+            ring("[0, 0, 0], [2, 2, 0], [2, 0, 0], [0, 2, 0]").message,
+            "this polygon encloses no area: its vertices lie on one line, or its edges cross so that the areas cancel"
         );
         // A vertex on an edge, and an edge that turns back on the previous one.
         assert_eq!(

@@ -257,7 +257,8 @@ impl Line {
     /// All crossings, at most four, in ascending order; each is computed on demand.
     fn crossings(&self) -> impl Iterator<Item = Crossing> + '_ {
         let turns = self.turns();
-        // Bound on the second derivative of the distance, near the circle and near the axis.
+        // Bound on the second derivative of the distance at the surface, which is `minor` away from
+        // the circle and at least 1 - `minor` from the axis.
         let bend = self.d.length_squared() / self.minor.min(1.0 - self.minor);
         let ends = self.reach().map(|(low, high)| {
             let turn = |at: f64| at.clamp(low, high);

@@ -743,7 +743,8 @@ mod tests {
                 (3 * 64 * 32 + table, 0)
             );
         }
-        // 32 x 16 + 16 x 8 + 8 x 4 + 4 x 2 + 2 x 1 + 1 x 1 texels of three numbers each.
+        // 32 x 16 + 16 x 8 + 8 x 4 + 4 x 2 + 2 x 1 + 1 x 1 texels of three numbers each, and one
+        // texel of padding for each of the six levels.
         for filter in ["trilinear", "ewa"] {
             assert_eq!(bytes(filter).levels, (683 + 6) * 12);
         }

@@ -21,7 +21,7 @@ use whitstone::{Exit, Failure};
 #[derive(Args, Debug)]
 #[command(
     help_template = whitstone::commands::HELP_TEMPLATE,
-    after_help = "Examples:\n  cargo xtask bench growth --quick\n  cargo xtask bench growth --json studies/results/growth.json"
+    after_help = "Examples:\n  cargo xtask bench growth --quick\n  cargo xtask bench growth --json studies/results/growth-2-cores.json"
 )]
 pub(super) struct Arguments {
     /// Families to run [default: all]
@@ -228,7 +228,8 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     }
     if let Some(path) = &arguments.json {
         let result = json!({
-            "processor": processor(), "date": date(), "load": before,
+            "processor": processor(), "cores": std::thread::available_parallelism().map_or(0, usize::from),
+            "date": date(), "load": before,
             "bandwidth_gb_s": limits.bandwidth, "gflop_s": limits.arithmetic,
             "latency": limits.latency.iter().map(|(bytes, ns)| json!({ "bytes": bytes, "ns": ns })).collect::<Vec<_>>(),
             "families": families,
