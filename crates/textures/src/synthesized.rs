@@ -394,7 +394,7 @@ mod tests {
             (
                 "file = \"a.png\"\nsize = [9, 9]\nblock = 9\noverlap = 5",
                 "5",
-                "half a block",
+                "half of the block of 9 texels",
             ),
             ("file = \"a.png\"\nsize = [0, 9]", "0", "an integer from 1"),
             (
