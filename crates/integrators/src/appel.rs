@@ -6,7 +6,7 @@
 //! - Twin: the Mitsuba driver at depth 0, without branches.
 //! - Example: `scenes/integrators/appel.toml`.
 
-use crate::rules::{Rules, no_cutoff};
+use crate::rules::{Rules, zero};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::config::NonNegative;
@@ -27,7 +27,7 @@ pub struct Config {
     shadows: ShadowMode,
     /// A light sample (a light, or a point of an area light) does not count where its irradiance is
     /// below this in every channel, in W/m².
-    #[serde(default = "no_cutoff")]
+    #[serde(default = "zero")]
     light_cutoff: NonNegative,
 }
 

@@ -15,7 +15,7 @@ mod bins;
 mod fill;
 mod gouraud;
 
-use crate::rules::{Rules, no_cutoff};
+use crate::rules::{Rules, zero};
 use bins::Bins;
 use fill::{Depths, Projected, project};
 use schemars::JsonSchema;
@@ -40,7 +40,7 @@ pub struct Config {
     shadows: ShadowMode,
     /// A light sample (a light, or a point of an area light) does not count where its irradiance is
     /// below this in every channel, in W/m².
-    #[serde(default = "no_cutoff")]
+    #[serde(default = "zero")]
     light_cutoff: NonNegative,
     /// Interpolation over a triangle: "phong" interpolates normals; "gouraud" interpolates colours
     /// and requires `shadows = "none"`.

@@ -16,8 +16,8 @@ pub(crate) struct Rules {
     pub(crate) branches: Option<Limits>,
 }
 
-/// The default of `light_cutoff`: every light counts.
-pub(crate) fn no_cutoff() -> NonNegative {
+/// The default of thresholds: nothing is left out.
+pub(crate) fn zero() -> NonNegative {
     NonNegative::new(0.0).expect("0 is not negative")
 }
 

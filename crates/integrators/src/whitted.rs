@@ -11,7 +11,7 @@
 //! - Twin: the Mitsuba driver, which traverses the same tree level by level.
 //! - Example: `scenes/integrators/whitted.toml`.
 
-use crate::rules::{Beyond, Limits, Rules, no_cutoff};
+use crate::rules::{Beyond, Limits, Rules, zero};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::config::{IntegerIn, NonNegative};
@@ -31,7 +31,7 @@ pub struct Config {
     #[serde(default = "six")]
     max_depth: IntegerIn<0, 100_000>,
     /// Branches whose throughput is below this in every channel are not traced.
-    #[serde(default = "no_minimum")]
+    #[serde(default = "zero")]
     min_contribution: NonNegative,
     /// Radiance of branches beyond `max_depth`: "background" or "black".
     #[serde(default)]
@@ -43,16 +43,12 @@ pub struct Config {
     shadows: ShadowMode,
     /// A light sample (a light, or a point of an area light) does not count where its irradiance is
     /// below this in every channel, in W/m².
-    #[serde(default = "no_cutoff")]
+    #[serde(default = "zero")]
     light_cutoff: NonNegative,
 }
 
 fn six() -> IntegerIn<0, 100_000> {
     IntegerIn::new(6).expect("6 is in range")
-}
-
-fn no_minimum() -> NonNegative {
-    NonNegative::new(0.0).expect("0 is not negative")
 }
 
 /// The `whitted` integrator; see the module documentation.

@@ -520,7 +520,7 @@ impl Scene {
             }
             samples.len() <= MAX_STREAMED_SAMPLES
         };
-        let bounds = || points.position.bounds(points.len);
+        let bounds = || near.unwrap_or(Aabb::EVERYTHING);
         let fits = if self.bright_lights(light_cutoff, bounds, bright) {
             bright.iter().all(|light| add(&*self.lights[*light as usize]))
         } else {
