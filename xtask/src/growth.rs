@@ -57,7 +57,7 @@ pub(crate) fn page(results: &[Value]) -> String {
             RESULTS.map(|file| format!("`{file}`")).join(" and ")
         )),
         wrapped(
-            "Each table varies one number. The last line fits `quantity = c * number^e` to the upper half of the rows, where fixed costs matter least, and lists the exponents e. Beside the measured times stand two times that the machine sets for the expected steps of a ray (nodes and leaves, `sah_cost`). *By latency*: each step waits for one load from a working set as large as the accelerator, which is the time of single rays without any order; neighbouring rays find their nodes in the caches, and the loads of a stream overlap. *By arithmetic*: the operations of as many tests of nodes with eight boxes, and nothing else. *By bandwidth*: the time of writing the finished accelerator once: no build can be faster. A dash: scenes of a few shapes have no hierarchy."
+            "Each table varies one number. The last line fits `quantity = c * number^e` to the upper half of the rows, where fixed costs matter least, and lists the exponents e. Two more columns compute the time of the expected steps of a ray (nodes and leaves, `sah_cost`) from the limits of the machine. *By latency*: each step waits for one load from a working set as large as the accelerator, which is the time of single rays without any order; neighbouring rays find their nodes in the caches, and the loads of a stream overlap. *By arithmetic*: the operations of as many tests of nodes with eight boxes, and nothing else. *By bandwidth*: the time of writing the finished accelerator once: no build can be faster. A dash: scenes of a few shapes have no hierarchy."
         ),
     );
     for result in results {
@@ -140,7 +140,7 @@ fn table(page: &mut String, family: &Value) {
     );
 }
 
-/// A number with so many digits after the point; a dash if there is none.
+/// A number with `count` digits after the point, or a dash if it is not finite.
 fn digits(number: f64, count: usize) -> String {
     if number.is_finite() {
         format!("{number:.count$}")

@@ -57,9 +57,9 @@ const BOUNDS: [(&str, &str, usize); 9] = [
 /// Write all generated documentation
 ///
 /// That is: the pictures and numbers of README.md and docs/validation.md, from the stored
-/// references; docs/run-time.md and docs/growth.md, from the stored
-/// results of `bench sizes` and `bench growth`; the pictures of
-/// docs/accelerators.md; a page for every plugin in docs/plugins; and the data of `list --json`.
+/// references; docs/run-time.md and docs/growth.md, from the stored results of `bench sizes` and
+/// `bench growth`; the pictures of docs/accelerators.md; a page for every plugin in docs/plugins;
+/// and the data of `list --json`.
 #[derive(Args, Debug)]
 #[command(
     help_template = whitstone::commands::HELP_TEMPLATE,

@@ -1,5 +1,5 @@
 //! `bench growth`: how time and memory grow with triangles, lights, pixels, depth and threads,
-//! beside the limits that the machine sets.
+//! compared with the limits of the machine.
 
 use super::machine::{date, load, processor};
 use super::median;

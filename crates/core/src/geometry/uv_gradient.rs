@@ -72,7 +72,7 @@ impl Geometry {
         })
     }
 
-    /// The size in metres of what was hit; 1 for unbounded shapes.
+    /// The size of the triangle, shape or instance that was hit, in metres; 1 if it is unbounded.
     fn size_of_hit(&self, hit: &PreliminaryIntersection) -> f64 {
         let bounds = match self.shapes().get(hit.shape as usize) {
             Some(LoweredShape::Triangles(mesh)) => Aabb::around(mesh.corners(hit.primitive)),
