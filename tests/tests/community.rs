@@ -9,7 +9,9 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use whitstone::validate::environment::Environment;
-use whitstone::validate::{Mode, Options, OraclePolicy, Renderer, Status, Validator, find_scenes};
+use whitstone::validate::{
+    Installation, Mode, Options, OraclePolicy, REFERENCES, Renderer, Status, Validator, find_scenes,
+};
 
 /// Scenes that nobody can decide, and why. The list is tested: a scene that is decided must leave
 /// it.
@@ -24,7 +26,8 @@ const WITHOUT_TWIN: [&str; 2] = ["pov_blob", "pov_julia"];
 fn options() -> Options {
     Options {
         scenes: PathBuf::from("scenes"),
-        references: PathBuf::from("references"),
+        references: PathBuf::from(REFERENCES),
+        installation: Installation::default(),
         target: PathBuf::from("target/whitstone"),
         renderer: Renderer::MITSUBA,
         mode: Mode::Live,
@@ -81,7 +84,7 @@ fn main() {
         .parent()
         .expect("the package is in the repository");
     std::env::set_current_dir(root).expect("the repository is there");
-    let mitsuba = Environment::existing(Path::new("target/whitstone"), Path::new("references")).is_some();
+    let mitsuba = Environment::existing(&Installation::default()).is_some();
     let scenes = find_scenes(&[PathBuf::from("scenes/community")]).expect("the scenes are there");
     let validator = Arc::new(Mutex::new(None));
     let trials = scenes

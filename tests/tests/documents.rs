@@ -9,6 +9,7 @@
 
 use std::fs;
 use std::path::Path;
+use whitstone::validate::Installation;
 use whitstone::validate::environment::Environment;
 use whitstone_tests::{program, root};
 
@@ -38,10 +39,8 @@ fn file_name(before: &str) -> &str {
 fn every_command_of_the_tutorial_works() {
     let page = fs::read_to_string(root().join("docs/tutorial.md")).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let live = Environment::existing(&root().join("target/whitstone"), &root().join("references")).is_some();
-    if live {
-        link_environment(folder.path()).unwrap();
-    }
+    let live = Environment::existing(&Installation::default()).is_some();
+    link_references(folder.path()).unwrap();
     let (mut run, mut skipped) = (Vec::new(), Vec::new());
     for (mark, text, before) in blocks(&page) {
         match mark.as_str() {
@@ -87,10 +86,8 @@ fn of_readme(page: &str) -> Vec<String> {
 fn every_command_of_the_readme_works() {
     let page = fs::read_to_string(root().join("README.md")).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let live = Environment::existing(&root().join("target/whitstone"), &root().join("references")).is_some();
-    if live {
-        link_environment(folder.path()).unwrap();
-    }
+    let live = Environment::existing(&Installation::default()).is_some();
+    link_references(folder.path()).unwrap();
     for name in ["scenes", "studies"] {
         std::os::unix::fs::symlink(root().join(name), folder.path().join(name)).unwrap();
     }
@@ -129,19 +126,10 @@ fn needs_mitsuba(line: &str) -> bool {
         .any(|verb| line.starts_with(&format!("whitstone {verb}")))
 }
 
-/// Lets the program find the repository's drivers and Mitsuba's environment below the folder, as in
-/// a clone. Results are written into the folder.
-fn link_environment(folder: &Path) -> std::io::Result<()> {
-    std::os::unix::fs::symlink(root().join("references"), folder.join("references"))?;
-    let target = folder.join("target/whitstone");
-    fs::create_dir_all(&target)?;
-    for entry in fs::read_dir(root().join("target/whitstone"))? {
-        let entry = entry?;
-        if entry.file_name().to_string_lossy().starts_with("python-") {
-            std::os::unix::fs::symlink(entry.path(), target.join(entry.file_name()))?;
-        }
-    }
-    Ok(())
+/// Lets the program find the repository's stored references below the folder, as in a clone. Results
+/// are written into the folder.
+fn link_references(folder: &Path) -> std::io::Result<()> {
+    std::os::unix::fs::symlink(root().join("references"), folder.join("references"))
 }
 
 /// Runs a line of the page and returns the exit code.

@@ -17,7 +17,7 @@ use whitstone::core::{
 };
 use whitstone::image::{Image, Limits, Raster, exr_io, texels};
 use whitstone::validate::environment::Environment;
-use whitstone::validate::{CaseResult, Mode, Options, Renderer, Status, Validator};
+use whitstone::validate::{CaseResult, Installation, Mode, Options, REFERENCES, Renderer, Status, Validator};
 use whitstone_accelerators::brute_force::{self, BruteForce};
 use whitstone_shapes::sphere::{self, Sphere};
 use whitstone_textures::image;
@@ -592,7 +592,8 @@ const SHARED_FAULTS: [SharedFault; 4] = [
 fn options(renderer: Renderer, mode: Mode) -> Options {
     Options {
         scenes: PathBuf::from("scenes"),
-        references: PathBuf::from("references"),
+        references: PathBuf::from(REFERENCES),
+        installation: Installation::default(),
         target: PathBuf::from("target/whitstone"),
         renderer,
         mode,
@@ -664,7 +665,7 @@ fn has_povray() -> bool {
         .arg("--version")
         .stdout(Stdio::null())
         .stderr(Stdio::null());
-    version.status().is_ok() && Environment::of_povray(Path::new("references")).is_ok()
+    version.status().is_ok() && Environment::of_povray(&Installation::default()).is_ok()
 }
 
 fn main() {
@@ -674,7 +675,7 @@ fn main() {
         .parent()
         .expect("the package is in the repository");
     std::env::set_current_dir(root).expect("the repository is there");
-    let mitsuba = Environment::existing(Path::new("target/whitstone"), Path::new("references")).is_some();
+    let mitsuba = Environment::existing(&Installation::default()).is_some();
     let trials = FAULTS
         .iter()
         .flat_map(|fault| {

@@ -11,7 +11,8 @@ use whitstone::validate::environment::Environment;
 use whitstone::validate::matrix::Outcome;
 use whitstone::validate::reduce::reduce;
 use whitstone::validate::{
-    CaseResult, Mode, Options, Renderer, Status, Validator, WorstPixel, flatten, tree,
+    CaseResult, Installation, Mode, Options, REFERENCES, Renderer, Status, Validator, WorstPixel, flatten,
+    tree,
 };
 use whitstone_tests::{load, program, root};
 
@@ -21,7 +22,8 @@ const SKY: &str = "[[light]]\ntype = \"background\"\nradiance = [0.2, 0.3, 0.4]\
 fn options() -> Options {
     Options {
         scenes: PathBuf::from("scenes"),
-        references: PathBuf::from("references"),
+        references: PathBuf::from(REFERENCES),
+        installation: Installation::default(),
         target: PathBuf::from("target/whitstone"),
         renderer: Renderer::MITSUBA,
         mode: Mode::Live,
@@ -333,7 +335,7 @@ fn main() {
     let arguments = Arguments::from_args();
     // Scenes are named from the repository.
     std::env::set_current_dir(root()).expect("the repository is there");
-    let live = Environment::existing(Path::new("target/whitstone"), Path::new("references")).is_some();
+    let live = Environment::existing(&Installation::default()).is_some();
     let tests: [(&str, Test); 9] = [
         ("small facets keep their limit", small_facets_keep_their_limit),
         (

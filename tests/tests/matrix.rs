@@ -9,14 +9,15 @@ use whitstone::core::{
     SceneErrors, SelfHitFilter, Statistics,
 };
 use whitstone::validate::matrix::{Cell, Outcome};
-use whitstone::validate::{Mode, Options, Renderer, Validator};
+use whitstone::validate::{Installation, Mode, Options, REFERENCES, Renderer, Validator};
 use whitstone_accelerators::brute_force::{self, BruteForce};
 use whitstone_tests::{bits, load, program, root, scenes, small};
 
 fn cells(registry: &Registry, scene: &Path, overrides: &[&str], target: &Path) -> Vec<Cell> {
     let options = Options {
         scenes: root().join("scenes"),
-        references: root().join("references"),
+        references: root().join(REFERENCES),
+        installation: Installation::default(),
         renderer: Renderer::MITSUBA,
         target: target.to_owned(),
         mode: Mode::Stored,

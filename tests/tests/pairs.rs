@@ -11,7 +11,7 @@ use std::time::Duration;
 use whitstone::core::FamilyName;
 use whitstone::render::RenderOptions;
 use whitstone::validate::environment::Environment;
-use whitstone::validate::{Mode, Options, Renderer, Status, Validator};
+use whitstone::validate::{Installation, Mode, Options, REFERENCES, Renderer, Status, Validator};
 use whitstone_tests::{load, root};
 
 /// Shapes that are not in the pairs, and why.
@@ -336,7 +336,8 @@ fn cameras() -> Scenes {
 fn options() -> Options {
     Options {
         scenes: PathBuf::from("scenes"),
-        references: PathBuf::from("references"),
+        references: PathBuf::from(REFERENCES),
+        installation: Installation::default(),
         target: PathBuf::from("target/whitstone"),
         renderer: Renderer::MITSUBA,
         mode: Mode::Live,
@@ -457,7 +458,7 @@ fn main() {
     let arguments = Arguments::from_args();
     // Assets are named from the repository.
     std::env::set_current_dir(root()).expect("the repository is there");
-    let live = Environment::existing(Path::new("target/whitstone"), Path::new("references")).is_some();
+    let live = Environment::existing(&Installation::default()).is_some();
     type Test = fn() -> Result<(), Failed>;
     let tests: [(&str, Test); 6] = [
         ("every shape with every material", || pass(&materials())),

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use whitstone::registry;
 use whitstone::validate::driver::{Driver, DriverError};
 use whitstone::validate::environment::Environment;
-use whitstone::validate::{Renderer, flatten};
+use whitstone::validate::{Installation, Renderer, flatten};
 use whitstone_tests::{program, root, scenes};
 
 const SCENE: &str = "scenes/showcase/classic.toml";
@@ -178,7 +178,7 @@ fn a_missing_povray_is_told() {
 /// know would be an error in the midst of a run.
 #[test]
 fn every_scene_has_a_twin_in_povray_or_a_reason() {
-    let environment = Environment::of_povray(&root().join("references")).unwrap();
+    let environment = Environment::of_povray(&Installation::default()).unwrap();
     let mut driver = Driver::start(&environment, Duration::from_secs(120)).unwrap();
     let (mut twins, mut wrong) = (0, Vec::new());
     for path in scenes() {

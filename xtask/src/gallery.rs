@@ -11,7 +11,7 @@ use whitstone::core::{Note, Registry, Treatment};
 use whitstone::image::atomic;
 use whitstone::scene::{Description, Sources};
 use whitstone::validate::opinion::{Ask, OraclePolicy};
-use whitstone::validate::{CaseResult, Mode, Options, REFERENCES, Renderer, Status, Validator};
+use whitstone::validate::{CaseResult, Installation, Mode, Options, REFERENCES, Renderer, Status, Validator};
 use whitstone::{Exit, Failure};
 
 /// The program of the tests that renders with three.js.
@@ -177,6 +177,7 @@ fn fill(entry: &mut Entry, arguments: &Arguments, registry: &Registry) -> Result
     let options = Options {
         scenes: PathBuf::from("scenes"),
         references: PathBuf::from(REFERENCES),
+        installation: Installation::default(),
         renderer: Renderer::MITSUBA,
         target: PathBuf::from("target/whitstone"),
         mode: Mode::Live,

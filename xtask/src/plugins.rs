@@ -4,7 +4,8 @@
 use crate::backends;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
+use std::path::Path;
+use std::{fs, io};
 use whitstone::core::Registry;
 
 /// Written by `cargo xtask readme`; embedded into the command line.
@@ -35,6 +36,30 @@ pub(crate) fn json(registry: &Registry) -> String {
             .insert(entry.name, BTreeMap::from(notes));
     }
     format!("{:#}\n", json!(families))
+}
+
+/// The package from which `whitstone new-plugin` makes others.
+const PACKAGE: &str = "examples/plugin-superquadric";
+
+/// Written by `cargo xtask readme`; embedded into the command line.
+pub(crate) const PACKAGE_FILE: &str = "crates/whitstone/src/commands/scaffold/package.json";
+
+/// The content of the file: the texts of the package by path.
+pub(crate) fn package() -> io::Result<String> {
+    let files = [
+        "Cargo.toml",
+        "README.md",
+        "scenes/superquadric.toml",
+        "src/lib.rs",
+        "src/main.rs",
+        "src/superquadric.py",
+        "src/superquadric.rs",
+    ];
+    let mut texts = BTreeMap::new();
+    for file in files {
+        texts.insert(file, fs::read_to_string(Path::new(PACKAGE).join(file))?);
+    }
+    Ok(format!("{:#}\n", json!(texts)))
 }
 
 /// The text after a name in the list of a header, up to the next item.

@@ -15,7 +15,9 @@ use whitstone::render::{BuildOptions, Film, Pipeline, RenderOptions};
 use whitstone::scene::Sources;
 use whitstone::validate::opinion::{Ask, Opinion, OraclePolicy};
 use whitstone::validate::stored::Stored;
-use whitstone::validate::{CaseResult, Mode, Options, Renderer, Status, Validator, find_scenes};
+use whitstone::validate::{
+    CaseResult, Installation, Mode, Options, REFERENCES, Renderer, Status, Validator, find_scenes,
+};
 use whitstone::{Exit, Failure, wireframe};
 
 const README: &str = "README.md";
@@ -107,6 +109,10 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         ),
         (PathBuf::from("docs/images/showcase.png"), sheet(registry)?),
         (PathBuf::from(plugins::FILE), plugins::json(registry).into_bytes()),
+        (
+            PathBuf::from(plugins::PACKAGE_FILE),
+            plugins::package().map_err(Failure::environment)?.into_bytes(),
+        ),
         (PathBuf::from(formats::PAGE), formats::page(registry).into_bytes()),
     ];
     for name in TRIOS {
@@ -203,7 +209,8 @@ fn strangers(files: &[(PathBuf, Vec<u8>)]) -> Vec<String> {
 fn validate(registry: &Registry, renderer: Renderer) -> Result<Vec<CaseResult>, Failure> {
     let options = Options {
         scenes: PathBuf::from("scenes"),
-        references: PathBuf::from("references"),
+        references: PathBuf::from(REFERENCES),
+        installation: Installation::default(),
         target: PathBuf::from("target/whitstone"),
         renderer,
         mode: Mode::Stored,

@@ -1,6 +1,7 @@
-//! The Python environment of a reference's driver: a private environment for Mitsuba, the system's
+//! The drivers of the references and their Python: a private environment for Mitsuba, the system's
 //! Python for POV-Ray.
 
+use etcetera::BaseStrategy as _;
 use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::io::Read;
@@ -11,9 +12,13 @@ use std::time::{Duration, Instant};
 use thiserror::Error;
 use whitstone_core::Registry;
 use whitstone_image::atomic;
+use whitstone_references::FILES;
 
-/// The folder with the drivers and the stored references, relative to the current one.
-pub const REFERENCES: &str = "references";
+/// The default folder of the stored references, relative to the current one.
+pub const REFERENCES: &str = "references/images";
+
+/// The default folder of results and caches, relative to the current one.
+pub const TARGET: &str = "target/whitstone";
 
 /// Time limit for the installation: Mitsuba is a download of about 100 MB.
 const INSTALL_LIMIT: Duration = Duration::from_secs(900);
@@ -28,6 +33,68 @@ const MODULE: &str = "whitstone_mitsuba";
 /// The Python package of POV-Ray's driver.
 const MODULE_OF_POVRAY: &str = "whitstone_povray";
 
+/// Where the drivers and the Python environment of Mitsuba are.
+///
+/// By default they are in the user's cache folder, so that all projects share them.
+#[derive(Clone, Debug)]
+pub struct Installation {
+    /// Folder for the unpacked drivers and the Python environment.
+    pub folder: PathBuf,
+    /// Folder with `mitsuba`, `povray` and `protocol`, in place of the drivers in this program.
+    pub drivers: Option<PathBuf>,
+    /// A Python with Mitsuba, in place of the private environment.
+    pub mitsuba: Option<PathBuf>,
+}
+
+impl Default for Installation {
+    /// Where there is no home folder, the drivers are next to the results.
+    fn default() -> Self {
+        let user = etcetera::choose_base_strategy();
+        Self::at(user.map_or_else(|_| TARGET.into(), |user| user.cache_dir().join("whitstone")))
+    }
+}
+
+impl Installation {
+    /// An installation in a folder.
+    pub fn at(folder: PathBuf) -> Self {
+        Self {
+            folder,
+            drivers: None,
+            mitsuba: None,
+        }
+    }
+
+    /// The folder with `mitsuba`, `povray` and `protocol`. Writes the drivers of this program if
+    /// they are not there, or are not those of this program.
+    fn drivers(&self) -> Result<PathBuf, EnvironmentError> {
+        if let Some(folder) = &self.drivers {
+            return Ok(folder.clone());
+        }
+        let mut hasher = blake3::Hasher::new();
+        for file in FILES {
+            hasher.update(file.path.as_bytes()).update(file.bytes);
+        }
+        let folder = self
+            .folder
+            .join(format!("drivers-{}", &hasher.finalize().to_hex()[..12]));
+        for file in FILES {
+            let path = folder.join(file.path);
+            if fs::read(&path).is_ok_and(|bytes| bytes == file.bytes) {
+                continue;
+            }
+            let parent = path.parent().unwrap_or(&folder);
+            fs::create_dir_all(parent)
+                .map_err(|error| error.to_string())
+                .and_then(|()| atomic::write_bytes(&path, file.bytes).map_err(|error| error.to_string()))
+                .map_err(|problem| EnvironmentError::Drivers {
+                    folder: folder.clone(),
+                    problem,
+                })?;
+        }
+        Ok(folder)
+    }
+}
+
 /// An environment in which a driver can run.
 #[derive(Clone, Debug)]
 pub struct Environment {
@@ -40,6 +107,9 @@ pub struct Environment {
     pub module: &'static str,
     /// Files with the twins of third-party plugins.
     pub twins: Vec<PathBuf>,
+    /// Whether the renderer is installed for Whitstone alone, so that its version changes only with
+    /// its requirements.
+    pub is_private: bool,
 }
 
 /// Why there is no environment, and how to fix it.
@@ -55,9 +125,25 @@ pub enum EnvironmentError {
         /// The interpreters that were tried, and the results.
         tried: String,
     },
-    /// The driver's package is not in its place.
-    #[error("the driver of the reference is not in {}; run this command inside the repository, or pass `--references`", .0.display())]
+    /// The given folder has no drivers.
+    #[error("the driver of the reference is not in {}; `--drivers` takes the folder `references` of a Whitstone checkout", .0.display())]
     NoPackage(PathBuf),
+    /// The drivers of this program cannot be written.
+    #[error("cannot write the drivers of the references to {}: {problem}; choose another folder with `--target`", folder.display())]
+    Drivers {
+        /// Their folder.
+        folder: PathBuf,
+        /// The cause.
+        problem: String,
+    },
+    /// The given Python does not work.
+    #[error("`--mitsuba {}`: {problem}", python.display())]
+    Python {
+        /// The given interpreter.
+        python: PathBuf,
+        /// The cause.
+        problem: String,
+    },
     /// A step of the installation failed.
     #[error("cannot {step}:\n{output}")]
     Step {
@@ -69,18 +155,21 @@ pub enum EnvironmentError {
 }
 
 impl Environment {
-    /// The environment under `target`, created on first use. Calls `say` before slow steps.
+    /// The environment of Mitsuba, created on first use. Calls `say` before slow steps.
     ///
     /// Its folder is keyed by the pinned requirements and the Python that created it, so a change
     /// of either creates a new one. Concurrent processes wait for each other.
-    pub fn ensure(target: &Path, references: &Path, say: &dyn Fn(&str)) -> Result<Self, EnvironmentError> {
+    pub fn ensure(installation: &Installation, say: &dyn Fn(&str)) -> Result<Self, EnvironmentError> {
+        if let Some(environment) = Self::given(installation)? {
+            return Ok(environment);
+        }
         let Place {
             python,
             version,
             key,
             folder,
             environment,
-        } = Place::find(target, references)?;
+        } = Place::find(installation)?;
         let requirements = environment.package.join("requirements.txt");
         let complete = folder.join("complete");
         if environment.is_complete(&folder) {
@@ -92,8 +181,7 @@ impl Environment {
                 output: error.to_string(),
             }
         };
-        fs::create_dir_all(target).map_err(io("create the folder of the Python environment"))?;
-        let lock = File::create(target.join(format!("python-{key}.lock")))
+        let lock = File::create(installation.folder.join(format!("python-{key}.lock")))
             .map_err(io("lock the Python environment"))?;
         lock.lock().map_err(io("lock the Python environment"))?;
         if complete.is_file() {
@@ -118,6 +206,7 @@ impl Environment {
                     "--disable-pip-version-check",
                     "--no-input",
                     "-q",
+                    "--require-hashes",
                     "-r",
                 ])
                 .arg(&requirements),
@@ -127,18 +216,46 @@ impl Environment {
         Ok(environment)
     }
 
-    /// The environment if it exists; creates nothing.
-    pub fn existing(target: &Path, references: &Path) -> Option<Self> {
-        let place = Place::find(target, references).ok()?;
+    /// The environment of Mitsuba if it exists.
+    pub fn existing(installation: &Installation) -> Option<Self> {
+        if let Some(environment) = Self::given(installation).ok()? {
+            return Some(environment);
+        }
+        let place = Place::find(installation).ok()?;
         place
             .environment
             .is_complete(&place.folder)
             .then_some(place.environment)
     }
 
+    /// The environment that the installation names, if it names one.
+    fn given(installation: &Installation) -> Result<Option<Self>, EnvironmentError> {
+        let Some(python) = &installation.mitsuba else {
+            return Ok(None);
+        };
+        if let Err(problem) = version_of(python) {
+            return Err(EnvironmentError::Python {
+                python: python.clone(),
+                problem,
+            });
+        }
+        Ok(Some(Self {
+            // The driver may run in another folder.
+            python: if python.components().count() > 1 {
+                std::path::absolute(python).unwrap_or_else(|_| python.clone())
+            } else {
+                python.clone()
+            },
+            package: installation.drivers()?.join("mitsuba"),
+            module: MODULE,
+            twins: Vec::new(),
+            is_private: false,
+        }))
+    }
+
     /// The system's Python with the driver of POV-Ray, which needs nothing else.
-    pub fn of_povray(references: &Path) -> Result<Self, EnvironmentError> {
-        let package = references.join("povray");
+    pub fn of_povray(installation: &Installation) -> Result<Self, EnvironmentError> {
+        let package = installation.drivers()?.join("povray");
         if !package.join(MODULE_OF_POVRAY).is_dir() {
             return Err(EnvironmentError::NoPackage(package));
         }
@@ -147,6 +264,7 @@ impl Environment {
             package,
             module: MODULE_OF_POVRAY,
             twins: Vec::new(),
+            is_private: false,
         })
     }
 
@@ -189,8 +307,8 @@ struct Place {
 }
 
 impl Place {
-    fn find(target: &Path, references: &Path) -> Result<Self, EnvironmentError> {
-        let package = references.join("mitsuba");
+    fn find(installation: &Installation) -> Result<Self, EnvironmentError> {
+        let package = installation.drivers()?.join("mitsuba");
         let Ok(pinned) = fs::read(package.join("requirements.txt")) else {
             return Err(EnvironmentError::NoPackage(package));
         };
@@ -198,7 +316,7 @@ impl Place {
         let mut hasher = blake3::Hasher::new();
         hasher.update(&pinned).update(version.as_bytes());
         let key = hasher.finalize().to_hex()[..12].to_owned();
-        let folder = target.join(format!("python-{key}"));
+        let folder = installation.folder.join(format!("python-{key}"));
         Ok(Self {
             python,
             version,
@@ -208,6 +326,7 @@ impl Place {
                 package,
                 module: MODULE,
                 twins: Vec::new(),
+                is_private: true,
             },
             folder,
         })
@@ -231,18 +350,7 @@ fn find_python(minor: u32) -> Result<(PathBuf, String), EnvironmentError> {
     };
     let mut tried = Vec::new();
     for python in candidates {
-        let script = "import sys; print('%d.%d.%d' % sys.version_info[:3])";
-        let version = match Command::new(&python)
-            .args(["-c", script])
-            .stdin(Stdio::null())
-            .output()
-        {
-            Ok(output) if output.status.success() => {
-                String::from_utf8_lossy(&output.stdout).trim().to_owned()
-            }
-            Ok(output) => format!("fails with {}", output.status),
-            Err(error) => error.to_string(),
-        };
+        let version = version_of(&python).unwrap_or_else(|problem| problem);
         let mut numbers = version.split('.').map(|part| part.parse::<u32>().unwrap_or(0));
         if (numbers.next().unwrap_or(0), numbers.next().unwrap_or(0)) >= (3, minor) {
             return Ok((python, version));
@@ -253,6 +361,22 @@ fn find_python(minor: u32) -> Result<(PathBuf, String), EnvironmentError> {
         minor,
         tried: tried.join("; "),
     })
+}
+
+/// The version of a Python, such as "3.11.2", or why it has none.
+fn version_of(python: &Path) -> Result<String, String> {
+    let script = "import sys; print('%d.%d.%d' % sys.version_info[:3])";
+    let output = Command::new(python)
+        .args(["-c", script])
+        .stdin(Stdio::null())
+        .output();
+    match output {
+        Ok(output) if output.status.success() => {
+            Ok(String::from_utf8_lossy(&output.stdout).trim().to_owned())
+        }
+        Ok(output) => Err(format!("fails with {}", output.status)),
+        Err(error) => Err(error.to_string()),
+    }
 }
 
 /// Runs a step until it ends or reaches the time limit.

@@ -35,7 +35,7 @@ mod variants;
 mod verdict;
 
 pub use decoded::decode_textures;
-pub use environment::REFERENCES;
+pub use environment::{Installation, REFERENCES, TARGET};
 pub use key::{find_scenes, quoted, scene_key};
 pub use live::{Live, LiveError, hash_sources};
 pub use noisy::Noisy;

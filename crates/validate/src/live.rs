@@ -23,6 +23,7 @@ pub struct Live {
     driver: Option<Driver>,
     /// The versions of the renderer; known once the driver has reported them.
     versions: Option<Versions>,
+    warning: Option<String>,
     /// Hash of the driver's source and of the variations that measure the floor. Answers with
     /// another hash are not reused.
     driver_hash: String,
@@ -74,14 +75,15 @@ impl Live {
     ) -> Result<Self, LiveError> {
         let driver_hash = hash_sources(renderer, &environment);
         let hello_path = cache.join(format!("hello-{driver_hash}.json"));
-        // The installation on the system may have changed.
-        let is_private = renderer.is_private();
+        // Another installation may have changed.
+        let is_private = environment.is_private;
         let known = std::fs::read(&hello_path).ok().filter(|_| reuse && is_private);
         let mut live = Self {
             renderer,
             environment,
             driver: None,
             versions: None,
+            warning: None,
             driver_hash,
             cache,
             reuse,
@@ -98,17 +100,22 @@ impl Live {
             }
         };
         live.check_version(&versions)?;
-        if let Versions::PovRay(found) = &versions {
+        if !is_private {
             // The cached images are those of the installed version.
-            let version = blake3::hash(found.povray.as_bytes()).to_hex();
+            let version = match &versions {
+                Versions::Mitsuba(found) => &found.mitsuba,
+                Versions::PovRay(found) => &found.povray,
+            };
+            let version = blake3::hash(version.as_bytes()).to_hex();
             live.driver_hash = format!("{}-{}", live.driver_hash, &version[..6]);
         }
         live.versions = Some(versions);
         Ok(live)
     }
 
-    /// Rejects another version: its images would be compared under wrong assumptions.
-    fn check_version(&self, versions: &Versions) -> Result<(), LiveError> {
+    /// Rejects another version in the private environment: its images would be compared under wrong
+    /// assumptions. In the user's own environment it leads to a warning.
+    fn check_version(&mut self, versions: &Versions) -> Result<(), LiveError> {
         let Versions::Mitsuba(hello) = versions else {
             // The driver itself checks the version.
             return Ok(());
@@ -117,15 +124,31 @@ impl Live {
         let text = std::fs::read_to_string(requirements).unwrap_or_default();
         let pinned = text
             .lines()
-            .find_map(|line| line.trim().strip_prefix("mitsuba=="));
-        match pinned.map(str::trim) {
-            Some(pinned) if pinned != hello.mitsuba => Err(LiveError::Version {
-                found: hello.mitsuba.clone(),
-                pinned: pinned.to_owned(),
-                environment: self.environment.folder().to_owned(),
-            }),
+            .find_map(|line| line.strip_prefix("mitsuba=="))
+            .and_then(|rest| rest.split_whitespace().next());
+        match pinned {
+            Some(pinned) if pinned != hello.mitsuba && self.environment.is_private => {
+                Err(LiveError::Version {
+                    found: hello.mitsuba.clone(),
+                    pinned: pinned.to_owned(),
+                    environment: self.environment.folder().to_owned(),
+                })
+            }
+            Some(pinned) if pinned != hello.mitsuba => {
+                self.warning = Some(format!(
+                    "{} has Mitsuba {}; the driver and its tolerances are tested with {pinned}",
+                    self.environment.python.display(),
+                    hello.mitsuba
+                ));
+                Ok(())
+            }
             _ => Ok(()),
         }
+    }
+
+    /// What is unusual about the installation.
+    pub fn warning(&self) -> Option<&str> {
+        self.warning.as_deref()
     }
 
     /// The renderer.

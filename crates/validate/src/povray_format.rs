@@ -4,19 +4,20 @@
 //! POV-Ray cannot render it, and writes the text.
 
 use crate::driver::{Driver, DriverError};
-use crate::environment::Environment;
+use crate::environment::{Environment, Installation};
 use crate::renderer::{Adaptation, Renderer};
 use serde_json::json;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Duration;
 use toml::{Table, Value};
 use whitstone_core::{ExportScene, Feature, FormatError, FormatErrors, Note, Notes, SceneFormat, Treatment};
 use whitstone_image::atomic;
 
 /// POV-Ray's scenes; only written.
+#[derive(Default)]
 pub struct PovRayFormat {
-    /// The folder with the drivers of the references.
-    pub references: PathBuf,
+    /// Where the driver is.
+    pub installation: Installation,
 }
 
 /// Time limit for the translation of a scene.
@@ -121,7 +122,7 @@ impl PovRayFormat {
 
     /// The scene in POV-Ray's language: one text, or one for each channel.
     fn translate(&self, text: &str, base: &Path) -> Result<Vec<String>, FormatErrors> {
-        let environment = Environment::of_povray(&self.references).map_err(wrong)?;
+        let environment = Environment::of_povray(&self.installation).map_err(wrong)?;
         let mut driver = Driver::start(&environment, LIMIT).map_err(wrong)?;
         let answer = driver.request(&json!({ "op": "write", "scene": text, "base": base }));
         let answer = match answer {

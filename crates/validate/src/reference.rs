@@ -1,7 +1,7 @@
 //! The interface of a renderer that serves as a reference.
 
 use crate::driver::{Driver, DriverError};
-use crate::environment::{Environment, EnvironmentError};
+use crate::environment::{Environment, EnvironmentError, Installation};
 use crate::explain::{self, Trial};
 use crate::protocol::{Rendered, SceneText, Setting, Versions};
 use std::path::Path;
@@ -20,18 +20,13 @@ pub trait Reference: Sync {
         format!("{}.toml", self.name())
     }
 
-    /// Whether it is installed for Whitstone alone, so that its version changes only with its
-    /// requirements.
-    fn is_private(&self) -> bool;
-
     /// The environment of its driver, created on first use. Calls `say` before slow steps.
     ///
     /// # Errors
     /// If it cannot run here.
     fn environment(
         &self,
-        target: &Path,
-        references: &Path,
+        installation: &Installation,
         say: &dyn Fn(&str),
     ) -> Result<Environment, EnvironmentError>;
 

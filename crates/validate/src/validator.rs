@@ -2,6 +2,7 @@
 
 use crate::decoded::decode_textures;
 use crate::driver::DriverError;
+use crate::environment::Installation;
 use crate::key::{folder_of, quoted, scene_key};
 use crate::live::{Live, LiveError};
 use crate::opinion::OraclePolicy;
@@ -39,11 +40,13 @@ pub enum Mode {
 pub struct Options {
     /// Folder that scene names are relative to.
     pub scenes: PathBuf,
-    /// Folder with `mitsuba/`, `povray/` and `images/`.
+    /// Folder of the stored references.
     pub references: PathBuf,
+    /// Where the drivers of the references are.
+    pub installation: Installation,
     /// The renderer of the references.
     pub renderer: Renderer,
-    /// Folder for the environment, caches and the report.
+    /// Folder for caches and the report.
     pub target: PathBuf,
     /// Where references come from.
     pub mode: Mode,
@@ -117,7 +120,12 @@ impl<'a> Validator<'a> {
         let (live, not_live) = match options.mode {
             Mode::Stored => (None, Some("stored references were requested".to_owned())),
             Mode::Auto | Mode::Live => match start_live(registry, &options, say) {
-                Ok(live) => (Some(live), None),
+                Ok(live) => {
+                    if let Some(warning) = live.warning() {
+                        say(&format!("warning: {warning}"));
+                    }
+                    (Some(live), None)
+                }
                 Err(problem) if options.mode == Mode::Live => return Err(NoLive(problem)),
                 Err(problem) => (None, Some(problem)),
             },
@@ -354,7 +362,7 @@ impl<'a> Validator<'a> {
     /// The folder of a scene's stored references.
     pub fn stored_folder(&self, path: &Path) -> PathBuf {
         let key = scene_key(path, &self.options.scenes);
-        self.options.references.join("images").join(folder_of(&key))
+        self.options.references.join(folder_of(&key))
     }
 
     fn reference(
@@ -456,9 +464,7 @@ fn departure(ours: &[[f32; 3]], exact: &[[f32; 3]]) -> String {
 }
 
 fn start_live(registry: &Registry, options: &Options, say: &dyn Fn(&str)) -> Result<Live, String> {
-    let environment = options
-        .renderer
-        .environment(&options.target, &options.references, say);
+    let environment = options.renderer.environment(&options.installation, say);
     let environment = environment.map_err(|error| error.to_string())?;
     let environment = environment.with_twins(registry, &options.target);
     let environment = environment.map_err(|error| format!("the twins of plugins: {error}"))?;

@@ -8,6 +8,7 @@ pub mod converge;
 pub mod convert;
 pub mod doctor;
 pub mod explain;
+pub mod init;
 mod junit;
 pub mod list;
 mod names;
@@ -33,6 +34,7 @@ use whitstone_core::simd::Level;
 use whitstone_core::{DuplicateType, ImportOptions, Note, Registry, Treatment};
 use whitstone_render::{BuildOptions, Cache, Pipeline};
 use whitstone_scene::{Plan, Sources};
+use whitstone_validate::{Installation, TARGET};
 
 /// A Whitted ray tracer that is validated against Mitsuba 3, pixel by pixel.
 ///
@@ -71,6 +73,7 @@ pub enum Command {
     Schema(schema::Arguments),
     Sensitivity(sensitivity::Arguments),
     NewPlugin(new_plugin::Arguments),
+    Init(init::Arguments),
     Doctor(doctor::Arguments),
     Completions(completions::Arguments),
     Reference(reference::Arguments),
@@ -94,6 +97,7 @@ impl Command {
             Self::Converge(arguments) => converge::run(arguments, registry, program),
             Self::Bake(arguments) => bake::run(arguments, registry),
             Self::List(arguments) => list::run(arguments, registry),
+            Self::Init(arguments) => init::run(arguments, program),
             Self::NewPlugin(arguments) => new_plugin::run(arguments, registry),
             Self::Sensitivity(arguments) => sensitivity::run(arguments, registry, program),
             Self::Schema(arguments) => schema::run(arguments, registry),
@@ -202,12 +206,54 @@ pub struct SceneArguments {
     /// the available memory]
     #[arg(long, value_name = "GIB", value_parser = gib)]
     pub max_memory: Option<u64>,
-    /// Folder for cached textures and the Python environment of Mitsuba
-    #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
-    pub target: PathBuf,
+    #[command(flatten)]
+    pub(crate) target: Target,
     /// Ignore cached files and build them again
     #[arg(long)]
     pub fresh: bool,
+}
+
+/// Selects the folder of results.
+#[derive(Args, Clone, Debug, Default)]
+// Unnamed groups, because these are parts of several commands.
+#[group(skip)]
+pub struct Target {
+    /// Folder for results and caches [default: target/whitstone]; also for the drivers of the
+    /// references and the Python environment of Mitsuba, which are otherwise in the user's cache
+    /// folder
+    #[arg(long, value_name = "DIR")]
+    target: Option<PathBuf>,
+}
+
+impl Target {
+    /// The folder.
+    pub fn folder(&self) -> &Path {
+        self.target.as_deref().unwrap_or(Path::new(TARGET))
+    }
+}
+
+/// Selects the drivers of the references.
+#[derive(Args, Clone, Debug)]
+#[group(skip)]
+pub struct Drivers {
+    /// Python with an installed Mitsuba, to be used in place of the private environment
+    #[arg(long, value_name = "PYTHON")]
+    mitsuba: Option<PathBuf>,
+    /// Folder with the drivers of the references, in place of the built-in ones
+    #[arg(long, value_name = "DIR")]
+    drivers: Option<PathBuf>,
+}
+
+impl Drivers {
+    /// Where the drivers are.
+    pub fn installation(&self, target: &Target) -> Installation {
+        let given = target.target.clone().map(Installation::at);
+        Installation {
+            drivers: self.drivers.clone(),
+            mitsuba: self.mitsuba.clone(),
+            ..given.unwrap_or_default()
+        }
+    }
 }
 
 /// Builds a scene. The error is a report of everything that is wrong with it.
@@ -234,7 +280,7 @@ pub fn build_with<T>(
     }
     let bar = terminal::spinner("building");
     let progress = |what: &str| bar.set_message(format!("building {what}"));
-    let kept = arguments.target.join("kept");
+    let kept = arguments.target.folder().join("kept");
     let options = BuildOptions {
         max_memory: arguments.max_memory,
         cache: Some(Cache {

@@ -45,9 +45,7 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     whitstone_integrators::register(registry)?;
     whitstone_formats::register(registry);
     #[cfg(feature = "cli")]
-    registry.add_format(whitstone_validate::PovRayFormat {
-        references: whitstone_validate::REFERENCES.into(),
-    });
+    registry.add_format(whitstone_validate::PovRayFormat::default());
     Ok(())
 }
 

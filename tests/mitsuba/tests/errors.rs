@@ -6,6 +6,7 @@ use std::fmt::Write;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use whitstone::core::{Aabb, DVec3, Interval, Ray, SelfHitFilter, Transform};
+use whitstone::validate::Installation;
 use whitstone::validate::environment::Environment;
 use whitstone_mitsuba::Mitsuba;
 use whitstone_oracle::agreement::{Errors, Subject};
@@ -79,9 +80,7 @@ fn is_worse(one: &Errors, other: &Errors) -> bool {
 }
 
 fn main() {
-    let target = repository().join("target/whitstone");
-    let references = repository().join("references");
-    let environment = match Environment::ensure(&target, &references, &|what| println!("{what}")) {
+    let environment = match Environment::ensure(&Installation::default(), &|what| println!("{what}")) {
         Ok(environment) => environment,
         Err(error) => {
             println!("skipped: {error}");

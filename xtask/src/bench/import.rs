@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 use whitstone::core::{Registry, TriangleMesh};
-use whitstone::validate::REFERENCES;
+use whitstone::validate::Installation;
 use whitstone::validate::environment::Environment;
 use whitstone::{Exit, Failure};
 
@@ -67,7 +67,7 @@ if kind in ('ply', 'obj'):
 /// Runs the command.
 pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let files = write(&arguments.folder).map_err(Failure::environment)?;
-    let mitsuba = Environment::existing(Path::new("target/whitstone"), Path::new(REFERENCES));
+    let mitsuba = Environment::existing(&Installation::default());
     let mitsuba = mitsuba.map(|environment| environment.python);
     let trimesh = arguments.trimesh.is_file().then(|| arguments.trimesh.clone());
     for (name, found) in [("trimesh", &trimesh), ("Mitsuba", &mitsuba)] {

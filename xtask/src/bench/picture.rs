@@ -10,6 +10,7 @@ use std::time::Duration;
 use whitstone::core::Registry;
 use whitstone::render::{BuildOptions, Pipeline, RenderOptions};
 use whitstone::scene::{Flattened, Plan, Sources};
+use whitstone::validate::Installation;
 use whitstone::validate::driver::{Driver, Setting};
 use whitstone::validate::environment::Environment;
 use whitstone::{Exit, Failure};
@@ -81,8 +82,7 @@ fn built(path: &Path, film: &str, registry: &Registry) -> Result<(Pipeline, Flat
 }
 
 fn compare_with_mitsuba(arguments: &Arguments, registry: &Registry) -> Result<Vec<Value>, Failure> {
-    let target = Path::new("target/whitstone");
-    let environment = Environment::ensure(target, Path::new("references"), &|text| eprintln!("{text}"))
+    let environment = Environment::ensure(&Installation::default(), &|text| eprintln!("{text}"))
         .map_err(Failure::environment)?;
     let mut driver = Driver::start(&environment, Duration::from_secs(600)).map_err(Failure::environment)?;
     let film = format!("width = {}, height = {}", arguments.width, arguments.height);

@@ -13,10 +13,9 @@ pub(super) struct LiveMitsuba(whitstone_mitsuba::Mitsuba);
 impl LiveMitsuba {
     /// Starts in the environment of the harness, which is created if needed.
     pub(super) fn start() -> Result<Self, Failure> {
-        use std::path::Path;
+        use whitstone::validate::Installation;
         use whitstone::validate::environment::Environment;
-        let [target, references] = ["target/whitstone", "references"].map(Path::new);
-        let environment = Environment::ensure(target, references, &|what| eprintln!("{what}"));
+        let environment = Environment::ensure(&Installation::default(), &|what| eprintln!("{what}"));
         let environment = environment.map_err(Failure::environment)?;
         let mitsuba = whitstone_mitsuba::Mitsuba::start(&environment).map_err(Failure::environment)?;
         Ok(Self(mitsuba))

@@ -17,7 +17,7 @@ use std::time::Instant;
 use whitstone::core::{ExportScene, Registry};
 use whitstone::render::{BuildOptions, Pipeline, RenderOptions};
 use whitstone::scene::{Flattened, Plan, Sources};
-use whitstone::validate::REFERENCES;
+use whitstone::validate::Installation;
 use whitstone::validate::driver::{Driver, Setting};
 use whitstone::validate::environment::Environment;
 use whitstone::{Exit, Failure};
@@ -165,8 +165,7 @@ fn fit(sizes: &[u32], seconds: &[f64]) -> (f64, f64) {
 
 /// Runs the command.
 pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
-    let target = Path::new("target/whitstone");
-    let environment = Environment::ensure(target, Path::new(REFERENCES), &|text| eprintln!("{text}"))
+    let environment = Environment::ensure(&Installation::default(), &|text| eprintln!("{text}"))
         .map_err(Failure::environment)?;
     let program = match &arguments.whitstone {
         Some(program) => program.clone(),

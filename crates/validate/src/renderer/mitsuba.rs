@@ -2,12 +2,11 @@
 //! emitters.
 
 use crate::driver::{Driver, DriverError};
-use crate::environment::{Environment, EnvironmentError};
+use crate::environment::{Environment, EnvironmentError, Installation};
 use crate::explain::{self, Trial};
 use crate::floor;
 use crate::protocol::{Setting, Versions};
 use crate::reference::Reference;
-use std::path::Path;
 
 pub(super) struct Mitsuba;
 
@@ -28,17 +27,12 @@ impl Reference for Mitsuba {
         "meta.toml".to_owned()
     }
 
-    fn is_private(&self) -> bool {
-        true
-    }
-
     fn environment(
         &self,
-        target: &Path,
-        references: &Path,
+        installation: &Installation,
         say: &dyn Fn(&str),
     ) -> Result<Environment, EnvironmentError> {
-        Environment::ensure(target, references, say)
+        Environment::ensure(installation, say)
     }
 
     fn versions(&self, driver: &mut Driver) -> Result<Versions, DriverError> {

@@ -2,12 +2,11 @@
 //! no code with Mitsuba.
 
 use crate::driver::{Driver, DriverError};
-use crate::environment::{Environment, EnvironmentError};
+use crate::environment::{Environment, EnvironmentError, Installation};
 use crate::explain::{self, Trial};
 use crate::floor;
 use crate::protocol::{Setting, Versions};
 use crate::reference::{Adaptation, Reference, without_layers};
-use std::path::Path;
 use toml::Value;
 
 pub(super) struct PovRay;
@@ -25,17 +24,12 @@ impl Reference for PovRay {
         "povray"
     }
 
-    fn is_private(&self) -> bool {
-        false
-    }
-
     fn environment(
         &self,
-        _target: &Path,
-        references: &Path,
+        installation: &Installation,
         _say: &dyn Fn(&str),
     ) -> Result<Environment, EnvironmentError> {
-        Environment::of_povray(references)
+        Environment::of_povray(installation)
     }
 
     fn versions(&self, driver: &mut Driver) -> Result<Versions, DriverError> {

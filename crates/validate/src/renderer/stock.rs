@@ -7,7 +7,7 @@
 
 use super::mitsuba;
 use crate::driver::{Driver, DriverError};
-use crate::environment::{Environment, EnvironmentError};
+use crate::environment::{Environment, EnvironmentError, Installation};
 use crate::explain::Trial;
 use crate::protocol::{Rendered, SceneText, Setting, Versions};
 use crate::reference::{Adaptation, Reference, without_layers};
@@ -33,17 +33,12 @@ impl Reference for Stock {
         "mitsuba-stock"
     }
 
-    fn is_private(&self) -> bool {
-        true
-    }
-
     fn environment(
         &self,
-        target: &Path,
-        references: &Path,
+        installation: &Installation,
         say: &dyn Fn(&str),
     ) -> Result<Environment, EnvironmentError> {
-        Environment::ensure(target, references, say)
+        Environment::ensure(installation, say)
     }
 
     fn versions(&self, driver: &mut Driver) -> Result<Versions, DriverError> {

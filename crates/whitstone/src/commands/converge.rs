@@ -1,6 +1,7 @@
 //! `converge`: error against run time.
 
 use super::page::{self, Marks};
+use super::{Drivers, Target};
 use crate::terminal::{Exit, Failure, make_folder, progress, write_json};
 use clap::Args;
 use serde_json::json;
@@ -83,12 +84,10 @@ pub struct Arguments {
     /// Write the tables into this Markdown file, between its marker comments; can be repeated
     #[arg(long, value_name = "FILE")]
     page: Vec<PathBuf>,
-    /// Folder for the Python environment and for finished measurements
-    #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
-    target: PathBuf,
-    /// Folder with the reference drivers
-    #[arg(long, default_value = "references", value_name = "DIR")]
-    references: PathBuf,
+    #[command(flatten)]
+    target: Target,
+    #[command(flatten)]
+    drivers: Drivers,
     /// Time limit for one rendering by Mitsuba, in seconds
     #[arg(long, default_value_t = 600, value_name = "SECONDS")]
     time_limit: u64,
@@ -114,7 +113,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         threads: arguments.threads,
         program: program.to_owned(),
     };
-    let cache = Cache::new(arguments.target.join("converge"), !arguments.fresh);
+    let cache = Cache::new(arguments.target.folder().join("converge"), !arguments.fresh);
     let mut lab = Lab::new(registry, driver, &driver_hash, cache, options);
     // The checks of `--quick` do not depend on time.
     let sessions = if arguments.quick { 1 } else { 2 };
@@ -139,7 +138,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         // Written after each study, so that an interrupted run keeps its results.
         write(arguments, &reports)?;
     }
-    super::report::keep_studies(&arguments.target, &reports)?;
+    super::report::keep_studies(arguments.target.folder(), &reports)?;
     bar.finish_and_clear();
     for page in &arguments.page {
         write_page(page, &reports)?;
@@ -297,7 +296,7 @@ fn mitsuba(arguments: &Arguments, studies: &[Study]) -> Result<(Result<Driver, S
     if !wanted {
         return absent("no study uses it");
     }
-    let environment = Environment::ensure(&arguments.target, &arguments.references, &|what| {
+    let environment = Environment::ensure(&arguments.drivers.installation(&arguments.target), &|what| {
         eprintln!("{what}")
     });
     let environment = environment

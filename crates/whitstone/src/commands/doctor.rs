@@ -1,5 +1,6 @@
 //! `doctor`: checks that everything that Whitstone needs is installed.
 
+use super::{Drivers, Target};
 use crate::terminal::{Exit, Failure, write_json};
 use clap::Args;
 use serde_json::{Value, json};
@@ -12,7 +13,7 @@ use whitstone_scene::Sources;
 use whitstone_validate::driver::{Hello, PovRay, Versions};
 use whitstone_validate::environment::Environment;
 use whitstone_validate::stored::Stored;
-use whitstone_validate::{Live, Renderer};
+use whitstone_validate::{Live, REFERENCES, Renderer};
 
 /// Check that rendering and live validation work on this machine, and suggest how to fix problems
 ///
@@ -34,12 +35,13 @@ pub struct Arguments {
     /// Do not create the Python environment, only look for it
     #[arg(long)]
     no_install: bool,
-    /// Folder for the Python environment
-    #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
-    target: PathBuf,
-    /// Folder with the reference drivers and the stored references
-    #[arg(long, default_value = "references", value_name = "DIR")]
+    #[command(flatten)]
+    target: Target,
+    /// Folder of the stored references
+    #[arg(long, default_value = REFERENCES, value_name = "DIR")]
     references: PathBuf,
+    #[command(flatten)]
+    drivers: Drivers,
     /// Time limit for the start of Mitsuba, in seconds
     #[arg(long, default_value_t = 120, value_name = "SECONDS")]
     time_limit: u64,
@@ -50,7 +52,7 @@ struct Findings {
     threads: usize,
     rendering: Result<f64, String>,
     environments: usize,
-    live: Result<Hello, String>,
+    live: Result<(Hello, PathBuf), String>,
     povray: Result<PovRay, String>,
     stored: usize,
     stored_of_povray: usize,
@@ -59,23 +61,21 @@ struct Findings {
 /// Runs the command.
 pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let rendering = render(registry);
-    let environments = environments(&arguments.target);
-    let live = if arguments.no_install
-        && Environment::existing(&arguments.target, &arguments.references).is_none()
-    {
+    let installation = arguments.drivers.installation(&arguments.target);
+    let environments = environments(&installation.folder);
+    let live = if arguments.no_install && Environment::existing(&installation).is_none() {
         Err("its Python environment does not exist yet; run `validate`, or `doctor` without --no-install, to create it".to_owned())
     } else {
         start(arguments)
     };
-    let images = arguments.references.join("images");
     let findings = Findings {
         threads: std::thread::available_parallelism().map_or(1, usize::from),
         rendering,
         environments,
         live,
         povray: start_povray(arguments),
-        stored: stored_references(&images, Renderer::MITSUBA),
-        stored_of_povray: stored_references(&images, Renderer::POVRAY),
+        stored: stored_references(&arguments.references, Renderer::MITSUBA),
+        stored_of_povray: stored_references(&arguments.references, Renderer::POVRAY),
     };
     print(&findings);
     if let Some(path) = &arguments.json {
@@ -122,43 +122,46 @@ fn render(registry: &Registry) -> Result<f64, String> {
     }
 }
 
-/// The number of complete Python environments under the target folder.
-fn environments(target: &Path) -> usize {
-    let folders = std::fs::read_dir(target).into_iter().flatten().flatten();
+/// The number of complete Python environments in a folder.
+fn environments(folder: &Path) -> usize {
+    let folders = std::fs::read_dir(folder).into_iter().flatten().flatten();
     folders
         .filter(|entry| entry.file_name().to_string_lossy().starts_with("python-"))
         .filter(|entry| entry.path().join("complete").is_file())
         .count()
 }
 
-fn start(arguments: &Arguments) -> Result<Hello, String> {
-    let environment = Environment::ensure(&arguments.target, &arguments.references, &|text| {
+/// The versions of Mitsuba, and the Python that runs it.
+fn start(arguments: &Arguments) -> Result<(Hello, PathBuf), String> {
+    let environment = Environment::ensure(&arguments.drivers.installation(&arguments.target), &|text| {
         eprintln!("{text}")
     })
     .map_err(|error| error.to_string())?;
+    let python = environment.python.clone();
     // The answer of an earlier run says nothing about the present state.
     let (reuse, limit) = (false, Duration::from_secs(arguments.time_limit));
     let live = Live::start(
         Renderer::MITSUBA,
         environment,
-        arguments.target.join("live"),
+        arguments.target.folder().join("live"),
         reuse,
         limit,
     )
     .map_err(|error| error.to_string())?;
     match live.versions() {
-        Some(Versions::Mitsuba(hello)) => Ok(hello.clone()),
+        Some(Versions::Mitsuba(hello)) => Ok((hello.clone(), python)),
         _ => Err("the driver does not report its version".to_owned()),
     }
 }
 
 fn start_povray(arguments: &Arguments) -> Result<PovRay, String> {
-    let environment = Environment::of_povray(&arguments.references).map_err(|error| error.to_string())?;
+    let environment = Environment::of_povray(&arguments.drivers.installation(&arguments.target))
+        .map_err(|error| error.to_string())?;
     let limit = Duration::from_secs(arguments.time_limit);
     let live = Live::start(
         Renderer::POVRAY,
         environment,
-        arguments.target.join("live"),
+        arguments.target.folder().join("live"),
         false,
         limit,
     )
@@ -207,7 +210,7 @@ fn print(findings: &Findings) {
         ),
     );
     match &findings.live {
-        Ok(hello) => {
+        Ok((hello, python)) => {
             row(
                 "live Mitsuba",
                 &format!(
@@ -215,7 +218,7 @@ fn print(findings: &Findings) {
                     hello.mitsuba, hello.variant, hello.drjit
                 ),
             );
-            row("python", &hello.python);
+            row("python", &format!("{} ({})", hello.python, python.display()));
             row("libLLVM", &format!("{} ({})", hello.libllvm, hello.llvm_version));
             row(
                 "cpu",
@@ -264,7 +267,8 @@ fn report(findings: &Findings) -> Value {
         "environments": findings.environments,
         "live": {
             "works": findings.live.is_ok(),
-            "mitsuba": findings.live.as_ref().ok(),
+            "mitsuba": findings.live.as_ref().ok().map(|(hello, _)| hello),
+            "python": findings.live.as_ref().ok().map(|(_, python)| python),
             "problem": findings.live.as_ref().err(),
         },
         "povray": {

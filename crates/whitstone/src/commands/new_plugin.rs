@@ -3,7 +3,9 @@
 use super::list::family;
 use crate::terminal::{Exit, Failure, make_folder};
 use clap::Args;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
 use whitstone_core::{FamilyName, Registry};
 use whitstone_image::atomic;
 
@@ -12,7 +14,7 @@ use whitstone_image::atomic;
 /// The template is a superquadric for a shape, chalk for a material, ripples for a texture, a moon
 /// for a light, and a fisheye for a camera. The package contains the plugin, its property tests,
 /// which pass, an example scene, and a command line with this plugin and all of Whitstone's. It
-/// depends on Whitstone's crates by path.
+/// depends on the crates of a checkout by path, or without a checkout on those of crates.io.
 #[derive(Args, Debug)]
 #[command(
     help_template = super::HELP_TEMPLATE,
@@ -26,30 +28,26 @@ pub struct Arguments {
     /// Folder to create [default: the name, in the working folder]
     #[arg(long, value_name = "FOLDER")]
     into: Option<PathBuf>,
-    /// Root of the Whitstone checkout [default: the one that contains the working folder]
+    /// Root of the Whitstone checkout [default: the one that contains the working folder, if any]
     #[arg(long, value_name = "FOLDER")]
     whitstone: Option<PathBuf>,
 }
 
-/// The files around the plugin, from the package that CI builds and tests (a shape).
-const PACKAGE: [(&str, &str); 4] = [
-    (
-        "Cargo.toml",
-        include_str!("../../../../examples/plugin-superquadric/Cargo.toml"),
-    ),
-    (
-        "README.md",
-        include_str!("../../../../examples/plugin-superquadric/README.md"),
-    ),
-    (
-        "src/lib.rs",
-        include_str!("../../../../examples/plugin-superquadric/src/lib.rs"),
-    ),
-    (
-        "src/main.rs",
-        include_str!("../../../../examples/plugin-superquadric/src/main.rs"),
-    ),
-];
+/// The package that CI builds and tests, `examples/plugin-superquadric`: path and text of its files.
+/// Written by `cargo xtask readme`, because a published package cannot contain another one.
+static PACKAGE: LazyLock<BTreeMap<String, String>> = LazyLock::new(|| {
+    serde_json::from_str(include_str!("scaffold/package.json")).expect("a map from paths to texts")
+});
+
+/// The files around the plugin.
+const AROUND: [&str; 4] = ["Cargo.toml", "README.md", "src/lib.rs", "src/main.rs"];
+
+/// A file of the package.
+fn of_package(path: &str) -> &'static str {
+    PACKAGE
+        .get(path)
+        .expect("the files of the package are listed here")
+}
 
 /// A plugin that serves as a template.
 struct Scaffold {
@@ -66,58 +64,58 @@ struct Scaffold {
 const OF_TWIN: [&str; 4] = [
     "    registry.add_twin(\"mitsuba\", \"superquadric.py\", include_str!(\"superquadric.py\"));\n",
     ", and what Mitsuba's driver needs to render them",
-    "cargo run --release -- validate scenes/superquadric.toml --references ../../references   # against a live Mitsuba\n",
+    "cargo run --release -- validate scenes/superquadric.toml   # against a live Mitsuba\n",
     "- `src/superquadric.py`: its twin for Mitsuba's driver, which computes the same shape by another\n  method. `../../references/mitsuba/whitstone_mitsuba/twins.py` documents what such a file may\n  contain.\n",
 ];
 
 /// All templates. The tests of the repository compile and test each of them.
-const SCAFFOLDS: [Scaffold; 5] = [
-    Scaffold {
-        family: FamilyName::Shape,
-        name: "superquadric",
-        plugin: include_str!("../../../../examples/plugin-superquadric/src/superquadric.rs"),
-        scene: include_str!("../../../../examples/plugin-superquadric/scenes/superquadric.toml"),
-        twin: Some(include_str!(
-            "../../../../examples/plugin-superquadric/src/superquadric.py"
-        )),
-    },
-    Scaffold {
-        family: FamilyName::Material,
-        name: "chalk",
-        plugin: include_str!("scaffold/chalk.rs"),
-        scene: include_str!("scaffold/chalk.toml"),
-        twin: None,
-    },
-    Scaffold {
-        family: FamilyName::Texture,
-        name: "ripples",
-        plugin: include_str!("scaffold/ripples.rs"),
-        scene: include_str!("scaffold/ripples.toml"),
-        twin: None,
-    },
-    Scaffold {
-        family: FamilyName::Light,
-        name: "moon",
-        plugin: include_str!("scaffold/moon.rs"),
-        scene: include_str!("scaffold/moon.toml"),
-        twin: None,
-    },
-    Scaffold {
-        family: FamilyName::Camera,
-        name: "fisheye",
-        plugin: include_str!("scaffold/fisheye.rs"),
-        scene: include_str!("scaffold/fisheye.toml"),
-        twin: None,
-    },
-];
+fn scaffolds() -> [Scaffold; 5] {
+    [
+        Scaffold {
+            family: FamilyName::Shape,
+            name: "superquadric",
+            plugin: of_package("src/superquadric.rs"),
+            scene: of_package("scenes/superquadric.toml"),
+            twin: Some(of_package("src/superquadric.py")),
+        },
+        Scaffold {
+            family: FamilyName::Material,
+            name: "chalk",
+            plugin: include_str!("scaffold/chalk.rs"),
+            scene: include_str!("scaffold/chalk.toml"),
+            twin: None,
+        },
+        Scaffold {
+            family: FamilyName::Texture,
+            name: "ripples",
+            plugin: include_str!("scaffold/ripples.rs"),
+            scene: include_str!("scaffold/ripples.toml"),
+            twin: None,
+        },
+        Scaffold {
+            family: FamilyName::Light,
+            name: "moon",
+            plugin: include_str!("scaffold/moon.rs"),
+            scene: include_str!("scaffold/moon.toml"),
+            twin: None,
+        },
+        Scaffold {
+            family: FamilyName::Camera,
+            name: "fisheye",
+            plugin: include_str!("scaffold/fisheye.rs"),
+            scene: include_str!("scaffold/fisheye.toml"),
+            twin: None,
+        },
+    ]
+}
 
 impl Scaffold {
     /// The files of a package with this plugin under another name: path and text.
     fn files(&self, name: &str) -> Vec<(String, String)> {
-        let package = PACKAGE.into_iter().map(|(path, text)| {
+        let package = AROUND.into_iter().map(|path| {
             // The package's texts name the family ("One shape more").
             let (singular, plural) = (self.family.singular(), self.family.plural());
-            let mut text = text.to_owned();
+            let mut text = of_package(path).to_owned();
             if self.twin.is_none() {
                 OF_TWIN.iter().for_each(|part| text = text.replace(part, ""));
             }
@@ -142,7 +140,7 @@ impl Scaffold {
 /// Runs the command.
 pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let family = family(&arguments.family)?;
-    let Some(scaffold) = SCAFFOLDS.iter().find(|scaffold| scaffold.family == family) else {
+    let Some(scaffold) = scaffolds().into_iter().find(|scaffold| scaffold.family == family) else {
         return Err(Failure::usage(format!(
             "there is no template for the family {}; expected shape, material, texture, light or camera. \
              Copy a plugin of crates/{} instead",
@@ -159,32 +157,26 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
             into.display()
         )));
     }
-    let whitstone = match &arguments.whitstone {
-        Some(folder) => folder.clone(),
-        None => around().ok_or_else(|| {
-            Failure::usage(
-                "the working folder is not inside a Whitstone checkout; pass its root with --whitstone",
-            )
-        })?,
+    let crates = match arguments.whitstone.clone().or_else(around) {
+        None => None,
+        Some(folder) => Some(
+            folder
+                .join("crates")
+                .canonicalize()
+                .ok()
+                .filter(|folder| folder.join("core/Cargo.toml").is_file())
+                .ok_or_else(|| {
+                    Failure::usage(format!(
+                        "{} is not the root of a Whitstone checkout: it has no crates/core/Cargo.toml",
+                        folder.display()
+                    ))
+                })?,
+        ),
     };
-    let crates = whitstone.join("crates");
-    let crates = crates
-        .canonicalize()
-        .ok()
-        .filter(|folder| folder.join("core/Cargo.toml").is_file())
-        .ok_or_else(|| {
-            Failure::usage(format!(
-                "{} is not the root of a Whitstone checkout: it has no crates/core/Cargo.toml",
-                whitstone.display()
-            ))
-        })?;
     for (file, text) in scaffold.files(name) {
         let path = into.join(file);
-        let text = text.replace("../../crates", &crates.display().to_string());
-        let references = crates.with_file_name("references");
-        let text = text.replace("../../references", &references.display().to_string());
-        let folder = path.parent().unwrap_or(Path::new("."));
-        make_folder(folder)?;
+        let text = located(&text, crates.as_deref());
+        make_folder(path.parent().unwrap_or(Path::new(".")))?;
         atomic::write_bytes(&path, text.as_bytes()).map_err(Failure::environment)?;
     }
     println!("created {}", into.display());
@@ -193,6 +185,22 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         into.display()
     );
     Ok(Exit::Pass)
+}
+
+/// Replaces the paths of the example in the repository: by those of a checkout, or by the versions of
+/// the published packages.
+fn located(text: &str, crates: Option<&Path>) -> String {
+    let Some(crates) = crates else {
+        let version = concat!("version = \"", env!("CARGO_PKG_VERSION"), "\"");
+        let packages = ["whitstone", "core", "testkit"];
+        let text = packages.into_iter().fold(text.to_owned(), |text, package| {
+            text.replace(&format!("path = \"../../crates/{package}\""), version)
+        });
+        return text.replace("../../references", "references");
+    };
+    let references = crates.with_file_name("references");
+    text.replace("../../crates", &crates.display().to_string())
+        .replace("../../references", &references.display().to_string())
 }
 
 /// Checks that a type can name a module and a package, and is not in use.
@@ -274,7 +282,7 @@ mod tests {
 
     #[test]
     fn nothing_keeps_the_old_name_or_the_old_family() {
-        for scaffold in SCAFFOLDS {
+        for scaffold in scaffolds() {
             let files = scaffold.files("half_blob");
             assert_eq!(files.len(), 6 + usize::from(scaffold.twin.is_some()));
             let of_twin = files.iter().filter(|(_, text)| text.contains("twin")).count();

@@ -1,11 +1,10 @@
 //! Prints the rays of one pixel, alone or next to those of a live reference: part of `explain`.
 
-use super::SceneArguments;
 use super::names::Names;
+use super::{Drivers, SceneArguments};
 use crate::terminal::Failure;
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
-use std::path::PathBuf;
 use std::time::Duration;
 use whitstone_core::{InstanceId, Registry, Rgb, Scratch, TreeNode};
 use whitstone_render::Pipeline;
@@ -35,9 +34,8 @@ pub(super) struct PixelArguments {
     /// Whether to trace the pixel with Mitsuba too
     #[arg(long, value_enum, default_value_t = LiveReference::Auto, requires = "pixel")]
     reference: LiveReference,
-    /// Folder with the reference drivers
-    #[arg(long, default_value = "references", value_name = "DIR")]
-    references: PathBuf,
+    #[command(flatten)]
+    drivers: Drivers,
 }
 
 /// Whether the reference takes part.
@@ -120,23 +118,23 @@ impl PixelArguments {
         registry: &Registry,
         pixel: [usize; 2],
     ) -> Result<Theirs, String> {
+        let installation = self.drivers.installation(&scene.target);
+        let target = scene.target.folder();
         let environment = match self.reference {
             LiveReference::None => return Err("--reference none is set".to_owned()),
-            LiveReference::Live => {
-                Environment::ensure(&scene.target, &self.references, &|text| eprintln!("{text}"))
-                    .map_err(|error| error.to_string())?
-            }
-            LiveReference::Auto => Environment::existing(&scene.target, &self.references)
+            LiveReference::Live => Environment::ensure(&installation, &|text| eprintln!("{text}"))
+                .map_err(|error| error.to_string())?,
+            LiveReference::Auto => Environment::existing(&installation)
                 .ok_or("the Python environment of Mitsuba does not exist; create it with --reference live")?,
         };
         let environment = environment
-            .with_twins(registry, &scene.target)
+            .with_twins(registry, target)
             .map_err(|error| error.to_string())?;
-        let cache = scene.target.join("live");
+        let cache = target.join("live");
         let mut live = Live::start(Renderer::MITSUBA, environment, cache, !scene.fresh, TIME_LIMIT)
             .map_err(|error| error.to_string())?;
         let mut flattened = flatten(&scene.scene, &scene.overrides, registry)?;
-        decode_textures(&mut flattened, &scene.target.join("decoded"))?;
+        decode_textures(&mut flattened, &target.join("decoded"))?;
         let text = SceneText {
             text: &flattened.text,
             base: &flattened.base,

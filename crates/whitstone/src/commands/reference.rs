@@ -62,7 +62,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
             scene: path.clone(),
             overrides,
             max_memory: None,
-            target: options.target.clone(),
+            target: arguments.scenes.target.clone(),
             fresh: !options.reuse,
         };
         let pipeline = super::build(&scene, registry)?;

@@ -1,5 +1,6 @@
 //! `report`: the page of the last validation, with the results of other commands.
 
+use super::Target;
 use crate::terminal::{Exit, Failure, STDOUT, make_folder, write_json_text};
 use clap::Args;
 use std::collections::BTreeMap;
@@ -34,14 +35,13 @@ pub struct Arguments {
     /// Results of an earlier run: a results.json, or a file written by `validate --json`
     #[arg(long, value_name = "OLD.json")]
     baseline: Option<PathBuf>,
-    /// Folder of the results of these commands
-    #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
-    target: PathBuf,
+    #[command(flatten)]
+    target: Target,
 }
 
 /// Runs the command.
 pub fn run(arguments: &Arguments, program: &str) -> Result<Exit, Failure> {
-    let results = read(&arguments.target, program)?;
+    let results = read(arguments.target.folder(), program)?;
     let changes = match &arguments.baseline {
         None => None,
         Some(path) => {
@@ -53,7 +53,7 @@ pub fn run(arguments: &Arguments, program: &str) -> Result<Exit, Failure> {
         print(changes);
     }
     let broken = changes.as_ref().map_or(0, Changes::broken);
-    let page = write_page(&results, &arguments.target, changes)?;
+    let page = write_page(&results, arguments.target.folder(), changes)?;
     println!("report: {}", page.display());
     if arguments.open {
         open(&page)?;

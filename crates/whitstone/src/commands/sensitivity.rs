@@ -2,6 +2,7 @@
 
 use super::report;
 use super::validate::ReferenceMode;
+use super::{Drivers, Target};
 use crate::terminal::{Exit, Failure, progress, write_json};
 use clap::Args;
 use serde_json::json;
@@ -9,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use whitstone_core::Registry;
 use whitstone_validate::sensitivity::{Effect, Parameter};
-use whitstone_validate::{Options, Validator, scene_key};
+use whitstone_validate::{Options, REFERENCES, Validator, scene_key};
 
 /// Folder that names of scenes are relative to.
 const SCENES: &str = "scenes";
@@ -37,12 +38,13 @@ pub struct Arguments {
     /// Write all numbers to this file as JSON; - means standard output
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Folder for the Python environment and live references
-    #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
-    target: PathBuf,
-    /// Folder with the reference drivers and the stored references
-    #[arg(long, default_value = "references", value_name = "DIR")]
+    #[command(flatten)]
+    target: Target,
+    /// Folder of the stored references
+    #[arg(long, default_value = REFERENCES, value_name = "DIR")]
     references: PathBuf,
+    #[command(flatten)]
+    drivers: Drivers,
     /// Number of threads; 0 means one per core
     #[arg(long, value_name = "COUNT", default_value_t = 0, value_parser = super::threads)]
     threads: usize,
@@ -60,7 +62,8 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     let options = Options {
         scenes: PathBuf::from(SCENES),
         references: arguments.references.clone(),
-        target: arguments.target.clone(),
+        installation: arguments.drivers.installation(&arguments.target),
+        target: arguments.target.folder().to_owned(),
         renderer,
         mode,
         reuse: true,
@@ -92,7 +95,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     };
     print(&found);
     report::keep_sensitivity(
-        &arguments.target,
+        arguments.target.folder(),
         scene_key(&arguments.scene, Path::new(SCENES)),
         &found,
     )?;

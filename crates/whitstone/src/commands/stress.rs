@@ -4,6 +4,7 @@ mod unfinished;
 
 use super::page::{self, Marks};
 use super::report;
+use super::{Drivers, Target};
 use crate::terminal::{Exit, Failure, make_folder, progress, write_json};
 use clap::Args;
 use serde_json::json;
@@ -69,12 +70,10 @@ pub struct Arguments {
     /// repeated
     #[arg(long, value_name = "FILE")]
     page: Vec<PathBuf>,
-    /// Folder for the Python environment and for results
-    #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
-    target: PathBuf,
-    /// Folder with the reference drivers
-    #[arg(long, default_value = "references", value_name = "DIR")]
-    references: PathBuf,
+    #[command(flatten)]
+    target: Target,
+    #[command(flatten)]
+    drivers: Drivers,
     /// Time limit for one step of Mitsuba, in seconds
     #[arg(long, default_value_t = 120, value_name = "SECONDS")]
     time_limit: u64,
@@ -107,7 +106,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     let bar = progress(steps as u64, "stress");
     let engines: Vec<Engine> = lab.engines().collect();
     let settings = format!("{rays} rays, {engines:?}, Mitsuba: {}", !arguments.no_mitsuba);
-    let mut unfinished = Unfinished::new(&arguments.target, &settings, arguments.fresh);
+    let mut unfinished = Unfinished::new(arguments.target.folder(), &settings, arguments.fresh);
     let mut reports = Vec::new();
     for family in families {
         let name = family.about().name;
@@ -131,7 +130,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     }
     bar.finish_and_clear();
     unfinished.end();
-    report::keep_stress(&arguments.target, reports.iter().map(diagram).collect())?;
+    report::keep_stress(arguments.target.folder(), reports.iter().map(diagram).collect())?;
     if let Some(path) = &arguments.json {
         write_json(path, &json!({ "families": reports }))?;
     }
@@ -214,7 +213,7 @@ fn chosen(names: &[String]) -> Result<Vec<&'static dyn Family>, Failure> {
 }
 
 fn mitsuba(arguments: &Arguments) -> Result<Driver, Failure> {
-    let environment = Environment::ensure(&arguments.target, &arguments.references, &|what| {
+    let environment = Environment::ensure(&arguments.drivers.installation(&arguments.target), &|what| {
         eprintln!("{what}")
     });
     let environment = environment

@@ -2,6 +2,7 @@
 
 use super::junit::{self, Case, Outcome};
 use super::report;
+use super::{Drivers, Target};
 use crate::terminal::{Exit, Failure, progress, verdict_word};
 use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
@@ -15,7 +16,6 @@ use whitstone_validate::{
 };
 
 const SCENES: &str = "scenes";
-const TARGET: &str = "target/whitstone";
 /// In seconds.
 const TIME_LIMIT: u64 = 300;
 
@@ -92,12 +92,13 @@ pub struct Scenes {
     /// Render all references again, including those of unchanged scenes
     #[arg(long)]
     pub fresh: bool,
-    /// Folder for the Python environment, live references and the report
-    #[arg(long, default_value = TARGET, value_name = "DIR")]
-    pub target: PathBuf,
-    /// Folder with the reference drivers and the stored references
+    #[command(flatten)]
+    pub(super) target: Target,
+    /// Folder of the stored references
     #[arg(long, default_value = REFERENCES, value_name = "DIR")]
     pub references: PathBuf,
+    #[command(flatten)]
+    pub(super) drivers: Drivers,
     /// Number of threads; 0 means one per core
     #[arg(long, value_name = "COUNT", default_value_t = 0, value_parser = super::threads)]
     pub threads: usize,
@@ -154,7 +155,8 @@ impl Scenes {
         Options {
             scenes: PathBuf::from(SCENES),
             references: self.references.clone(),
-            target: self.target.clone(),
+            installation: self.drivers.installation(&self.target),
+            target: self.target.folder().to_owned(),
             renderer,
             mode,
             reuse: !self.fresh,
@@ -175,13 +177,15 @@ impl Scenes {
         if self.reference != ReferenceMode::Auto {
             flags.push(("--reference", self.reference.name()));
         }
-        for (flag, path, default) in [
-            ("--references", &self.references, REFERENCES),
-            ("--target", &self.target, TARGET),
+        if self.references != Path::new(REFERENCES) {
+            flags.push(("--references", self.references.display().to_string()));
+        }
+        for (flag, path) in [
+            ("--target", &self.target.target),
+            ("--mitsuba", &self.drivers.mitsuba),
+            ("--drivers", &self.drivers.drivers),
         ] {
-            if path != Path::new(default) {
-                flags.push((flag, path.display().to_string()));
-            }
+            flags.extend(path.iter().map(|path| (flag, path.display().to_string())));
         }
         if self.time_limit != TIME_LIMIT {
             flags.push(("--time-limit", self.time_limit.to_string()));
@@ -222,7 +226,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     let start = Instant::now();
     let scenes = arguments.scenes.find()?;
     report::check(
-        &arguments.scenes.target,
+        arguments.scenes.target.folder(),
         arguments.json.iter().chain(&arguments.junit),
     )?;
     let mut options = arguments.scenes.options(program);
@@ -313,8 +317,12 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         skipped,
         matrix,
     };
-    let folder = arguments.scenes.target.join("validate");
-    report::write(&results, &arguments.scenes.target, arguments.json.as_deref())?;
+    let folder = arguments.scenes.target.folder().join("validate");
+    report::write(
+        &results,
+        arguments.scenes.target.folder(),
+        arguments.json.as_deref(),
+    )?;
     if let Some(path) = &arguments.junit {
         junit::write(path, "whitstone validate", &junit_cases(&results))?;
     }
