@@ -51,7 +51,7 @@ pub fn load(path: &Path, overrides: &[String], registry: &Registry) -> Result<Pi
 pub fn bits(pipeline: &Pipeline, threads: usize) -> Vec<u32> {
     let film = pipeline.render(RenderOptions {
         threads,
-        progress: None,
+        ..RenderOptions::default()
     });
     let layers = film.layers.iter().flat_map(|(_, values)| values);
     film.rgb

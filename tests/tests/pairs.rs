@@ -370,7 +370,7 @@ fn unseen(path: &Path) -> Result<Vec<&'static str>, Failed> {
     let pipeline = load(path, &[], &whitstone::registry())?;
     let film = pipeline.render(RenderOptions {
         threads: 1,
-        progress: None,
+        ..RenderOptions::default()
     });
     let ids = film.layers.iter().find(|(name, _)| name.starts_with("shape_id"));
     let ids = &ids.ok_or("no ids of shapes")?.1;

@@ -1,11 +1,13 @@
 //! What the pipeline makes of the parts of a scene.
 
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use whitstone::core::{Aabb, BsdfFlags, DVec3, Light, LightBounds, LightFlags, LightSample, Rgb};
-use whitstone::render::{Pipeline, RenderOptions};
+use whitstone::render::{Film, Pipeline, Region, RenderOptions};
 use whitstone::scene::Sources;
-use whitstone_tests::{build, root};
+use whitstone_tests::{build, load, root};
 
 fn pipeline(text: &str) -> Pipeline {
     let camera = "[camera]\ntype = \"perspective\"\nlook_at = { origin = [0, 0, 5], target = [0, 0, 0] }\n";
@@ -279,4 +281,98 @@ fn textures_that_nothing_looks_up_any_more_are_told_and_not_kept() {
     assert_eq!(why(&other, "a texture, worley"), read);
     let cost = other.costs().into_iter().find(|cost| cost.part == "textures");
     assert!(cost.unwrap().work.starts_with("checker: looked up at hits"));
+}
+
+/// The bits of the pixels of a film, and of its layers.
+fn bits_of(film: &Film, region: Region, width: u32) -> Vec<u32> {
+    let place = |x: u32, y: u32| (y * width + x) as usize;
+    let pixels = (region.y..region.y + region.height)
+        .flat_map(|y| (region.x..region.x + region.width).map(move |x| place(x, y)));
+    let layers: Vec<&Vec<f32>> = film.layers.iter().map(|(_, values)| values).collect();
+    pixels
+        .flat_map(|k| {
+            let layers = layers.iter().map(move |values| values[k]);
+            film.rgb[k]
+                .into_iter()
+                .chain(layers)
+                .map(f32::to_bits)
+                .collect::<Vec<_>>()
+        })
+        .collect()
+}
+
+#[test]
+fn a_region_has_the_pixels_of_the_whole_image() {
+    let registry = whitstone::registry();
+    for (scene, changes) in [
+        ("showcase/classic.toml", vec![]),
+        ("samplers/adaptive.toml", vec![]),
+        ("integrators/rasterizer.toml", vec![]),
+        (
+            "cameras/thin_lens.toml",
+            vec!["film.aovs=['depth','shape_id']".to_owned()],
+        ),
+    ] {
+        let pipeline = load(&root().join("scenes").join(scene), &changes, &registry).unwrap();
+        let size = pipeline.film.size;
+        let whole = pipeline.render(RenderOptions::default());
+        let region = |x, y, width, height| Region { x, y, width, height };
+        for part in [
+            region(0, 0, size.width, size.height),
+            region(17, 5, 33, 18),
+            region(size.width - 1, size.height - 1, 1, 1),
+            region(3, 0, 1, size.height),
+        ] {
+            let film = pipeline.render(RenderOptions {
+                region: Some(part),
+                ..RenderOptions::default()
+            });
+            assert_eq!((film.width, film.height), (part.width, part.height), "{scene}");
+            let alone = Region { x: 0, y: 0, ..part };
+            assert_eq!(
+                bits_of(&film, alone, part.width),
+                bits_of(&whole, part, size.width),
+                "{scene}: {part:?}"
+            );
+        }
+        // What lies outside of the image is cut off.
+        let outside = pipeline.render(RenderOptions {
+            region: Some(region(size.width + 5, 0, 10, 10)),
+            ..RenderOptions::default()
+        });
+        assert!(outside.rgb.is_empty());
+    }
+}
+
+#[test]
+fn progress_can_stop_a_rendering() {
+    let registry = whitstone::registry();
+    for scene in ["showcase/classic.toml", "samplers/adaptive.toml"] {
+        let pipeline = load(&root().join("scenes").join(scene), &[], &registry).unwrap();
+        let whole = pipeline.render(RenderOptions::default());
+        assert!(whole.is_complete);
+        let calls = AtomicUsize::new(0);
+        let film = pipeline.render(RenderOptions {
+            threads: 1,
+            progress: Some(&|_, _| match calls.fetch_add(1, Ordering::Relaxed) {
+                2 => ControlFlow::Break(()),
+                _ => ControlFlow::Continue(()),
+            }),
+            ..RenderOptions::default()
+        });
+        assert!(!film.is_complete);
+        assert_eq!(calls.into_inner(), 3);
+        // Finished pixels are those of the whole image, and the others are black.
+        let equal = film
+            .rgb
+            .iter()
+            .zip(&whole.rgb)
+            .all(|(part, whole)| part == whole || *part == [0.0; 3]);
+        assert!(equal, "{scene}");
+        let image = film.to_image("").unwrap();
+        assert_eq!(
+            image.attributes().get("unfinished").map(String::as_str),
+            Some("true")
+        );
+    }
 }

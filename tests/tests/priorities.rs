@@ -156,7 +156,7 @@ fn the_example_needs_its_priorities() {
     assert_eq!(bits(&example, 1), bits(&example, 2));
     let options = || RenderOptions {
         threads: 1,
-        progress: None,
+        ..RenderOptions::default()
     };
     let counters = example.render(options()).counters;
     assert!(counters.closest > u64::from(example.film.size.width * example.film.size.height));

@@ -52,7 +52,7 @@ fn the_comparison_bites() {
     assert!(differing(&drawn, &moved) > 1_000);
     let options = || whitstone::render::RenderOptions {
         threads: 1,
-        progress: None,
+        ..whitstone::render::RenderOptions::default()
     };
     let (ours, cast) = (
         drawn.render(options()).counters,

@@ -31,7 +31,7 @@ enum Outcome {
 fn image(pipeline: &Pipeline) -> Vec<[f32; 3]> {
     let film = pipeline.render(RenderOptions {
         threads: 1,
-        progress: None,
+        ..RenderOptions::default()
     });
     film.rgb
 }

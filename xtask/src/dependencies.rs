@@ -11,12 +11,13 @@ const RULES: &str = "deny.toml";
 
 /// The problems of the dependencies, including those of other platforms and of tests.
 pub(crate) fn check() -> Vec<String> {
-    // The package outside the workspace has a lock file of its own, which can become outdated.
-    let outside = "examples/plugin-superquadric";
-    if let Err(problem) = metadata(&["--manifest-path", &format!("{outside}/Cargo.toml")]) {
-        return vec![format!(
-            "{problem}\n  copy Cargo.lock to {outside} and run `cargo metadata` there"
-        )];
+    // Packages outside the workspace have lock files of their own, which can become outdated.
+    for outside in ["examples/embed", "examples/plugin-superquadric"] {
+        if let Err(problem) = metadata(&["--manifest-path", &format!("{outside}/Cargo.toml")]) {
+            return vec![format!(
+                "{problem}\n  copy Cargo.lock to {outside} and run `cargo metadata` there"
+            )];
+        }
     }
     let metadata = match metadata(&[]) {
         Err(problem) => return vec![format!("cargo metadata: {problem}")],
@@ -53,7 +54,7 @@ fn allowed(rules: &str) -> Result<Allowed, String> {
         .collect()
 }
 
-fn metadata(more: &[&str]) -> Result<Value, String> {
+pub(crate) fn metadata(more: &[&str]) -> Result<Value, String> {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let output = Command::new(cargo)
         .args(["metadata", "--format-version", "1", "--locked"])
@@ -66,7 +67,7 @@ fn metadata(more: &[&str]) -> Result<Value, String> {
     serde_json::from_slice(&output.stdout).map_err(|error| error.to_string())
 }
 
-fn packages(metadata: &Value) -> impl Iterator<Item = &Value> {
+pub(crate) fn packages(metadata: &Value) -> impl Iterator<Item = &Value> {
     metadata["packages"].as_array().into_iter().flatten()
 }
 

@@ -9,6 +9,7 @@ mod features;
 mod formats;
 mod gallery;
 mod growth;
+mod licences;
 mod links;
 mod oracle;
 mod pages;
@@ -57,10 +58,11 @@ enum Verb {
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
+    whitstone::watch_signals();
     // Paths on the command line are relative to the repository root, regardless of the working
     // folder.
     if let Err(error) = std::env::set_current_dir(root()) {
-        return finish(Err(Failure::environment(error)));
+        return finish(Err(Failure::environment(error))).into();
     }
     let registry = whitstone::registry();
     finish(match &arguments.verb {
@@ -77,6 +79,7 @@ fn main() -> ExitCode {
         Verb::Slim(arguments) => slim::run(arguments, &registry),
         Verb::Readme(arguments) => readme::run(arguments, &registry),
     })
+    .into()
 }
 
 /// The repository root, which contains this package.

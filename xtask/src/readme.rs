@@ -1,7 +1,7 @@
 //! `readme`: generates the pictures and the table of numbers in README.md from the stored
 //! references.
 
-use crate::{formats, growth, pages, plugins, run_time, verdict, worst_cases};
+use crate::{formats, growth, licences, pages, plugins, run_time, verdict, worst_cases};
 use clap::Args;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -109,6 +109,10 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         ),
         (PathBuf::from("docs/images/showcase.png"), sheet(registry)?),
         (PathBuf::from(plugins::FILE), plugins::json(registry).into_bytes()),
+        (
+            PathBuf::from(licences::FILE),
+            licences::text().map_err(Failure::environment)?.into_bytes(),
+        ),
         (
             PathBuf::from(plugins::PACKAGE_FILE),
             plugins::package().map_err(Failure::environment)?.into_bytes(),

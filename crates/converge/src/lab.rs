@@ -7,7 +7,7 @@ use crate::usage::{Memory, Ticks, processor_time};
 use std::path::Path;
 use std::time::{Duration, Instant};
 use whitstone_core::{Registry, SceneError, SceneErrors};
-use whitstone_image::{Image, Limits, exr_io};
+use whitstone_image::{Image, Limits, atomic, exr_io};
 use whitstone_metrics::Mask;
 use whitstone_render::{BuildOptions, Pipeline, RenderOptions};
 use whitstone_scene::{Description, Flattened, Sources};
@@ -160,7 +160,7 @@ impl<'a> Lab<'a> {
     fn render_options(&self) -> RenderOptions<'static> {
         RenderOptions {
             threads: self.options.threads,
-            progress: None,
+            ..RenderOptions::default()
         }
     }
 
@@ -218,7 +218,8 @@ impl<'a> Lab<'a> {
     }
 
     fn shoot_mitsuba(&mut self, flattened: &Flattened) -> Result<Shot, String> {
-        let folder = tempfile::tempdir_in(self.cache.make()?).map_err(|error| error.to_string())?;
+        let folder =
+            atomic::TemporaryFolder::new_in(self.cache.make()?).map_err(|error| error.to_string())?;
         let out = std::path::absolute(folder.path().join("image.exr")).map_err(|error| error.to_string())?;
         let rendered = self.drive(flattened, &out)?;
         let image = exr_io::read(&out, Limits::IMAGE).map_err(|error| error.to_string())?;

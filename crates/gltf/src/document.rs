@@ -77,14 +77,20 @@ type Stamp = (PathBuf, Option<SystemTime>, u64);
 /// another.
 static LAST: Mutex<Option<(Stamp, Arc<Document>)>> = Mutex::new(None);
 
+/// Opens a regular file. Opening a pipe would wait for a writer.
+fn open(path: &Path) -> Result<File, Error> {
+    let metadata = std::fs::metadata(path).map_err(|error| unreadable(&error))?;
+    if !metadata.is_file() {
+        return Err(Error::at("", "cannot be read: not a regular file"));
+    }
+    File::open(path).map_err(|error| unreadable(&error))
+}
+
 impl Document {
     /// Opens a .gltf or .glb file.
     pub fn open(path: &Path) -> Result<Arc<Self>, Error> {
-        let mut file = File::open(path).map_err(|error| unreadable(&error))?;
+        let mut file = open(path)?;
         let metadata = file.metadata().map_err(|error| unreadable(&error))?;
-        if !metadata.is_file() {
-            return Err(Error::at("", "cannot be read: not a regular file"));
-        }
         let stamp = (path.to_owned(), metadata.modified().ok(), metadata.len());
         let last = LAST.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         if let Some((known, document)) = &*last
@@ -140,7 +146,7 @@ impl Document {
     ///
     /// If the file cannot be read, or is no container of UTF-8.
     pub fn text(path: &Path) -> Result<String, Error> {
-        let mut file = File::open(path).map_err(|error| unreadable(&error))?;
+        let mut file = open(path)?;
         let json = Container::read(&mut file)?.json;
         String::from_utf8(json).map_err(|error| Error::at("", format!("is not UTF-8: {error}")))
     }

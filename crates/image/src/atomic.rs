@@ -1,8 +1,15 @@
 //! Atomic file writes: a file is either complete or unchanged.
 
+use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+
+/// Start and end of the names of temporary files.
+const PREFIX: &str = ".whitstone-";
+const SUFFIX: &str = ".tmp";
 
 /// A file could not be written. The previous file is unchanged, unless `step` is
 /// [`Step::SyncFolder`].
@@ -75,6 +82,7 @@ pub fn write(
 ) -> Result<(), WriteError> {
     let path = path.as_ref();
     let (target, mut temporary) = begin(path)?;
+    let _mark = Mark::new(temporary.path());
     let failed = |step| move |source| WriteError::new(path, step, source);
     fill(temporary.as_file_mut()).map_err(failed(Step::Fill))?;
     temporary.as_file().sync_all().map_err(failed(Step::Sync))?;
@@ -82,6 +90,87 @@ pub fn write(
         .persist(&target)
         .map_err(|error| failed(Step::Rename)(error.error))?;
     sync_folder(folder_of(&target)).map_err(failed(Step::SyncFolder))
+}
+
+/// The temporary files and folders of this process that exist, for [`remove_temporaries`].
+static TEMPORARIES: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+
+/// Removes the temporary files and folders of this process. Call it only before the process exits
+/// early: whoever writes them fails afterwards.
+pub fn remove_temporaries() {
+    let paths = TEMPORARIES.lock().unwrap_or_else(PoisonError::into_inner);
+    for path in &*paths {
+        // One that is finished in this moment has been renamed or removed.
+        let _ = match path.is_dir() {
+            true => fs::remove_dir_all(path),
+            false => fs::remove_file(path),
+        };
+    }
+}
+
+/// Marks a temporary file or folder while it exists.
+struct Mark(PathBuf);
+
+impl Mark {
+    fn new(path: &Path) -> Self {
+        let mut paths = TEMPORARIES.lock().unwrap_or_else(PoisonError::into_inner);
+        paths.insert(path.to_owned());
+        Self(path.to_owned())
+    }
+}
+
+impl Drop for Mark {
+    fn drop(&mut self) {
+        let mut paths = TEMPORARIES.lock().unwrap_or_else(PoisonError::into_inner);
+        paths.remove(&self.0);
+    }
+}
+
+/// A temporary folder, removed when dropped.
+pub struct TemporaryFolder {
+    folder: tempfile::TempDir,
+    _mark: Mark,
+}
+
+impl TemporaryFolder {
+    /// Creates a folder in another one.
+    ///
+    /// # Errors
+    /// If it cannot be created.
+    pub fn new_in(parent: &Path) -> io::Result<Self> {
+        let folder = tempfile::Builder::new()
+            .prefix(PREFIX)
+            .suffix(SUFFIX)
+            .tempdir_in(parent)?;
+        let _mark = Mark::new(folder.path());
+        Ok(Self { folder, _mark })
+    }
+
+    /// Its path.
+    pub fn path(&self) -> &Path {
+        self.folder.path()
+    }
+}
+
+/// Removes temporary files and folders in `folder` that a process left behind when it was killed:
+/// those that are older than a day, because another process may still use younger ones.
+pub fn sweep(folder: &Path) {
+    const AGE: Duration = Duration::from_secs(24 * 3600);
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        let is_old = entry
+            .metadata()
+            .and_then(|data| data.modified())
+            .is_ok_and(|time| time.elapsed().is_ok_and(|age| age > AGE));
+        if name.starts_with(PREFIX) && name.ends_with(SUFFIX) && is_old {
+            let path = entry.path();
+            let _ = match entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+                true => fs::remove_dir_all(path),
+                false => fs::remove_file(path),
+            };
+        }
+    }
 }
 
 /// Checks whether [`write()`] could begin. Call it before long work whose result is a file. Leaves
@@ -146,7 +235,7 @@ fn create_in(folder: &Path) -> io::Result<tempfile::NamedTempFile> {
         return Err(io::Error::new(io::ErrorKind::NotFound, problem));
     }
     let mut builder = tempfile::Builder::new();
-    builder.prefix(".whitstone-").suffix(".tmp");
+    builder.prefix(PREFIX).suffix(SUFFIX);
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt as _;
@@ -227,6 +316,26 @@ mod tests {
         let outcome = std::panic::catch_unwind(|| write(&path, |_| panic!("on purpose")));
         assert!(outcome.is_err());
         assert!(entries(folder.path()).is_empty());
+    }
+
+    #[test]
+    fn old_temporaries_are_swept_and_young_ones_stay() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        let old = std::time::SystemTime::now() - Duration::from_secs(48 * 3600);
+        for name in [".whitstone-old.tmp", "other.tmp", ".whitstone-young.tmp"] {
+            let file = File::create(path(name)).unwrap();
+            if !name.contains("young") {
+                file.set_modified(old).unwrap();
+            }
+        }
+        fs::create_dir(path(".whitstone-folder.tmp")).unwrap();
+        File::open(path(".whitstone-folder.tmp"))
+            .unwrap()
+            .set_modified(old)
+            .unwrap();
+        sweep(folder.path());
+        assert_eq!(entries(folder.path()), [".whitstone-young.tmp", "other.tmp"]);
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! Memory limits for reading files, and read errors.
 
+use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -49,6 +50,19 @@ impl Limits {
         }
         Ok(())
     }
+}
+
+/// Opens a file that has contents. A pipe, a device and a file of the system whose length is unknown
+/// are rejected before they are opened, because reading them could wait for ever.
+pub(crate) fn open(path: &Path) -> Result<File, ReadFault> {
+    let metadata = fs::metadata(path)?;
+    if !metadata.is_file() {
+        return Err(ReadFault::Io(io::Error::other("not a regular file")));
+    }
+    if metadata.len() == 0 {
+        return Err(ReadFault::Io(io::Error::other("the file is empty")));
+    }
+    Ok(File::open(path)?)
 }
 
 /// A file could not be read.

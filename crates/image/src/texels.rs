@@ -1,6 +1,5 @@
 //! Texture files: raw values, normalised, not decoded from sRGB.
 
-use std::fs::File;
 use std::io::{BufRead, BufReader, Cursor, Read as _, Seek};
 use std::path::Path;
 
@@ -10,7 +9,7 @@ use image::codecs::webp::WebPDecoder;
 use image::{DynamicImage, ImageDecoder, ImageError};
 
 use crate::exr_io;
-use crate::limits::{Limits, ReadError, ReadFault, no_panic};
+use crate::limits::{self, Limits, ReadError, ReadFault, no_panic};
 use crate::planes::{Image, RGB};
 
 /// The encoding of the values of a texture file.
@@ -70,7 +69,7 @@ pub fn read_alpha(path: impl AsRef<Path>, limits: Limits) -> Result<Texels, Read
 
 fn read_part(path: &Path, limits: Limits, part: Part) -> Result<Texels, ReadError> {
     let read = || {
-        let file = File::open(path)?;
+        let file = limits::open(path)?;
         decode_from(BufReader::new(file), limits, part)
     };
     read().map_err(|fault| fault.at(path))

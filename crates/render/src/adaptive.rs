@@ -4,10 +4,11 @@
 //! of a pixel doubles as long as its own samples, or the first ones of its neighbours, differ by
 //! more than a threshold. Section 5 of `docs/whitted-model.md`.
 
+use crate::render::Region;
 use crate::samples::SampleMemory;
 use crate::{Film, Pipeline, Progress};
 use std::ops::Range;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use whitstone_core::stream::{GROUP, LANES};
 use whitstone_core::{FilmSize, Refinement, Rgb, Scratch};
@@ -92,6 +93,7 @@ impl Adaptive {
         self,
         pipeline: &Pipeline,
         mut active: Vec<[u32; 2]>,
+        region: Region,
         film: &mut Film,
         progress: Option<Progress<'_>>,
     ) {
@@ -120,14 +122,14 @@ impl Adaptive {
                     let continues = !last && self.rule.continues(taken * lens, tally.range(), near[place]);
                     if !continues {
                         let mean = tally.sum * (1.0 / f64::from(taken * lens));
-                        film.rgb[place] = mean.to_array().map(|c| c as f32);
+                        film.rgb[region.place(*pixel)] = mean.to_array().map(|c| c as f32);
                     }
                     continues
                 });
             }
-            if let Some(progress) = progress {
-                progress(total - active.len() as u64, total);
-            }
+            let finished = total - active.len() as u64;
+            let stops = || progress.is_some_and(|progress| progress(finished, total).is_break());
+            let stopped = AtomicBool::new(stops());
             if active.is_empty() {
                 return;
             }
@@ -139,7 +141,9 @@ impl Adaptive {
                 let memory = &mut *memories[thread.index()]
                     .lock()
                     .unwrap_or_else(PoisonError::into_inner);
-                while let Some(pixels) = chunks.get(next.fetch_add(1, Ordering::Relaxed)) {
+                while !stopped.load(Ordering::Relaxed)
+                    && let Some(pixels) = chunks.get(next.fetch_add(1, Ordering::Relaxed))
+                {
                     let mut found = [Tally::NOTHING; LANES];
                     {
                         let (tallies, _) = &*state.lock().unwrap_or_else(PoisonError::into_inner);
@@ -155,8 +159,16 @@ impl Adaptive {
                         tallies[self.place(*pixel)] = *tally;
                     }
                     film.counters.add(std::mem::take(&mut memory.scratch.counters));
+                    if stops() {
+                        stopped.store(true, Ordering::Relaxed);
+                    }
                 }
             });
+            if stopped.into_inner() {
+                let (_, film) = &mut *state.lock().unwrap_or_else(PoisonError::into_inner);
+                film.is_complete = false;
+                return;
+            }
             taken = until;
         }
     }

@@ -4,8 +4,8 @@ use crate::cache::Cache;
 use crate::coincident::{self, Coincidence, Seen};
 use crate::memory::Memory;
 use crate::operands::Operands;
+use crate::shared::Shared;
 use crate::unused::LookedUp;
-use std::any::Any;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use toml::Spanned;
@@ -39,6 +39,8 @@ pub struct BuildOptions<'a> {
     pub max_memory: Option<u64>,
     /// The cache for data that takes long to compute; by default none.
     pub cache: Option<Cache<'a>>,
+    /// Contents of files that earlier builds have read; by default none.
+    pub shared: Option<&'a Shared>,
     /// Called with the part that is about to be built.
     pub progress: Option<&'a dyn Fn(&str)>,
 }
@@ -71,8 +73,9 @@ pub(crate) struct Builder<'d, 's, 'o> {
     /// Inline shapes whose errors are already reported.
     pub(crate) faulty_operands: BTreeSet<usize>,
     pub(crate) used: BTreeSet<(FamilyName, &'static str)>,
-    /// See [`Storage::share`](whitstone_core::Storage::share).
-    pub(crate) shared: BTreeMap<String, Arc<dyn Any + Send + Sync>>,
+    /// See [`Storage::share`](whitstone_core::Storage::share); for a build that has no
+    /// [`BuildOptions::shared`].
+    pub(crate) shared: Shared,
     pub(crate) memory: Memory,
     pub(crate) options: BuildOptions<'o>,
     pub(crate) warnings: Vec<SceneError>,
@@ -112,7 +115,7 @@ impl<'d, 's, 'o> Builder<'d, 's, 'o> {
             operands: Operands::default(),
             faulty_operands: BTreeSet::new(),
             used: BTreeSet::new(),
-            shared: BTreeMap::new(),
+            shared: Shared::default(),
             memory: Memory::new(options.max_memory),
             options,
             warnings: Vec::new(),

@@ -106,11 +106,17 @@ impl Storage for Builder<'_, '_, '_> {
     }
 
     fn shared(&self, key: &str) -> Option<Arc<dyn Any + Send + Sync>> {
-        self.shared.get(key).cloned()
+        match self.options.shared {
+            Some(shared) => shared.get(key),
+            None => self.shared.get(key),
+        }
     }
 
     fn share(&mut self, key: String, data: Arc<dyn Any + Send + Sync>) {
-        self.shared.insert(key, data);
+        match self.options.shared {
+            Some(shared) => shared.insert(key, data),
+            None => self.shared.insert(key, data),
+        }
     }
 
     fn cached(&self, parts: &[&[u8]], length: usize) -> Option<Vec<u8>> {

@@ -1,5 +1,6 @@
 //! The rendered image.
 
+use std::ops::ControlFlow;
 use whitstone_core::Counters;
 use whitstone_image::planes::RGB;
 use whitstone_image::{Image, ImageError};
@@ -20,10 +21,13 @@ pub struct Film {
     pub counters: Counters,
     /// Wall time of the rendering in seconds.
     pub render_seconds: f64,
+    /// Whether all pixels are finished. If the rendering was stopped, the others are black.
+    pub is_complete: bool,
 }
 
-/// Called with the number of finished pixels and the total, from any thread.
-pub type Progress<'a> = &'a (dyn Fn(u64, u64) + Sync);
+/// Called with the number of finished pixels and the total, from any thread. `Break` stops the
+/// rendering.
+pub type Progress<'a> = &'a (dyn Fn(u64, u64) -> ControlFlow<()> + Sync);
 
 impl Film {
     /// Number of pixels whose radiance the image cannot represent: it overflows `f32`, or is NaN.
@@ -58,6 +62,9 @@ impl Film {
         image.set_attribute("scene_hash", scene_hash)?;
         image.set_attribute("samples", self.samples.to_string())?;
         image.set_attribute("version", env!("CARGO_PKG_VERSION"))?;
+        if !self.is_complete {
+            image.set_attribute("unfinished", "true")?;
+        }
         Ok(image)
     }
 }
@@ -108,6 +115,7 @@ mod tests {
             samples: 4,
             counters: Counters::default(),
             render_seconds: 0.0,
+            is_complete: true,
         };
         let copy = film.to_image("hash").unwrap();
         assert_eq!(copy.rgb().unwrap()[1], [2.0, 5.0]);

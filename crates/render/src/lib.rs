@@ -18,6 +18,8 @@ mod pipeline;
 mod reach;
 mod render;
 mod samples;
+mod shared;
+mod trace;
 mod unused;
 
 pub use builder::{BuildOptions, BuiltGroup};
@@ -26,4 +28,5 @@ pub use coincident::Coincidence;
 pub use costs::Cost;
 pub use film::{Film, Progress};
 pub use pipeline::Pipeline;
-pub use render::RenderOptions;
+pub use render::{Region, RenderOptions};
+pub use shared::Shared;

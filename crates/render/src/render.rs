@@ -3,12 +3,13 @@
 use crate::adaptive::Adaptive;
 use crate::samples::SampleMemory;
 use crate::{Film, Pipeline, Progress};
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 use whitstone_core::stream::LANES;
 use whitstone_core::{
-    Counters, DVec2, DVec3, PreliminaryIntersection, Rgb, Scratch, SurfaceAttributes, SurfaceInteraction,
+    Counters, DVec2, DVec3, FilmSize, PreliminaryIntersection, Rgb, Scratch, SurfaceAttributes,
+    SurfaceInteraction,
 };
 use whitstone_scene::Aov;
 
@@ -19,12 +20,59 @@ const _: () = assert!((TILE * TILE) as usize <= LANES);
 /// Side of the squares within a tile, in pixels.
 const SQUARE: u32 = 4;
 
-/// Options of the rendering. They do not affect the image.
+/// A part of the image, in pixels from its upper left corner.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Region {
+    /// First column.
+    pub x: u32,
+    /// First row.
+    pub y: u32,
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+}
+
+impl Region {
+    /// The part that lies in an image of a size.
+    fn within(self, size: FilmSize) -> Self {
+        let (x, y) = (self.x.min(size.width), self.y.min(size.height));
+        Self {
+            x,
+            y,
+            width: self.width.min(size.width - x),
+            height: self.height.min(size.height - y),
+        }
+    }
+
+    fn contains(self, [x, y]: [u32; 2]) -> bool {
+        (self.x..self.x + self.width).contains(&x) && (self.y..self.y + self.height).contains(&y)
+    }
+
+    /// The place of a pixel of the image in the film of the region.
+    pub(crate) fn place(self, [x, y]: [u32; 2]) -> usize {
+        (y - self.y) as usize * self.width as usize + (x - self.x) as usize
+    }
+
+    /// The pixels of an image around the region.
+    fn neighbours(self, size: FilmSize) -> Vec<[u32; 2]> {
+        let columns = self.x.saturating_sub(1)..(self.x + self.width + 1).min(size.width);
+        let rows = self.y.saturating_sub(1)..(self.y + self.height + 1).min(size.height);
+        rows.flat_map(|y| columns.clone().map(move |x| [x, y]))
+            .filter(|pixel| !self.contains(*pixel))
+            .collect()
+    }
+}
+
+/// Options of the rendering. They do not affect the values of pixels.
 #[derive(Clone, Copy, Default)]
 pub struct RenderOptions<'a> {
+    /// The part of the image to render; by default all of it. Its pixels have the values that they
+    /// have in the whole image.
+    pub region: Option<Region>,
     /// Threads; 0 means one per core.
     pub threads: usize,
-    /// Called after each tile.
+    /// Called after each tile; can stop the rendering.
     pub progress: Option<Progress<'a>>,
 }
 
@@ -76,9 +124,14 @@ impl TileScratch {
             .extend(self.order.iter().map(|[x, y]| [tile.x + x, tile.y + y]));
     }
 
-    /// Writes the pixels to their band of an image with this width.
-    fn write(&self, band: &mut Band<'_>, width: u32) {
-        let place = |[x, y]: &[u32; 2]| (*y % TILE) as usize * width as usize + *x as usize;
+    /// Writes the pixels to their band of a film.
+    fn write(&self, band: &mut Band<'_>, region: Region) {
+        // The first pixel of a tile is in the first row of its band.
+        let first = self
+            .pixels
+            .first()
+            .map_or(0, |[_, y]| region.place([region.x, *y]));
+        let place = |pixel: &[u32; 2]| region.place(*pixel) - first;
         // Without values if the pixels are not finished.
         for (pixel, rgb) in self.pixels.iter().zip(&self.rgb) {
             band.rgb[place(pixel)] = *rgb;
@@ -123,39 +176,46 @@ impl Pipeline {
     /// depends only on the scene.
     pub fn render(&self, options: RenderOptions<'_>) -> Film {
         if options.threads == 0 {
-            return self.render_on_current_pool(options.progress);
+            return self.render_on_current_pool(options);
         }
         match rayon::ThreadPoolBuilder::new()
             .num_threads(options.threads)
             .build()
         {
-            Ok(pool) => pool.install(|| self.render_on_current_pool(options.progress)),
+            Ok(pool) => pool.install(|| self.render_on_current_pool(options)),
             // Threads only affect the speed, so the existing ones are used instead.
-            Err(_) => self.render_on_current_pool(options.progress),
+            Err(_) => self.render_on_current_pool(options),
         }
     }
 
-    fn render_on_current_pool(&self, progress: Option<Progress<'_>>) -> Film {
+    fn render_on_current_pool(&self, RenderOptions { region, progress, .. }: RenderOptions<'_>) -> Film {
         let start = Instant::now();
         let size = self.film.size;
-        let total = u64::from(size.width) * u64::from(size.height);
+        let all = Region {
+            x: 0,
+            y: 0,
+            width: size.width,
+            height: size.height,
+        };
+        let region = region.map_or(all, |region| region.within(size));
+        let total = u64::from(region.width) * u64::from(region.height);
         let done = AtomicU64::new(0);
         // Column by column: threads that work side by side then write to different bands. The first
         // write to a page of the film takes as long as some rays; with one lock for the whole film,
         // sixteen threads were only 5.8 times as fast as one.
-        let rows = size.height.div_ceil(TILE);
-        let tiles: Vec<Tile> = (0..size.width.div_ceil(TILE))
+        let rows = region.height.div_ceil(TILE);
+        let tiles: Vec<Tile> = (0..region.width.div_ceil(TILE))
             .flat_map(|column| (0..rows).map(move |row| (column * TILE, row * TILE)))
             .map(|(x, y)| Tile {
-                x,
-                y,
-                width: TILE.min(size.width - x),
-                height: TILE.min(size.height - y),
+                x: region.x + x,
+                y: region.y + y,
+                width: TILE.min(region.width - x),
+                height: TILE.min(region.height - y),
             })
             .collect();
         let mut film = Film {
-            width: size.width,
-            height: size.height,
+            width: region.width,
+            height: region.height,
             rgb: vec![[0.0; 3]; total as usize],
             layers: self
                 .film
@@ -167,27 +227,33 @@ impl Pipeline {
             samples: self.samples(),
             counters: Counters::default(),
             render_seconds: 0.0,
+            is_complete: true,
         };
         let adaptive = self.sampler.refinement().map(|rule| Adaptive::new(rule, size));
         let first = adaptive.as_ref().map_or(self.sampler.count(), Adaptive::first);
         // Each thread takes the next tile when it finishes one, because a fixed division of the
         // image would take unequal times.
         let next = AtomicUsize::new(0);
+        let stopped = AtomicBool::new(false);
         let bands = Band::all(&mut film);
         let counters = rayon::broadcast(|_| {
             let mut scratch = TileScratch::default();
-            while let Some(tile) = tiles.get(next.fetch_add(1, Ordering::Relaxed)) {
+            while !stopped.load(Ordering::Relaxed)
+                && let Some(tile) = tiles.get(next.fetch_add(1, Ordering::Relaxed))
+            {
                 self.render_tile(tile, first, adaptive.as_ref(), &mut scratch);
-                if let Some(band) = bands.get((tile.y / TILE) as usize) {
+                if let Some(band) = bands.get(((tile.y - region.y) / TILE) as usize) {
                     let mut band = band.lock().unwrap_or_else(PoisonError::into_inner);
-                    scratch.write(&mut band, size.width);
+                    scratch.write(&mut band, region);
                 }
                 let pixels = u64::from(tile.width) * u64::from(tile.height);
                 let so_far = done.fetch_add(pixels, Ordering::Relaxed) + pixels;
+                // The first samples of an adaptive sampler finish no pixel.
+                let finished = if adaptive.is_none() { so_far } else { 0 };
                 if let Some(progress) = progress
-                    && adaptive.is_none()
+                    && progress(finished, total).is_break()
                 {
-                    progress(so_far, total);
+                    stopped.store(true, Ordering::Relaxed);
                 }
             }
             scratch.memory.scratch.counters
@@ -196,13 +262,20 @@ impl Pipeline {
         for counted in counters {
             film.counters.add(counted);
         }
-        if let Some(adaptive) = adaptive {
+        if stopped.into_inner() {
+            // The last tile may have been finished before.
+            film.is_complete = adaptive.is_none() && done.into_inner() == total;
+        } else if let Some(adaptive) = adaptive {
             let mut scratch = TileScratch::default();
+            // Pixels of the region take as many samples as in the whole image.
+            for pixels in region.neighbours(size).chunks(LANES) {
+                adaptive.start(self, pixels, &mut scratch.memory);
+            }
             let pixels = tiles.iter().flat_map(|tile| {
                 scratch.enter(tile);
                 scratch.pixels.clone()
             });
-            adaptive.refine(self, pixels.collect(), &mut film, progress);
+            adaptive.refine(self, pixels.collect(), region, &mut film, progress);
         }
         film.render_seconds = start.elapsed().as_secs_f64();
         film

@@ -333,8 +333,18 @@ fn parse(path: &Path, config: &Config, context: &mut dyn Context) -> Result<(Tri
         gltf::read(path, &request, reserve).map_err(told)??
     } else {
         // The memory for the file and the parsed mesh is estimated as three times the file size.
-        let bytes = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
-        reserved = bytes.saturating_mul(3);
+        let metadata = std::fs::metadata(path)
+            .map_err(|error| told(FileError::anywhere(format!("cannot be read: {error}"))))?;
+        // Reading a pipe or a file of the system could wait for ever.
+        if !metadata.is_file() || metadata.len() == 0 {
+            let what = if metadata.is_file() {
+                "it is empty"
+            } else {
+                "it is not a regular file"
+            };
+            return Err(told(FileError::anywhere(format!("cannot be read: {what}"))).into());
+        }
+        reserved = metadata.len().saturating_mul(3);
         context.reserve(reserved)?;
         let bytes = std::fs::read(path)
             .map_err(|error| told(FileError::anywhere(format!("cannot be read: {error}"))))?;

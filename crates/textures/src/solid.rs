@@ -234,6 +234,10 @@ impl Plugin<Textures> for Solid {
 
 /// The numbers of a file, or the error in one of them.
 fn read(path: &Path, format: Format) -> Result<Store, String> {
+    let metadata = std::fs::metadata(path).map_err(|error| error.to_string())?;
+    if !metadata.is_file() {
+        return Err("it is not a regular file".to_owned());
+    }
     let bytes = std::fs::read(path).map_err(|error| error.to_string())?;
     match format {
         Format::U8 => Ok(Store::U8(bytes)),

@@ -6,6 +6,7 @@ use crate::protocol::Number;
 pub use crate::protocol::{
     Coincident, Hello, PovRay, Rays, Rendered, RenderedSeconds, SceneText, Setting, Versions,
 };
+use crate::stop::Stop;
 use serde::Deserialize;
 use serde_json::{Value, json};
 use std::collections::VecDeque;
@@ -16,7 +17,7 @@ use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use thiserror::Error;
 
 /// Maximum length of an answer in bytes. The longest valid answers, those of `probe`, stay far
@@ -26,6 +27,9 @@ const MAX_ANSWER: u64 = 256 << 20;
 const MAX_STDERR_LINE: u64 = 4096;
 /// Number of last lines of standard error that are kept for messages.
 const STDERR_LINES: usize = 40;
+
+/// Time between two looks at the request to stop.
+const STOP_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Why the driver gave no valid answer.
 #[derive(Debug, Error)]
@@ -41,6 +45,9 @@ pub enum DriverError {
         /// The end of its standard error, on lines of its own.
         stderr: String,
     },
+    /// Somebody asked to stop.
+    #[error("the driver of the reference was stopped")]
+    Stopped,
     /// No answer within the time limit; the process and its children were killed.
     #[error(
         "the driver of the reference gave no answer to `{op}` within {seconds} s and was stopped{stderr}"
@@ -80,6 +87,7 @@ pub struct Driver {
     stderr: Arc<Mutex<VecDeque<String>>>,
     stderr_reader: JoinHandle<()>,
     limit: Duration,
+    stop: Stop,
 }
 
 impl Driver {
@@ -169,7 +177,26 @@ impl Driver {
             stderr: tail,
             stderr_reader,
             limit,
+            stop: Stop::default(),
         })
+    }
+
+    /// Sets the request that stops waiting for an answer, and with it the driver.
+    pub fn set_stop(&mut self, stop: Stop) {
+        self.stop = stop;
+    }
+
+    /// Waits for an answer; at most for the time limit, and until somebody asks to stop.
+    fn answer(&self) -> Result<std::io::Result<String>, RecvTimeoutError> {
+        let start = Instant::now();
+        loop {
+            let left = self.limit.saturating_sub(start.elapsed());
+            match self.answers.recv_timeout(left.min(STOP_INTERVAL)) {
+                Err(RecvTimeoutError::Timeout)
+                    if start.elapsed() < self.limit && !self.stop.is_requested() => {}
+                other => return other,
+            }
+        }
     }
 
     /// Sends a request and waits for the answer.
@@ -180,7 +207,7 @@ impl Driver {
         if self.requests.send(line).is_err() {
             return Err(self.exited());
         }
-        let answer = match self.answers.recv_timeout(self.limit) {
+        let answer = match self.answer() {
             Ok(Ok(answer)) => answer,
             Ok(Err(error)) => {
                 self.kill();
@@ -190,6 +217,10 @@ impl Driver {
                 });
             }
             Err(RecvTimeoutError::Disconnected) => return Err(self.exited()),
+            Err(RecvTimeoutError::Timeout) if self.stop.is_requested() => {
+                self.kill();
+                return Err(DriverError::Stopped);
+            }
             Err(RecvTimeoutError::Timeout) => {
                 self.kill();
                 return Err(DriverError::TimedOut {

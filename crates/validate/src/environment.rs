@@ -66,7 +66,10 @@ impl Installation {
 
     /// The folder with `mitsuba`, `povray` and `protocol`. Writes the drivers of this program if
     /// they are not there, or are not those of this program.
-    fn drivers(&self) -> Result<PathBuf, EnvironmentError> {
+    ///
+    /// # Errors
+    /// If they cannot be written.
+    pub fn drivers(&self) -> Result<PathBuf, EnvironmentError> {
         if let Some(folder) = &self.drivers {
             return Ok(folder.clone());
         }

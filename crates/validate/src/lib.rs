@@ -26,6 +26,7 @@ pub mod report;
 mod result;
 pub mod sensitivity;
 mod shared;
+mod stop;
 pub mod stored;
 mod tolerance;
 pub mod tree;
@@ -47,5 +48,6 @@ pub use result::{
     CaseResult, Check, LayerResult, Provenance, Reference, Results, SkippedScene, Status, Summary,
     WorstPixel, counted,
 };
+pub use stop::Stop;
 pub use validator::{Mode, NoLive, Options, Validator, flatten};
 pub use variants::Variants;

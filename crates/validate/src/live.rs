@@ -6,6 +6,7 @@ use crate::explain::{Range, Trial};
 use crate::floor;
 use crate::protocol::{Coincident, Rendered, SceneText, Setting, Versions};
 use crate::renderer::Renderer;
+use crate::stop::Stop;
 use crate::stored::{Meta, Stored, StoredError};
 use crate::variants::Variants;
 use serde::{Deserialize, Serialize};
@@ -30,6 +31,7 @@ pub struct Live {
     cache: PathBuf,
     reuse: bool,
     limit: Duration,
+    stop: Stop,
 }
 
 /// Why a live reference is not available.
@@ -88,6 +90,7 @@ impl Live {
             cache,
             reuse,
             limit,
+            stop: Stop::default(),
         };
         let versions = match known.and_then(|bytes| serde_json::from_slice(&bytes).ok()) {
             Some(versions) => versions,
@@ -146,6 +149,14 @@ impl Live {
         }
     }
 
+    /// Sets the request that stops the driver.
+    pub fn set_stop(&mut self, stop: Stop) {
+        if let Some(driver) = &mut self.driver {
+            driver.set_stop(stop.clone());
+        }
+        self.stop = stop;
+    }
+
     /// What is unusual about the installation.
     pub fn warning(&self) -> Option<&str> {
         self.warning.as_deref()
@@ -165,7 +176,11 @@ impl Live {
     pub fn driver(&mut self) -> Result<&mut Driver, DriverError> {
         let driver = match self.driver.take() {
             Some(driver) => driver,
-            None => Driver::start(&self.environment, self.limit)?,
+            None => {
+                let mut driver = Driver::start(&self.environment, self.limit)?;
+                driver.set_stop(self.stop.clone());
+                driver
+            }
         };
         Ok(self.driver.insert(driver))
     }
@@ -262,7 +277,7 @@ impl Live {
     fn render(&mut self, scene: SceneText<'_>, setting: Setting) -> Result<(Image, Rendered), LiveError> {
         std::fs::create_dir_all(&self.cache).map_err(DriverError::Io)?;
         // Concurrent runs must not share the file.
-        let folder = tempfile::tempdir_in(&self.cache).map_err(DriverError::Io)?;
+        let folder = atomic::TemporaryFolder::new_in(&self.cache).map_err(DriverError::Io)?;
         // The driver may have another working folder.
         let out = std::path::absolute(folder.path().join("image.exr")).map_err(DriverError::Io)?;
         let renderer = self.renderer();

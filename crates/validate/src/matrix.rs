@@ -144,7 +144,7 @@ impl Validator<'_> {
     fn picture(&self, pipeline: &Pipeline, threads: usize) -> Film {
         pipeline.render(RenderOptions {
             threads,
-            progress: None,
+            ..RenderOptions::default()
         })
     }
 

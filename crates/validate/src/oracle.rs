@@ -176,7 +176,7 @@ impl Validator<'_> {
             0 => thread::available_parallelism().map_or(1, usize::from),
             threads => threads,
         };
-        let stage = &self.stage;
+        let (stage, stop) = (&self.stage, &self.stop);
         let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
         let found = Mutex::new(vec![None; pixels.len()]);
         thread::scope(|scope| {
@@ -184,7 +184,7 @@ impl Validator<'_> {
                 scope.spawn(|| {
                     loop {
                         let index = next.fetch_add(1, Ordering::Relaxed);
-                        if index >= pixels.len() || Instant::now() >= deadline {
+                        if index >= pixels.len() || Instant::now() >= deadline || stop.is_requested() {
                             return;
                         }
                         let pixel = pixels[index].map(|p| p as u32);

@@ -49,6 +49,9 @@ pub struct Summary {
     /// Number of scenes that were skipped because this reference has no twin of them and another
     /// has.
     pub skipped: usize,
+    /// Number of scenes that were not compared because the run was interrupted.
+    #[serde(default)]
+    pub not_run: usize,
     /// Counts of the matrix, if it was requested.
     pub matrix: Tally,
     /// Median of `rel_rmse_interior` over the cases that have one.
@@ -483,6 +486,7 @@ impl Summary {
             explained: cases.iter().map(|case| case.explained).sum(),
             nonfinite: cases.iter().map(|case| case.nonfinite).sum(),
             skipped: 0,
+            not_run: 0,
             matrix: Tally::default(),
             median_rel_rmse_interior: middle(&errors),
             references,

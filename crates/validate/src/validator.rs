@@ -9,8 +9,10 @@ use crate::opinion::OraclePolicy;
 use crate::protocol::SceneText;
 use crate::renderer::{Adaptation, Renderer};
 use crate::result::{CaseResult, Status};
+use crate::stop::Stop;
 use crate::stored::{Stored, StoredError};
 use crate::{floor, noisy, place};
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use whitstone_core::{Registry, SceneErrors};
@@ -83,6 +85,7 @@ pub struct Validator<'a> {
     pub(crate) pictures: bool,
     /// When the oracle is queried.
     pub(crate) oracle: OraclePolicy,
+    pub(crate) stop: Stop,
     /// Called with the name of each stage.
     pub(crate) stage: Box<dyn Fn(&str) + Send + Sync + 'a>,
 }
@@ -138,6 +141,7 @@ impl<'a> Validator<'a> {
             broken: None,
             pictures: true,
             oracle: OraclePolicy::default(),
+            stop: Stop::default(),
             stage: Box::new(|_| {}),
         })
     }
@@ -145,6 +149,15 @@ impl<'a> Validator<'a> {
     /// Sets a callback that receives the name of each stage, because a scene can take minutes.
     pub fn on_stage(&mut self, stage: impl Fn(&str) + Send + Sync + 'a) {
         self.stage = Box::new(stage);
+    }
+
+    /// Sets the request that stops a validation early. The result of the scene in work then has no
+    /// meaning.
+    pub fn set_stop(&mut self, stop: Stop) {
+        if let Some(live) = &mut self.live {
+            live.set_stop(stop.clone());
+        }
+        self.stop = stop;
     }
 
     /// Disables the pictures of all further cases. Use this if only the verdict counts, because
@@ -274,11 +287,21 @@ impl<'a> Validator<'a> {
             plan.description.expect.clone()
         })
         .map_err(report)?;
-        let stage = &self.stage;
+        let (stage, stop) = (&self.stage, &self.stop);
         let film = pipeline.render(RenderOptions {
             threads: self.options.threads,
-            progress: Some(&|done, all| stage(&format!("ours, {}%", 100 * done / all.max(1)))),
+            progress: Some(&|done, all| {
+                stage(&format!("ours, {}%", 100 * done / all.max(1)));
+                match stop.is_requested() {
+                    true => ControlFlow::Break(()),
+                    false => ControlFlow::Continue(()),
+                }
+            }),
+            ..RenderOptions::default()
         });
+        if !film.is_complete {
+            return Err("the rendering was stopped".to_owned());
+        }
         if let Some(approximation_note) = pipeline.scene.accelerator.approximation_note() {
             let exact = [&all_overrides[..], &["accelerator={type='auto'}".to_owned()]].concat();
             let sources = Sources::load(path, &exact, self.registry)
@@ -286,7 +309,7 @@ impl<'a> Validator<'a> {
             let exact = Pipeline::load(&sources, self.registry, options).map_err(report)?;
             let exact = exact.render(RenderOptions {
                 threads: self.options.threads,
-                progress: None,
+                ..RenderOptions::default()
             });
             case.approximation_note = Some(format!(
                 "{approximation_note}: {}",

@@ -28,6 +28,7 @@ pub mod validate;
 
 use crate::terminal::{self, Exit, Failure};
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use whitstone_core::simd::Level;
@@ -39,7 +40,8 @@ use whitstone_validate::{Installation, TARGET};
 /// A Whitted ray tracer that is validated against Mitsuba 3, pixel by pixel.
 ///
 /// Exit codes: 0 success; 1 a comparison differs; 2 the command line, a scene or an input file is
-/// wrong; 3 something that the command needs is missing or broken, such as a live Mitsuba.
+/// wrong; 3 something that the command needs is missing or broken, such as a live Mitsuba; 130 and
+/// 143 the command was interrupted by Ctrl-C or asked to terminate.
 #[derive(Parser)]
 #[command(version, arg_required_else_help = true, max_term_width = 100)]
 struct Arguments {
@@ -143,10 +145,18 @@ impl Cli {
 
     /// Reads the arguments of the process and runs the command.
     pub fn run(self) -> ExitCode {
+        self.run_with(std::env::args_os().skip(1)).into()
+    }
+
+    /// Runs the command of these arguments, and returns the exit code. A wrong command line and
+    /// `--help` end the process.
+    pub fn run_with(self, arguments: impl IntoIterator<Item = OsString>) -> u8 {
         if let Some(duplicate) = self.duplicate {
             return terminal::finish(Err(Failure::usage(duplicate)));
         }
-        let matches = Arguments::command().name(self.program).get_matches();
+        crate::interrupt::watch();
+        let all = std::iter::once(OsString::from(self.program)).chain(arguments);
+        let matches = Arguments::command().name(self.program).get_matches_from(all);
         let arguments = match Arguments::from_arg_matches(&matches) {
             Ok(arguments) => arguments,
             Err(error) => error.exit(),
@@ -288,6 +298,7 @@ pub fn build_with<T>(
             reuse: !arguments.fresh,
         }),
         progress: Some(&progress),
+        ..BuildOptions::default()
     };
     let built = Pipeline::load_and(&sources, registry, options, note);
     bar.finish_and_clear();

@@ -9,12 +9,18 @@
 mod terminal;
 #[cfg(feature = "cli")]
 pub mod commands;
+#[cfg(feature = "cli")]
+mod interrupt;
+mod library;
 pub mod slim;
 #[cfg(feature = "cli")]
 pub mod wireframe;
 
 #[cfg(feature = "cli")]
 pub use commands::Cli;
+#[cfg(feature = "cli")]
+pub use interrupt::watch as watch_signals;
+pub use library::{Change, Error, Problem, Scene, SceneOptions};
 #[cfg(feature = "cli")]
 pub use terminal::progress;
 pub use terminal::{Exit, Failure, finish};

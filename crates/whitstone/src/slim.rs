@@ -31,7 +31,7 @@ pub fn run(register: impl FnOnce(&mut Registry) -> Result<(), DuplicateType>) ->
         .map_err(Failure::usage)
         .and_then(|()| parse(std::env::args_os().skip(1)))
         .and_then(|arguments| render(&arguments, &registry));
-    terminal::finish(result)
+    terminal::finish(result).into()
 }
 
 fn parse(words: impl Iterator<Item = OsString>) -> Result<Arguments, Failure> {
@@ -94,7 +94,7 @@ fn render(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     }
     let film = pipeline.render(RenderOptions {
         threads: arguments.threads,
-        progress: None,
+        ..RenderOptions::default()
     });
     let summary = Summary::new(&arguments.output, &pipeline, &film);
     let image = film.into_image(&pipeline.scene_hash).map_err(Failure::usage)?;
@@ -152,9 +152,7 @@ mod tests {
     use super::*;
 
     fn parsed(words: &str) -> Result<Arguments, String> {
-        parse(words.split_whitespace().map(OsString::from)).map_err(|failure| match failure {
-            Failure::Usage(text) | Failure::Environment(text) => text,
-        })
+        parse(words.split_whitespace().map(OsString::from)).map_err(Failure::problem)
     }
 
     #[test]

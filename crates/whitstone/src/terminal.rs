@@ -6,7 +6,6 @@ use std::fmt::{Arguments, Display};
 use std::io::{ErrorKind, IsTerminal, Write};
 #[cfg(feature = "cli")]
 use std::path::Path;
-use std::process::ExitCode;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 #[cfg(feature = "cli")]
@@ -83,6 +82,13 @@ pub enum Failure {
     Usage(String),
     /// 3: something that the command needs is missing or broken, such as a requested live Mitsuba.
     Environment(String),
+    /// 128 and the number of the signal: the command was interrupted.
+    Interrupted {
+        /// The number of the signal.
+        signal: i32,
+        /// What the command has finished.
+        kept: String,
+    },
 }
 
 impl Failure {
@@ -95,6 +101,14 @@ impl Failure {
     pub fn environment(problem: impl Display) -> Self {
         Self::Environment(problem.to_string())
     }
+
+    /// The message.
+    pub fn problem(self) -> String {
+        match self {
+            Self::Usage(problem) | Self::Environment(problem) => problem,
+            Self::Interrupted { kept, .. } => kept,
+        }
+    }
 }
 
 /// Creates a folder for results if it does not exist.
@@ -106,7 +120,7 @@ pub(crate) fn make_folder(folder: &Path) -> Result<(), Failure> {
 }
 
 /// Prints a failure and returns the exit code.
-pub fn finish(result: Result<Exit, Failure>) -> ExitCode {
+pub fn finish(result: Result<Exit, Failure>) -> u8 {
     let flushed = std::io::stdout().lock().flush();
     let lost = OUTPUT_LOST.load(Ordering::Relaxed)
         || flushed.is_err_and(|error| error.kind() != ErrorKind::BrokenPipe);
@@ -116,15 +130,19 @@ pub fn finish(result: Result<Exit, Failure>) -> ExitCode {
         result => result,
     };
     match result {
-        Ok(Exit::Pass) => ExitCode::SUCCESS,
-        Ok(Exit::Differs) => ExitCode::from(1),
+        Ok(Exit::Pass) => 0,
+        Ok(Exit::Differs) => 1,
         Err(Failure::Usage(problem)) => {
             eprintln!("{}", with_prefix(&problem));
-            ExitCode::from(2)
+            2
         }
         Err(Failure::Environment(problem)) => {
             eprintln!("{}", with_prefix(&problem));
-            ExitCode::from(3)
+            3
+        }
+        Err(Failure::Interrupted { signal, kept }) => {
+            eprintln!("interrupted: {kept}");
+            u8::try_from(128 + signal).unwrap_or(u8::MAX)
         }
     }
 }
@@ -148,12 +166,12 @@ fn with_prefix(problem: &str) -> String {
 #[cfg(feature = "cli")]
 /// Writes machine-readable results to the file of `--json`, atomically, or to standard output.
 pub(crate) fn write_json(path: &Path, value: &serde_json::Value) -> Result<(), Failure> {
-    write_json_text(path, &format!("{value:#}\n"))
+    write_text(path, &format!("{value:#}\n"))
 }
 
 #[cfg(feature = "cli")]
 /// [`write_json`] of a formatted text.
-pub(crate) fn write_json_text(path: &Path, text: &str) -> Result<(), Failure> {
+pub(crate) fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
     if path == Path::new(STDOUT) {
         stdout(format_args!("{text}"));
         return Ok(());

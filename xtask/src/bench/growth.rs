@@ -269,7 +269,7 @@ fn measure(
         let statistic = |key: &str| statistics.get(key).copied().unwrap_or(f64::NAN);
         let options = RenderOptions {
             threads: scene.threads,
-            progress: None,
+            ..RenderOptions::default()
         };
         let (mut times, mut rays, start) = (Vec::new(), 0, Instant::now());
         for _ in 0..arguments.rounds.max(1) {

@@ -61,7 +61,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     let pipelines = [pipeline(true)?, pipeline(false)?];
     let options = RenderOptions {
         threads: arguments.threads,
-        progress: None,
+        ..RenderOptions::default()
     };
     let mut times = [const { Vec::new() }; 2];
     let mut films = [const { None }; 2];
@@ -128,7 +128,7 @@ fn load_scene(text: &str, registry: &Registry) -> Result<Pipeline, Failure> {
 fn many_lamps(arguments: &Arguments, registry: &Registry) -> Result<Vec<Value>, Failure> {
     let options = RenderOptions {
         threads: arguments.threads,
-        progress: None,
+        ..RenderOptions::default()
     };
     println!(
         "64 x 48, 380,192 triangles, weak lamps; the cutoff lets each reach {} m",

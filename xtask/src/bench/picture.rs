@@ -104,7 +104,7 @@ fn compare_scene_with_mitsuba(
 ) -> Result<Value, Failure> {
     let options = RenderOptions {
         threads: arguments.threads,
-        progress: None,
+        ..RenderOptions::default()
     };
     let request = json!({
         "op": "time", "scene": document.text, "base": document.base,
@@ -150,7 +150,7 @@ fn compare_with_povray(arguments: &Arguments, registry: &Registry) -> Result<Val
     let (pipeline, _) = built(Path::new(CLASSIC), &film, registry)?;
     let options = RenderOptions {
         threads: 1,
-        progress: None,
+        ..RenderOptions::default()
     };
     let counters = pipeline.render(options).counters;
     let (mut ours, mut theirs, mut ratios) = (Vec::new(), Vec::new(), Vec::new());
@@ -190,7 +190,7 @@ fn frames(path: &Path, registry: &Registry) -> Result<Value, Failure> {
     let (pipeline, _) = built(path, &film, registry)?;
     let options = RenderOptions {
         threads,
-        progress: None,
+        ..RenderOptions::default()
     };
     let rays = pipeline.render(options).counters.total();
     let mut seconds: Vec<f64> = (0..rounds)

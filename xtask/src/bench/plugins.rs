@@ -64,7 +64,7 @@ fn nanoseconds_per_ray(scene: &str, registry: &Registry, budget: Duration) -> Re
     let pipeline = Pipeline::load(&sources, registry, BuildOptions::default()).map_err(report)?;
     let options = RenderOptions {
         threads: 1,
-        progress: None,
+        ..RenderOptions::default()
     };
     let render = || {
         let before = processor_time();

@@ -37,7 +37,7 @@ pub(crate) struct Arguments {
 pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let options = RenderOptions {
         threads: arguments.threads,
-        progress: None,
+        ..RenderOptions::default()
     };
     for path in &arguments.scenes {
         let build = |integrator: &str| -> Result<Pipeline, Failure> {

@@ -2,6 +2,7 @@
 
 use clap::Args;
 use serde_json::json;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
@@ -84,7 +85,9 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
             if reported.fetch_max(tenths, Ordering::Relaxed) < tenths {
                 say(start, &format!("rendered {} %", 10 * tenths));
             }
+            ControlFlow::Continue(())
         }),
+        ..RenderOptions::default()
     });
     if let Some(path) = &arguments.output {
         let image = film.to_image(&pipeline.scene_hash).map_err(Failure::usage)?;

@@ -268,7 +268,7 @@ fn sizes(
     let mut driver = Driver::start(environment, limit).map_err(Failure::environment)?;
     let options = RenderOptions {
         threads,
-        progress: None,
+        ..RenderOptions::default()
     };
     let mut ours = Series::new("Whitstone");
     let mut paths = VARIANTS.map(|variant| Series::new(format!("Mitsuba path, {variant}")));

@@ -1,7 +1,6 @@
 //! Reads EXR files.
 
 use std::collections::{BTreeMap, HashSet};
-use std::fs::File;
 use std::io::{BufReader, Cursor, Read, Seek, SeekFrom};
 use std::path::Path;
 
@@ -13,7 +12,7 @@ use exr::meta::{BlockDescription, MetaData};
 use exr::prelude::{Compression, Vec2, f16};
 
 use super::ATTRIBUTE_PREFIX;
-use crate::limits::{Limits, ReadError, ReadFault, no_panic};
+use crate::limits::{self, Limits, ReadError, ReadFault, no_panic};
 use crate::planes::{Image, Placement};
 
 /// First bytes of every EXR file.
@@ -29,7 +28,7 @@ const MIN_CHUNK_BYTES: u64 = 8 + 4 + 4;
 /// [`ReadError`], which names the path; see the [module](super) for unsupported files.
 pub fn read(path: impl AsRef<Path>, limits: Limits) -> Result<Image, ReadError> {
     let path = path.as_ref();
-    let file = File::open(path).map_err(|error| ReadFault::Io(error).at(path))?;
+    let file = limits::open(path).map_err(|fault| fault.at(path))?;
     let (image, _) = decode_channels(file, limits, |_| true).map_err(|fault| fault.at(path))?;
     Ok(image)
 }

@@ -300,7 +300,7 @@ fn tiles(results: &Results) -> Vec<Tile> {
         value: Number::count(value as u64),
         bad,
     };
-    vec![
+    let mut tiles = vec![
         count("cases", summary.cases, false),
         count("passed", summary.passed, false),
         count("confirmed", summary.confirmed, false),
@@ -310,6 +310,11 @@ fn tiles(results: &Results) -> Vec<Tile> {
         count("pixels unexplained", summary.unexplained, summary.unexplained > 0),
         count("values not finite", summary.nonfinite, summary.nonfinite > 0),
         count("scenes skipped", summary.skipped, false),
+        count(
+            "scenes not compared: interrupted",
+            summary.not_run,
+            summary.not_run > 0,
+        ),
         Tile {
             label: "median interior error",
             value: Number::error(summary.median_rel_rmse_interior).or("no case has one"),
@@ -320,7 +325,11 @@ fn tiles(results: &Results) -> Vec<Tile> {
             value: Number::with_unit(summary.seconds, "s"),
             bad: false,
         },
-    ]
+    ];
+    if summary.not_run > 0 {
+        tiles.push(count("interrupted: scenes not compared", summary.not_run, true));
+    }
+    tiles
 }
 
 fn provenance(provenance: &Provenance, cases: &[CaseResult]) -> Vec<(&'static str, String)> {

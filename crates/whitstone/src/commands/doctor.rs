@@ -35,6 +35,9 @@ pub struct Arguments {
     /// Do not create the Python environment, only look for it
     #[arg(long)]
     no_install: bool,
+    /// Print the licences of the packages that are part of this program, and do nothing else
+    #[arg(long)]
+    licenses: bool,
     #[command(flatten)]
     target: Target,
     /// Folder of the stored references
@@ -46,6 +49,9 @@ pub struct Arguments {
     #[arg(long, default_value_t = 120, value_name = "SECONDS")]
     time_limit: u64,
 }
+
+/// Written by `cargo xtask readme`.
+const LICENCES: &str = include_str!("../licences.txt");
 
 /// The results of all checks.
 struct Findings {
@@ -60,6 +66,10 @@ struct Findings {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
+    if arguments.licenses {
+        println!("{}", LICENCES.trim_end());
+        return Ok(Exit::Pass);
+    }
     let rendering = render(registry);
     let installation = arguments.drivers.installation(&arguments.target);
     let environments = environments(&installation.folder);

@@ -1,10 +1,12 @@
 //! `render`: renders a scene to an image file.
 
 use super::{SceneArguments, build_with};
+use crate::interrupt;
 use crate::slim;
 use crate::terminal::{Exit, Failure, STDOUT, progress, write_json};
 use clap::Args;
 use serde_json::json;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use whitstone_core::Registry;
 use whitstone_image::{Raster, ToneMap, atomic, exr_io};
@@ -85,17 +87,26 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     }
     let size = pipeline.film.size;
     let bar = progress(u64::from(size.width) * u64::from(size.height), "rendering");
+    let watching = interrupt::Watching::new();
     let film = pipeline.render(RenderOptions {
         threads: arguments.threads,
-        progress: Some(&|done, _| bar.set_position(done)),
+        progress: Some(&|done, _| {
+            bar.set_position(done);
+            match interrupt::stop().is_requested() {
+                true => ControlFlow::Break(()),
+                false => ControlFlow::Continue(()),
+            }
+        }),
+        ..RenderOptions::default()
     });
     bar.finish_and_clear();
+    let is_complete = film.is_complete;
     let rays = film.counters.total();
     let mrays = rays as f64 / film.render_seconds / 1e6;
     let report = json!({
         "output": output, "width": film.width, "height": film.height, "samples": film.samples,
         "scene_hash": pipeline.scene_hash, "build_s": pipeline.build_seconds,
-        "render_s": film.render_seconds, "mrays_per_s": mrays, "not_finite": film.not_finite(),
+        "complete": film.is_complete, "render_s": film.render_seconds, "mrays_per_s": mrays, "not_finite": film.not_finite(),
         "rays": { "closest": film.counters.closest, "shadow": film.counters.shadow },
     });
     let summary = slim::Summary::new(&output, &pipeline, &film);
@@ -114,7 +125,17 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     if let Some(path) = &arguments.json {
         write_json(path, &report)?;
     }
-    Ok(Exit::Pass)
+    drop(watching);
+    match interrupt::signal() {
+        Some(signal) if !is_complete => Err(Failure::Interrupted {
+            signal,
+            kept: format!(
+                "{} has the finished pixels; the others are black",
+                output.display()
+            ),
+        }),
+        _ => Ok(Exit::Pass),
+    }
 }
 
 /// Rejects an output that would overwrite another output or an input of the scene.

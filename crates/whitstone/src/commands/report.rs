@@ -1,7 +1,7 @@
 //! `report`: the page of the last validation, with the results of other commands.
 
 use super::Target;
-use crate::terminal::{Exit, Failure, STDOUT, make_folder, write_json_text};
+use crate::terminal::{Exit, Failure, STDOUT, make_folder, write_text};
 use clap::Args;
 use std::collections::BTreeMap;
 use std::io::ErrorKind;
@@ -12,7 +12,7 @@ use whitstone_converge::{StudyReport, plot};
 use whitstone_image::atomic;
 use whitstone_validate::report::{Baseline, Changes, Diagram, Extras, Kind, SCENES, pages};
 use whitstone_validate::sensitivity::Parameter;
-use whitstone_validate::{CaseResult, Pictures, Results, counted};
+use whitstone_validate::{CaseResult, Pictures, Results, Status, counted};
 
 /// Write the HTML report of the last `validate`, with the latest results of `converge`, `stress`
 /// and `sensitivity`; with --open, show it in a browser
@@ -35,6 +35,10 @@ pub struct Arguments {
     /// Results of an earlier run: a results.json, or a file written by `validate --json`
     #[arg(long, value_name = "OLD.json")]
     baseline: Option<PathBuf>,
+    /// Also write a table of the verdicts to this file as Markdown, for the summary of a CI job; -
+    /// means standard output
+    #[arg(long, value_name = "FILE")]
+    markdown: Option<PathBuf>,
     #[command(flatten)]
     target: Target,
 }
@@ -55,10 +59,37 @@ pub fn run(arguments: &Arguments, program: &str) -> Result<Exit, Failure> {
     let broken = changes.as_ref().map_or(0, Changes::broken);
     let page = write_page(&results, arguments.target.folder(), changes)?;
     println!("report: {}", page.display());
+    if let Some(path) = &arguments.markdown {
+        write_text(path, &markdown(&results))?;
+    }
     if arguments.open {
         open(&page)?;
     }
     Ok(if broken == 0 { Exit::Pass } else { Exit::Differs })
+}
+
+/// A table of the verdicts; those that are not right come first.
+fn markdown(results: &Results) -> String {
+    let summary = &results.summary;
+    let mut text = format!(
+        "### Whitstone: {} passed, {} confirmed, {} failed, {} undecided\n\n\
+         | verdict | scene | RMSE | unexplained pixels | reason |\n|---|---|--:|--:|---|\n",
+        summary.passed, summary.confirmed, summary.failed, summary.undecided
+    );
+    let is_right = |case: &&CaseResult| case.status.is_some_and(Status::is_right);
+    let (right, wrong): (Vec<_>, Vec<_>) = results.results.iter().partition(is_right);
+    for case in wrong.into_iter().chain(right) {
+        let word = case.status.unwrap_or(Status::Undecided).word();
+        let rmse = case
+            .rmse
+            .map_or_else(|| "-".to_owned(), |rmse| format!("{rmse:.2e}"));
+        let reason = case.verdict.replace('|', "\\|").replace('\n', " ");
+        text += &format!(
+            "| {word} | {} | {rmse} | {} | {reason} |\n",
+            case.scene, case.unexplained
+        );
+    }
+    text
 }
 
 fn folder(target: &Path) -> PathBuf {
@@ -84,7 +115,7 @@ pub(super) fn write(results: &Results, target: &Path, json: Option<&Path>) -> Re
         .into_iter()
         .flatten()
     {
-        write_json_text(path, &text)?;
+        write_text(path, &text)?;
     }
     let pictures = results.results.iter().map(|case| (&case.scene, &case.pictures));
     let pictures: Vec<(&String, &Option<Pictures>)> = pictures.collect();

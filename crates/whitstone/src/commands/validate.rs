@@ -3,6 +3,7 @@
 use super::junit::{self, Case, Outcome};
 use super::report;
 use super::{Drivers, Target};
+use crate::interrupt;
 use crate::terminal::{Exit, Failure, progress, verdict_word};
 use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
@@ -250,17 +251,24 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
             "warning: live {renderer} is not available: {why}\nwarning: comparing with the stored references"
         );
     }
+    validator.set_stop(interrupt::stop().clone());
+    // What is finished becomes a report.
+    let _watching = interrupt::Watching::new();
     let bar = progress(scenes.len() as u64, "validating");
     // The clock also runs while the driver is busy.
     bar.enable_steady_tick(Duration::from_millis(200));
     let mut cases = Vec::new();
     let mut skipped = Vec::new();
     let mut matrix = Vec::new();
+    let mut compared = 0;
     print_header();
     for path in &scenes {
         let (name, stage_bar) = (path.display().to_string(), bar.clone());
         validator.on_stage(move |stage| stage_bar.set_message(format!("{name}: {stage}")));
         let mut case = validator.validate(path);
+        if interrupt::signal().is_some() {
+            break;
+        }
         if let Some(other_reference) = case.other_reference.take() {
             let left = SkippedScene {
                 reason: case.problems.join("\n"),
@@ -275,6 +283,9 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
             cases.push(case);
             if sweeps {
                 let (cells, more) = validator.matrix(path);
+                if interrupt::signal().is_some() {
+                    break;
+                }
                 bar.suspend(|| {
                     matrix::rows(&cells).iter().for_each(print_row);
                     more.iter()
@@ -285,6 +296,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
                 cases.extend(more);
             }
         }
+        compared += 1;
         bar.inc(1);
     }
     bar.finish_and_clear();
@@ -301,6 +313,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     let results = Results {
         summary: Summary {
             skipped: skipped.len(),
+            not_run: scenes.len() - compared,
             matrix: Tally::of(&matrix),
             ..Summary::of(&cases, references, start.elapsed().as_secs_f64())
         },
@@ -327,6 +340,13 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         junit::write(path, "whitstone validate", &junit_cases(&results))?;
     }
     print_summary(&results.summary, &folder);
+    if let Some(signal) = interrupt::signal() {
+        let not_run = results.summary.not_run;
+        return Err(Failure::Interrupted {
+            signal,
+            kept: format!("the report has no result of {}", counted(not_run, "scene")),
+        });
+    }
     if let Some(problem) = validator.broken() {
         let (renderer, mode) = arguments.scenes.reference.parts();
         if mode == Mode::Live {

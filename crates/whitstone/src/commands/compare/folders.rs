@@ -53,9 +53,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Failure> {
 }
 
 fn compare(arguments: &Arguments, path: &Path) -> Result<Comparison, String> {
-    let message = |failure: Failure| match failure {
-        Failure::Usage(problem) | Failure::Environment(problem) => problem,
-    };
+    let message = Failure::problem;
     let [ours, reference] = [&arguments.ours, &arguments.reference].map(|folder| folder.join(path));
     let (comparison, [ours, reference]) = pair(arguments, &ours, &reference).map_err(message)?;
     if let Some(folder) = &arguments.png {

@@ -1,0 +1,300 @@
+//! Scenes.
+
+use crate::interruptible;
+use numpy::{
+    IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods,
+};
+use pyo3::exceptions::{PyKeyError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use rayon::prelude::*;
+use std::path::PathBuf;
+use whitstone::core::stream::{HitStream, LANES, RayStream};
+use whitstone::core::{DVec3, Ray, Scratch, SelfHitFilter};
+use whitstone::render::{Region, RenderOptions};
+use whitstone::{Change, Error, SceneOptions};
+
+/// A scene that is built.
+#[pyclass(frozen, module = "whitstone._native")]
+pub(crate) struct Scene(whitstone::Scene);
+
+/// Columns of hits: parameter, shape, primitive, instance, surface parameters.
+type Columns<'py> = (
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<i32>>,
+    Bound<'py, PyArray1<u32>>,
+    Bound<'py, PyArray1<u32>>,
+    Bound<'py, PyArray2<f64>>,
+);
+
+/// The exception for a scene with errors: `whitstone.SceneError(report, problems)`.
+fn scene_error(py: Python<'_>, error: &Error) -> PyErr {
+    let problems: Vec<_> = error
+        .problems
+        .iter()
+        .map(|problem| {
+            let place = problem.place.as_ref();
+            (
+                place.map(|place| place.file.clone()),
+                place.map(|place| place.line),
+                place.map(|place| place.column),
+                problem.message.clone(),
+                problem.help.clone(),
+            )
+        })
+        .collect();
+    let raised = py
+        .import("whitstone._errors")
+        .and_then(|module| module.getattr("SceneError"))
+        .and_then(|class| class.call1((error.to_string(), problems)));
+    match raised {
+        Ok(exception) => PyErr::from_value(exception),
+        Err(exception) => exception,
+    }
+}
+
+fn options(camera: Option<String>, max_memory: Option<u64>) -> SceneOptions {
+    SceneOptions {
+        camera,
+        max_memory,
+        ..SceneOptions::default()
+    }
+}
+
+fn changes(texts: &[String]) -> Vec<Change> {
+    texts.iter().map(|text| Change::parse(text)).collect()
+}
+
+#[pymethods]
+impl Scene {
+    /// Reads and builds a scene file.
+    #[staticmethod]
+    #[pyo3(signature = (path, overrides, camera=None, max_memory=None))]
+    fn open(
+        py: Python<'_>,
+        path: PathBuf,
+        overrides: Vec<String>,
+        camera: Option<String>,
+        max_memory: Option<u64>,
+    ) -> PyResult<Self> {
+        let work =
+            |_: &_| whitstone::Scene::open_with(path, &changes(&overrides), options(camera, max_memory));
+        interruptible::run(py, None, work)?
+            .map(Self)
+            .map_err(|error| scene_error(py, &error))
+    }
+
+    /// Builds a scene from TOML text with paths relative to a folder.
+    #[staticmethod]
+    #[pyo3(signature = (text, base, overrides, max_memory=None))]
+    fn parse(
+        py: Python<'_>,
+        text: &str,
+        base: PathBuf,
+        overrides: Vec<String>,
+        max_memory: Option<u64>,
+    ) -> PyResult<Self> {
+        let work =
+            |_: &_| whitstone::Scene::parse_with(text, base, &changes(&overrides), options(None, max_memory));
+        interruptible::run(py, None, work)?
+            .map(Self)
+            .map_err(|error| scene_error(py, &error))
+    }
+
+    /// The scene with other values of some keys.
+    #[pyo3(name = "with_")]
+    fn with(&self, py: Python<'_>, overrides: Vec<String>) -> PyResult<Self> {
+        let work = |_: &_| self.0.with(&changes(&overrides));
+        interruptible::run(py, None, work)?
+            .map(Self)
+            .map_err(|error| scene_error(py, &error))
+    }
+
+    /// Width and height in pixels.
+    #[getter]
+    fn size(&self) -> (u32, u32) {
+        let size = self.0.pipeline().film.size;
+        (size.width, size.height)
+    }
+
+    /// Files that the scene was read from.
+    #[getter]
+    fn files(&self) -> Vec<PathBuf> {
+        self.0.files().to_vec()
+    }
+
+    /// The scene as one TOML document, and the folder that its paths are relative to.
+    fn flattened(&self) -> (&str, PathBuf) {
+        let flattened = self.0.flattened();
+        (&flattened.text, flattened.base.clone())
+    }
+
+    /// Messages of the warnings.
+    #[getter]
+    fn warnings(&self) -> Vec<String> {
+        let warnings = self.0.warnings().iter();
+        warnings.map(|warning| warning.message.clone()).collect()
+    }
+
+    /// Type of the accelerator.
+    #[getter]
+    fn accelerator(&self) -> &str {
+        &self.0.pipeline().accelerator.0
+    }
+
+    /// Renders the image: radiance of shape (height, width, 3), layers, and statistics.
+    #[pyo3(signature = (threads=0, region=None, progress=None))]
+    fn render<'py>(
+        &self,
+        py: Python<'py>,
+        threads: usize,
+        region: Option<[u32; 4]>,
+        progress: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<(Bound<'py, PyArray3<f32>>, Bound<'py, PyDict>, Bound<'py, PyDict>)> {
+        let region = region.map(|[x, y, width, height]| Region { x, y, width, height });
+        let film = interruptible::run(py, progress, |watch| {
+            self.0.render_with(RenderOptions {
+                threads,
+                region,
+                progress: Some(&|done, total| watch.report(done, total)),
+            })
+        })?;
+        let (width, height) = (film.width as usize, film.height as usize);
+        let rgb = film.rgb.into_flattened().into_pyarray(py);
+        let layers = PyDict::new(py);
+        for (name, values) in film.layers {
+            layers.set_item(name, values.into_pyarray(py).reshape([height, width])?)?;
+        }
+        let statistics = PyDict::new(py);
+        statistics.set_item("scene_hash", &self.0.pipeline().scene_hash)?;
+        statistics.set_item("samples", film.samples)?;
+        statistics.set_item("render_seconds", film.render_seconds)?;
+        statistics.set_item("build_seconds", self.0.pipeline().build_seconds)?;
+        statistics.set_item("closest_rays", film.counters.closest)?;
+        statistics.set_item("shadow_rays", film.counters.shadow)?;
+        Ok((rgb.reshape([height, width, 3])?, layers, statistics))
+    }
+
+    /// Radiance of one pixel in double precision.
+    fn pixel(&self, py: Python<'_>, x: u32, y: u32) -> PyResult<[f64; 3]> {
+        let (width, height) = self.size();
+        if x >= width || y >= height {
+            return Err(PyKeyError::new_err(format!(
+                "the pixel ({x}, {y}) is outside of the image of {width} x {height} pixels"
+            )));
+        }
+        interruptible::run(py, None, |_| {
+            let value = self.0.pipeline().pixel([x, y], &mut Scratch::default());
+            value.to_array()
+        })
+    }
+
+    /// The nearest hits of rays, as columns.
+    fn trace<'py>(
+        &self,
+        py: Python<'py>,
+        origins: PyReadonlyArray2<'py, f64>,
+        directions: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<Columns<'py>> {
+        let count = origins.shape()[0];
+        if origins.shape() != [count, 3] || directions.shape() != [count, 3] {
+            return Err(PyValueError::new_err(format!(
+                "expected origins and directions of shape (n, 3), found {:?} and {:?}",
+                origins.shape(),
+                directions.shape()
+            )));
+        }
+        let (origins, directions) = (origins.as_slice()?, directions.as_slice()?);
+        let columns = interruptible::run(py, None, |_| self.columns(origins, directions))?;
+        let Hits {
+            t,
+            shape,
+            primitive,
+            instance,
+            uv,
+        } = columns.map_err(|ray| {
+            PyValueError::new_err(format!(
+                "ray {ray}: the origin and the direction must be finite, and the direction not zero"
+            ))
+        })?;
+        Ok((
+            t.into_pyarray(py),
+            shape.into_pyarray(py),
+            primitive.into_pyarray(py),
+            instance.into_pyarray(py),
+            uv.into_pyarray(py).reshape([count, 2])?,
+        ))
+    }
+}
+
+/// Hits as columns. A miss has an infinite parameter and the shape -1.
+struct Hits {
+    t: Vec<f64>,
+    shape: Vec<i32>,
+    primitive: Vec<u32>,
+    instance: Vec<u32>,
+    uv: Vec<f64>,
+}
+
+impl Scene {
+    /// The hits of all rays; the error is the number of the first invalid ray.
+    fn columns(&self, origins: &[f64], directions: &[f64]) -> Result<Hits, usize> {
+        let count = origins.len() / 3;
+        let mut hits = Hits {
+            t: vec![f64::INFINITY; count],
+            shape: vec![-1; count],
+            primitive: vec![0; count],
+            instance: vec![0; count],
+            uv: vec![0.0; 2 * count],
+        };
+        let accelerator = &self.0.pipeline().scene.accelerator;
+        let inputs = origins
+            .par_chunks(3 * LANES)
+            .zip(directions.par_chunks(3 * LANES))
+            .enumerate();
+        let outputs = hits
+            .t
+            .par_chunks_mut(LANES)
+            .zip(hits.shape.par_chunks_mut(LANES))
+            .zip(hits.primitive.par_chunks_mut(LANES))
+            .zip(hits.instance.par_chunks_mut(LANES))
+            .zip(hits.uv.par_chunks_mut(2 * LANES));
+        let memory = <(Box<RayStream>, Box<HitStream>)>::default;
+        let bad = inputs
+            .zip(outputs)
+            .map_init(memory, |(rays, found), (input, output)| {
+                let (chunk, (origins, directions)) = input;
+                let ((((t, shape), primitive), instance), uv) = output;
+                rays.len = t.len();
+                let pairs = origins.chunks_exact(3).zip(directions.chunks_exact(3));
+                for (lane, (origin, direction)) in pairs.enumerate() {
+                    let (origin, direction) = (DVec3::from_slice(origin), DVec3::from_slice(direction));
+                    let unit = direction.normalize();
+                    if !origin.is_finite() || !unit.is_finite() {
+                        return Some(chunk * LANES + lane);
+                    }
+                    rays.set(
+                        lane,
+                        Ray::new(origin, unit),
+                        f64::INFINITY,
+                        SelfHitFilter::NOTHING,
+                    );
+                }
+                accelerator.intersect_stream(rays, found);
+                for lane in 0..t.len() {
+                    if let Some(hit) = found.get(lane) {
+                        t[lane] = hit.t;
+                        shape[lane] = i32::try_from(hit.shape).unwrap_or(i32::MAX);
+                        primitive[lane] = hit.primitive;
+                        instance[lane] = hit.instance.0;
+                        uv[2 * lane..2 * lane + 2].copy_from_slice(&hit.prim_uv.to_array());
+                    }
+                }
+                None
+            });
+        match bad.flatten().min() {
+            Some(ray) => Err(ray),
+            None => Ok(hits),
+        }
+    }
+}
