@@ -2,10 +2,10 @@
 //! reconstruction filter, reversed rows or columns, the axis of the field of view, light units, and
 //! the transfer function.
 //!
-//! The subject renders two probe scenes. Whitstone renders them with [`SUPER`] x [`SUPER`] samples
-//! per pixel at known places, from which the image under any hypothesis is composed. The hypothesis
-//! with the smallest error is found by coordinate descent from the best of a coarse grid. A
-//! convention is *found* if the error without it is clearly larger.
+//! The subject renders two probe scenes. Whitstone renders them with 8 x 8 samples per pixel at
+//! known places, from which the image under any hypothesis is composed. The hypothesis with the
+//! smallest error is found by coordinate descent from the best of a coarse grid. A convention is
+//! *found* if the error without it is clearly larger.
 
 use crate::subject::render::{Job, SubjectError, render};
 use crate::subject::{Subject, shifted};

@@ -1,7 +1,7 @@
 //! A renderer under test that is not Whitstone: a command that renders an exported scene.
 //!
 //! A subject is a table `[subject.NAME]` of a file `whitstone.toml`, or `NAME={...}` on the command
-//! line. [`render`] exports a scene, runs the command and reads the image.
+//! line. The module `render` exports a scene, runs the command and reads the image.
 
 mod arguments;
 mod camera;
@@ -397,7 +397,7 @@ impl Subject {
     /// The change of a flattened scene, as for `--set`, after which the centres of its pixels are
     /// where the subject samples.
     pub(crate) fn shifted(&self, scene: &str) -> Result<String, String> {
-        camera::shifted(scene, self.offset)
+        shifted(scene, self.offset)
     }
 
     /// Whether its images have noise.
