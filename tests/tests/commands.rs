@@ -159,7 +159,7 @@ fn compare_refuses_what_cannot_be_compared() {
         (cut, "cut.exr"),
         ("none.exr", "none.exr"),
         ("scenes", "scenes"),
-        ("Cargo.toml", "not an OpenEXR file"),
+        ("Cargo.toml", "not an EXR, PNG"),
     ] {
         for pair in [[plain.as_str(), other], [other, plain.as_str()]] {
             let output = run(&["compare", pair[0], pair[1]]);

@@ -5,7 +5,7 @@ use serde_json::Value;
 use std::fs;
 use std::path::Path;
 use std::process::Output;
-use whitstone::image::{Image, exr_io};
+use whitstone::image::{Image, Raster, ToneMap, exr_io};
 use whitstone::validate::Variants;
 use whitstone_tests::{program, root};
 
@@ -127,6 +127,90 @@ fn folders_are_matched_by_path_and_what_is_missing_is_an_error() {
         &["compare", &at("pictures"), &at("pictures")],
         2,
         &["there are no files *.exr"],
+    );
+}
+
+/// 8-bit codes are compared exactly, however small the difference of the light is, and not with
+/// floating-point numbers.
+#[test]
+fn codes_are_compared_exactly() {
+    let folder = tempfile::tempdir().unwrap();
+    let png = |name: &str, image: &Image| {
+        let path = folder.path().join(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        let raster = Raster::preview(image, ToneMap::default()).unwrap();
+        raster.write_png(&path).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let plain = png("a/plain.png", &wall(|_, _| 0.0));
+    // A code of the bright half is 0.0075 wide.
+    let changed = wall(|x, y| if (x, y) == (12, 3) { 0.01 } else { 0.0 });
+    let changed = png("b/plain.png", &changed);
+    check(
+        &["compare", &plain, &plain],
+        0,
+        &["other codes", "0 pixels", "flip"],
+    );
+    let told = [
+        "1 pixels have other codes",
+        "the largest difference is 1, of 8-bit codes",
+    ];
+    check(&["compare", &changed, &plain], 1, &told);
+    check(
+        &["compare", &changed, &plain, "--max-code-difference", "1"],
+        0,
+        &["pass"],
+    );
+    // The tolerance of floating-point images does not hide it.
+    check(&["compare", &changed, &plain, "--relative", "1"], 1, &told);
+    check(&["compare", &changed, &plain, "--max-flip", "0"], 1, &["flip"]);
+    let exr = put(folder.path(), "plain.exr", &wall(|_, _| 0.0));
+    check(
+        &["compare", &plain, &exr],
+        2,
+        &["ours has 8-bit codes", "cannot be compared"],
+    );
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    check(&["compare", &at("a"), &at("b")], 2, &["there are no files *.exr"]);
+    let both = [
+        "compare",
+        &at("a"),
+        &at("b"),
+        "--extension",
+        "exr",
+        "--extension",
+        "png",
+    ];
+    check(&both, 1, &["FAIL", "plain.png"]);
+}
+
+#[test]
+fn a_layer_is_compared_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let layered = |value: f32| {
+        let mut image = wall(|_, _| 0.0);
+        for (name, value) in [("Beauty.R", value), ("Beauty.G", 0.5), ("Beauty.B", 0.5)] {
+            image.add_channel(name, vec![value; 256]).unwrap();
+        }
+        image
+    };
+    let (a, b) = (
+        put(folder.path(), "a.exr", &layered(0.5)),
+        put(folder.path(), "b.exr", &layered(0.6)),
+    );
+    check(&["compare", &a, &b], 0, &["pass"]);
+    for layer in ["Beauty", "Beauty.R"] {
+        check(
+            &["compare", &a, &b, "--layer", layer],
+            1,
+            &["256 pixels are over tolerance"],
+        );
+    }
+    check(&["compare", &a, &b, "--layer", "shape_id.I"], 0, &["pass"]);
+    check(
+        &["compare", &a, &b, "--layer", "Beuty.R"],
+        2,
+        &["did you mean Beauty.R?"],
     );
 }
 

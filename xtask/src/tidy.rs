@@ -367,7 +367,7 @@ fn check_sources() -> Vec<String> {
         ["unimple", "mented!("].concat(),
         ["FIX", "ME"].concat(),
     ];
-    for folder in ["benches", "crates", "xtask", "tests", "references"] {
+    for folder in ["benches", "crates", "xtask", "tests", "references", "subjects"] {
         for file in files(Path::new(folder), "rs")
             .into_iter()
             .chain(files(Path::new(folder), "py"))

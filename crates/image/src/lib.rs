@@ -5,6 +5,7 @@
 //! |---|---|
 //! | [`planes`] | [`Image`]: named `f32` channels, row-major, top row first |
 //! | [`exr_io`] | OpenEXR in (any flat file) and out (float32, scan lines, ZIP) |
+//! | [`picture`] | images of other programs (EXR, PNG, JPEG, WebP, HDR, PFM, TIFF) |
 //! | [`texels`] | texture files (PNG, JPEG, WebP, EXR) as raw normalised values |
 //! | [`tone`] | exposure and the sRGB transfer functions |
 //! | [`png`] | 8-bit pictures for people |
@@ -23,6 +24,7 @@
 pub mod atomic;
 pub mod exr_io;
 pub mod limits;
+pub mod picture;
 pub mod planes;
 pub mod png;
 pub mod texels;
@@ -32,6 +34,7 @@ pub mod tone;
 mod test_data;
 
 pub use limits::{Limits, ReadError, ReadFault};
+pub use picture::{Codes, Picture, Transfer};
 pub use planes::{Image, ImageError, Placement};
 pub use png::Raster;
 pub use texels::{Encoding, Texels};

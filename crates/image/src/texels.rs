@@ -159,23 +159,16 @@ const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
 const JPEG: &[u8] = b"\xff\xd8\xff";
 
 fn decode_from<R: BufRead + Seek>(mut source: R, limits: Limits, part: Part) -> Result<Texels, ReadFault> {
-    let mut start = Vec::new();
-    (&mut source).take(12).read_to_end(&mut start)?;
+    if let Some(decoded) = decode_image(&mut source, limits) {
+        return from_integers(decoded?, part);
+    }
     source.rewind()?;
-    if start.starts_with(PNG) {
-        no_panic(|| {
-            let decoder = PngDecoder::with_limits(source, decoder_limits(limits)).map_err(to_fault)?;
-            from_integers(decoder, limits, part)
-        })
-    } else if start.starts_with(JPEG) {
-        no_panic(|| decode_jpeg(source, limits, part))
-    } else if is_webp(&start) {
-        no_panic(|| {
-            let mut decoder = WebPDecoder::new(source).map_err(to_fault)?;
-            decoder.set_limits(decoder_limits(limits)).map_err(to_fault)?;
-            from_integers(decoder, limits, part)
-        })
-    } else if start.starts_with(&exr_io::MAGIC) {
+    let mut start = Vec::new();
+    (&mut source)
+        .take(exr_io::MAGIC.len() as u64)
+        .read_to_end(&mut start)?;
+    source.rewind()?;
+    if start == exr_io::MAGIC {
         let (image, names) = exr_io::decode_channels(source, limits, |name| match part {
             Part::Color => RGB.contains(&name) || name == "Y",
             Part::Alpha => name == "A",
@@ -188,8 +181,33 @@ fn decode_from<R: BufRead + Seek>(mut source: R, limits: Limits, part: Part) -> 
     }
 }
 
+/// Decodes a PNG, JPEG or WebP file to codes; `None` for other files.
+pub(crate) fn decode_image<R: BufRead + Seek>(
+    mut source: R,
+    limits: Limits,
+) -> Option<Result<DynamicImage, ReadFault>> {
+    let mut decode = || {
+        let mut start = Vec::new();
+        (&mut source).take(12).read_to_end(&mut start)?;
+        source.rewind()?;
+        if start.starts_with(PNG) {
+            let decoder = PngDecoder::with_limits(&mut source, decoder_limits(limits)).map_err(to_fault)?;
+            checked(decoder, limits).map(Some)
+        } else if start.starts_with(JPEG) {
+            jpeg_codes(&mut source, limits).map(Some)
+        } else if is_webp(&start) {
+            let mut decoder = WebPDecoder::new(&mut source).map_err(to_fault)?;
+            decoder.set_limits(decoder_limits(limits)).map_err(to_fault)?;
+            checked(decoder, limits).map(Some)
+        } else {
+            Ok(None)
+        }
+    };
+    no_panic(&mut decode).transpose()
+}
+
 /// [`Limits::check`] checks the size; this bounds the temporary memory of the decoder.
-fn decoder_limits(limits: Limits) -> image::Limits {
+pub(crate) fn decoder_limits(limits: Limits) -> image::Limits {
     let mut bounds = image::Limits::no_limits();
     bounds.max_alloc = Some(limits.max_bytes);
     bounds
@@ -198,14 +216,14 @@ fn decoder_limits(limits: Limits) -> image::Limits {
 /// Bytes of a JPEG file that are read regardless of the limits.
 const MAX_JPEG_EXTRAS: u64 = 64 << 20;
 
-fn decode_jpeg<R: BufRead + Seek>(mut source: R, limits: Limits, part: Part) -> Result<Texels, ReadFault> {
+fn jpeg_codes(source: impl BufRead, limits: Limits) -> Result<DynamicImage, ReadFault> {
     let mut bytes = Vec::new();
     // If the limit is small, the metadata of a file may be larger than the limit.
-    (&mut source)
+    source
         .take(limits.max_bytes.max(MAX_JPEG_EXTRAS))
         .read_to_end(&mut bytes)?;
     let decoder = JpegDecoder::new(Cursor::new(&bytes)).map_err(to_fault)?;
-    let texels = from_integers(decoder, limits, part)?;
+    let decoded = checked(decoder, limits)?;
     // The decoder fills missing pixels at the end with grey. The end marker cannot occur inside a
     // scan, where 0xff is followed by 0 or a restart marker.
     let scan = bytes
@@ -215,14 +233,18 @@ fn decode_jpeg<R: BufRead + Seek>(mut source: R, limits: Limits, part: Part) -> 
     if !bytes[scan..].windows(2).any(|pair| pair == [0xff, 0xd9]) {
         return Err(ReadFault::Damaged("the file is truncated".to_owned()));
     }
-    Ok(texels)
+    Ok(decoded)
 }
 
-fn from_integers(decoder: impl ImageDecoder, limits: Limits, part: Part) -> Result<Texels, ReadFault> {
+/// The codes of an image within the limits.
+fn checked(decoder: impl ImageDecoder, limits: Limits) -> Result<DynamicImage, ReadFault> {
     let (width, height) = decoder.dimensions();
-    let (width, height) = (width as usize, height as usize);
-    limits.check(width, height, size_of::<[f32; 3]>())?;
-    let decoded = DynamicImage::from_decoder(decoder).map_err(to_fault)?;
+    limits.check(width as usize, height as usize, size_of::<[f32; 3]>())?;
+    DynamicImage::from_decoder(decoder).map_err(to_fault)
+}
+
+fn from_integers(decoded: DynamicImage, part: Part) -> Result<Texels, ReadFault> {
+    let (width, height) = (decoded.width() as usize, decoded.height() as usize);
     let color = decoded.color();
     if part == Part::Alpha && !color.has_alpha() {
         return Err(ReadFault::NoAlpha);
@@ -294,7 +316,7 @@ fn from_floats(image: &Image, available: Vec<String>, part: Part) -> Result<Texe
     })
 }
 
-fn to_fault(error: ImageError) -> ReadFault {
+pub(crate) fn to_fault(error: ImageError) -> ReadFault {
     match error {
         ImageError::IoError(error) if error.kind() == std::io::ErrorKind::UnexpectedEof => {
             ReadFault::Damaged("the file is truncated".to_owned())

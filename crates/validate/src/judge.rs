@@ -78,6 +78,10 @@ impl Validator<'_> {
             case.limit = floor::limit(meta.floor, cap);
         }
         case.bias_limit = floor::bias_limit(meta.floor, cap);
+        if case.subject.is_some() {
+            // A subject that states its own limit has its own floor.
+            case.bias_limit = case.bias_limit.max(2.0 * case.limit);
+        }
         let not_finite = metrics::count_not_finite(&ours.image, reference)?;
         case.nonfinite = not_finite.ours + not_finite.reference;
         let tolerance = Tolerance::default();
@@ -223,8 +227,12 @@ impl Validator<'_> {
     }
 
     /// A description of the first difference between our ray tree and the live reference's, or of
-    /// why it is not available. Stored references and POV-Ray have no trees.
+    /// why it is not available. Stored references, POV-Ray and subjects have no trees.
     fn first_difference(&mut self, ours: &Ours, pixel: [usize; 2]) -> Option<String> {
+        if self.has_subject() {
+            // Its ray trees are not known.
+            return None;
+        }
         let live = self
             .live
             .as_mut()

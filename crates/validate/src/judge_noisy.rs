@@ -34,7 +34,7 @@ impl Validator<'_> {
             name: meta.renderer.clone(),
             version: meta.version.clone(),
             variant: meta.variant.clone(),
-            source: "live".to_owned(),
+            source: if against.live { "live" } else { "stored" }.to_owned(),
             k: meta.k,
         });
         case.twin = meta.twin.clone();
@@ -104,8 +104,9 @@ impl Validator<'_> {
         }
         case.problems.push(noisy.to_string());
         if self.oracle.when == Ask::Never {
-            let verdict = "our image differs from the reference, and the oracle was not queried";
-            case.settle(Status::Undecided, verdict.to_owned());
+            let image = case.image_name();
+            let verdict = format!("{image} differs from the reference, and the oracle was not queried");
+            case.settle(Status::Undecided, verdict);
             return;
         }
         let pixels: Vec<[usize; 2]> = significant.pixels().map(|(x, y)| [x, y]).collect();
@@ -115,10 +116,15 @@ impl Validator<'_> {
         let of = |wanted: Verdict| verdicts.iter().filter(|(_, found)| *found == wanted).count();
         let wrong = of(Verdict::Reference) + of(Verdict::Neither);
         let right = of(Verdict::Ours);
+        let image = case.image_name();
+        let other = match case.subject {
+            Some(_) => "the reference",
+            None => "stock Mitsuba",
+        };
         let (status, verdict) = if wrong > 0 {
             (
                 Status::Fail,
-                format!("the oracle contradicts our image in {}", counted(wrong, "pixel")),
+                format!("the oracle contradicts {image} in {}", counted(wrong, "pixel")),
             )
         } else if noisy.agreeing >= AGREEING {
             // Only the bias is in question: the few pixels that differ do not explain it.
@@ -128,7 +134,7 @@ impl Validator<'_> {
             (
                 Status::Confirmed,
                 format!(
-                    "stock Mitsuba differs, and the oracle confirms ours in {right} of the {} that differ",
+                    "{other} differs, and the oracle confirms {image} in {right} of the {} that differ",
                     counted(pixels.len(), "pixel")
                 ),
             )
@@ -136,7 +142,7 @@ impl Validator<'_> {
             (
                 Status::Undecided,
                 format!(
-                    "our image differs from stock Mitsuba, and the oracle confirms ours in only {right} of {}",
+                    "{image} differs from {other}, and the oracle confirms it in only {right} of {}",
                     counted(pixels.len(), "pixel")
                 ),
             )
@@ -157,23 +163,7 @@ fn bias(ours: &Image, reference: &Image) -> (f64, f64) {
         values.map(|&value| f64::from(value)).sum::<f64>()
     };
     let (mine, theirs) = (sum(mine), sum(theirs));
-    let samples = reference
-        .channel("samples.N")
-        .map_or(1.0, |counts| f64::from(counts[0]));
-    // The channels of a path are reflected and absorbed together: their errors are taken as fully
-    // correlated, so that they add up.
-    let variances: Vec<&[f32]> = ["variance.R", "variance.G", "variance.B"]
-        .into_iter()
-        .filter_map(|name| reference.channel(name))
-        .collect();
-    let variance: f64 = (0..reference.pixel_count())
-        .map(|index| {
-            let errors = variances
-                .iter()
-                .map(|plane| (f64::from(plane[index]) / samples).sqrt());
-            errors.sum::<f64>().powi(2)
-        })
-        .sum();
+    let variance = variance_of_sum(ours) + variance_of_sum(reference);
     if theirs == 0.0 {
         return (if mine == 0.0 { 0.0 } else { f64::INFINITY }, 0.0);
     }
@@ -181,4 +171,25 @@ fn bias(ours: &Image, reference: &Image) -> (f64, f64) {
         (mine - theirs) / theirs.abs(),
         OF_95_PERCENT * variance.sqrt() / theirs.abs(),
     )
+}
+
+/// The variance of the sum of all values of an image; 0 for one without noise.
+fn variance_of_sum(image: &Image) -> f64 {
+    let samples = image
+        .channel("samples.N")
+        .map_or(1.0, |counts| f64::from(counts[0]));
+    // The channels of a path are reflected and absorbed together: their errors are taken as fully
+    // correlated, so that they add up.
+    let variances: Vec<&[f32]> = ["variance.R", "variance.G", "variance.B"]
+        .into_iter()
+        .filter_map(|name| image.channel(name))
+        .collect();
+    (0..image.pixel_count())
+        .map(|index| {
+            let errors = variances
+                .iter()
+                .map(|plane| (f64::from(plane[index]) / samples).sqrt());
+            errors.sum::<f64>().powi(2)
+        })
+        .sum()
 }

@@ -1,6 +1,7 @@
 //! The validation harness: renders each scene with Whitstone and with a reference renderer,
 //! compares the images, and explains or reports every pixel that differs.
 
+pub mod conventions;
 mod decoded;
 pub mod driver;
 pub mod environment;
@@ -28,6 +29,7 @@ pub mod sensitivity;
 mod shared;
 mod stop;
 pub mod stored;
+pub mod subject;
 mod tolerance;
 pub mod tree;
 mod vacuous;
@@ -45,9 +47,10 @@ pub use pixels::Pictures;
 pub use povray_format::PovRayFormat;
 pub use renderer::Renderer;
 pub use result::{
-    CaseResult, Check, LayerResult, Provenance, Reference, Results, SkippedScene, Status, Summary,
-    WorstPixel, counted,
+    CaseResult, Check, LayerResult, Provenance, Reference, Results, SkippedScene, Status, SubjectRun,
+    Summary, WorstPixel, counted,
 };
 pub use stop::Stop;
+pub use subject::Subject;
 pub use validator::{Mode, NoLive, Options, Validator, flatten};
 pub use variants::Variants;

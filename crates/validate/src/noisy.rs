@@ -1,4 +1,5 @@
-//! The rule for references that have noise, and its result: Mitsuba's own integrators.
+//! The rule for images that have noise, and its result: Mitsuba's own integrators as a reference,
+//! and noisy subjects.
 //!
 //! A pixel agrees if it is within the pixel tolerance, or if noise explains the difference
 //! ([`whitstone_metrics::significance`]). As in Mitsuba's own `test_renders.py`, 99.75 % of the
@@ -17,7 +18,8 @@ const BIAS: f64 = 1e-3;
 /// The result of a comparison with a noisy image.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Noisy {
-    /// Integrator of the reference: "direct", "path" or "volpathmis".
+    /// Integrator of the reference: "direct", "path" or "volpathmis". Empty if the reference has no
+    /// noise.
     pub integrator: String,
     /// Fraction of the pixels that agree.
     pub agreeing: f64,
@@ -45,14 +47,21 @@ impl Noisy {
 
 impl std::fmt::Display for Noisy {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        // Rounded down, so that only all pixels read as 100 %.
         write!(
             f,
-            "{:.2} % of the pixels agree with Mitsuba's `{}` (at least {} % must), bias {:+.1e}",
-            // Rounded down, so that only all pixels read as 100 %.
-            (1e4 * self.agreeing).floor() / 100.0,
-            self.integrator,
+            "{:.2} % of the pixels agree with ",
+            (1e4 * self.agreeing).floor() / 100.0
+        )?;
+        match self.integrator.as_str() {
+            "" => write!(f, "the reference")?,
+            integrator => write!(f, "Mitsuba's `{integrator}`")?,
+        }
+        write!(
+            f,
+            " (at least {} % must), bias {:+.1e}",
             100.0 * AGREEING,
-            self.bias,
+            self.bias
         )?;
         if self.bias_interval > 0.0 {
             write!(f, " ± {:.0e}", self.bias_interval)?;

@@ -69,8 +69,8 @@ pub struct SkippedScene {
     pub scene: String,
     /// The plugins without a twin.
     pub reason: String,
-    /// The renderer that has a stored reference of it.
-    pub other_reference: String,
+    /// The renderer that has a stored reference of it. None if the subject cannot render it.
+    pub other_reference: Option<String>,
 }
 
 /// Versions and the machine.
@@ -251,6 +251,34 @@ pub struct CaseResult {
     pub pictures: Option<Pictures>,
     /// The oracle's answers, if it was queried.
     pub opinion: Option<Opinion>,
+    /// The subject whose image takes the place of ours, if there is one.
+    pub subject: Option<SubjectRun>,
+    /// Whether the subject cannot render the scene. The scene then counts as skipped.
+    pub not_expressible: bool,
+}
+
+/// What a subject did to render a scene.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct SubjectRun {
+    /// Its name.
+    pub name: String,
+    /// The program and the arguments of the last run.
+    pub command: Vec<String>,
+    /// The exported scene.
+    pub scene_file: String,
+    /// What the format of the export approximates.
+    pub approximated: Vec<String>,
+    /// Number of runs.
+    pub runs: u32,
+    /// Time of all runs in seconds.
+    pub seconds: f64,
+    /// The file with the end of the output of the last run.
+    pub log: String,
+    /// Whether it ran and gave no image of the scene.
+    pub failed: bool,
+    /// Remarks that do not affect the verdict.
+    pub remarks: Vec<String>,
 }
 
 /// A pixel that differs.
@@ -335,6 +363,14 @@ impl CaseResult {
     pub(crate) fn settle(&mut self, status: Status, verdict: String) {
         self.status = Some(status);
         self.verdict = verdict;
+    }
+
+    /// A name for the image under test, for messages.
+    pub(crate) fn image_name(&self) -> String {
+        match &self.subject {
+            Some(subject) => format!("the image of {}", subject.name),
+            None => "our image".to_owned(),
+        }
     }
 
     /// `rel_rmse_interior`.

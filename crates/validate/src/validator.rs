@@ -3,22 +3,26 @@
 use crate::decoded::decode_textures;
 use crate::driver::DriverError;
 use crate::environment::Installation;
+use crate::judge::Judged;
 use crate::key::{folder_of, quoted, scene_key};
 use crate::live::{Live, LiveError};
 use crate::opinion::OraclePolicy;
 use crate::protocol::SceneText;
 use crate::renderer::{Adaptation, Renderer};
-use crate::result::{CaseResult, Status};
+use crate::result::{CaseResult, Status, SubjectRun};
 use crate::stop::Stop;
 use crate::stored::{Stored, StoredError};
+use crate::subject::Subject;
+use crate::subject::render::{self, Job, SubjectError};
 use crate::{floor, noisy, place};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use whitstone_core::{Registry, SceneErrors};
 use whitstone_image::Image;
+use whitstone_metrics::CompareError;
 use whitstone_render::{BuildOptions, Pipeline, RenderOptions};
-use whitstone_scene::{Description, Flattened, Sources};
+use whitstone_scene::{Description, Expect, Flattened, Sources};
 
 /// In any image, at least this many pixels may be explained edges.
 pub(crate) const EXPLAINED_PIXELS: usize = 8;
@@ -86,6 +90,8 @@ pub struct Validator<'a> {
     /// When the oracle is queried.
     pub(crate) oracle: OraclePolicy,
     pub(crate) stop: Stop,
+    /// The renderer whose images take the place of ours.
+    subject: Option<Subject>,
     /// Called with the name of each stage.
     pub(crate) stage: Box<dyn Fn(&str) + Send + Sync + 'a>,
 }
@@ -110,9 +116,25 @@ pub(crate) struct Against {
     pub(crate) live: bool,
 }
 
+/// Why there is no image under test.
+enum NoImage {
+    /// The scene cannot be rendered, with the report.
+    Scene(String),
+    /// The subject has no image of it.
+    Subject(SubjectError),
+}
+
+impl From<String> for NoImage {
+    fn from(report: String) -> Self {
+        Self::Scene(report)
+    }
+}
+
 /// Our side of a case.
 pub(crate) struct Ours {
     pub(crate) image: Image,
+    /// For an image with codes: the smallest and the largest values that they can stand for.
+    bounds: Option<[Image; 2]>,
     pub(crate) flattened: Flattened,
     pub(crate) pipeline: Pipeline,
 }
@@ -142,6 +164,7 @@ impl<'a> Validator<'a> {
             pictures: true,
             oracle: OraclePolicy::default(),
             stop: Stop::default(),
+            subject: None,
             stage: Box::new(|_| {}),
         })
     }
@@ -158,6 +181,23 @@ impl<'a> Validator<'a> {
             live.set_stop(stop.clone());
         }
         self.stop = stop;
+    }
+
+    /// Sets a renderer whose images take the place of ours.
+    pub fn set_subject(&mut self, subject: Subject) {
+        self.subject = Some(subject);
+    }
+
+    /// Whether the images under test are those of a subject.
+    pub(crate) fn has_subject(&self) -> bool {
+        self.subject.is_some()
+    }
+
+    /// Whether scenes are rendered with changes, so that stored references are of no use.
+    fn changes_scenes(&self) -> bool {
+        let subject = self.subject.as_ref();
+        !self.options.overrides.is_empty()
+            || subject.is_some_and(|subject| !subject.set.is_empty() || subject.offset != [0.0; 2])
     }
 
     /// Disables the pictures of all further cases. Use this if only the verdict counts, because
@@ -198,10 +238,27 @@ impl<'a> Validator<'a> {
             ..CaseResult::default()
         };
         match self.render(path, &mut case) {
-            Err(report) => {
+            Err(NoImage::Scene(report)) => {
                 case.scene_error = true;
                 case.problems.push(report);
                 case.settle(Status::Fail, "the scene cannot be rendered".to_owned());
+            }
+            Err(NoImage::Subject(error)) => {
+                case.problems.push(error.to_string());
+                let name = case.subject.as_ref().map(|subject| subject.name.clone());
+                let name = name.unwrap_or_default();
+                let (status, verdict) = match error {
+                    SubjectError::NotExpressible(_) => {
+                        case.not_expressible = true;
+                        (Status::Undecided, format!("{name} cannot render this scene"))
+                    }
+                    SubjectError::Environment(_) => (Status::Undecided, format!("{name} cannot be run")),
+                    SubjectError::Failed(_) => {
+                        case.subject.get_or_insert_default().failed = true;
+                        (Status::Fail, format!("{name} gave no image of this scene"))
+                    }
+                };
+                case.settle(status, verdict);
             }
             Ok(mut ours) => {
                 tamper(&mut ours.image);
@@ -222,13 +279,13 @@ impl<'a> Validator<'a> {
                             "the reference cannot render this scene".to_owned(),
                         );
                     }
-                    Ok(against) if noisy::is_noisy(&against.stored.image) => {
+                    Ok(against) if noisy::is_noisy(&against.stored.image) || noisy::is_noisy(&ours.image) => {
                         if let Err(error) = self.judge_noisy(path, &mut case, &ours, &against) {
                             case.problems.push(error.to_string());
                             case.settle(Status::Fail, "the images cannot be compared".to_owned());
                         }
                     }
-                    Ok(against) => match self.judge(&mut case, &ours, &against) {
+                    Ok(against) => match self.judge_exact(&mut case, &mut ours, &against) {
                         Err(error) => {
                             case.problems.push(error.to_string());
                             case.settle(Status::Fail, "the images cannot be compared".to_owned());
@@ -263,7 +320,20 @@ impl<'a> Validator<'a> {
         format!("{program} {verb} {}{flags}", quoted(&path.display().to_string()))
     }
 
-    fn render(&self, path: &Path, case: &mut CaseResult) -> Result<Ours, String> {
+    /// Compares an image without noise with a reference without noise.
+    fn judge_exact(
+        &mut self,
+        case: &mut CaseResult,
+        ours: &mut Ours,
+        against: &Against,
+    ) -> Result<Vec<Judged>, CompareError> {
+        if let Some(bounds) = &ours.bounds {
+            render::nearest_to(&against.stored.image, bounds, &mut ours.image);
+        }
+        self.judge(case, ours, against)
+    }
+
+    fn render(&self, path: &Path, case: &mut CaseResult) -> Result<Ours, NoImage> {
         let overrides = self.overrides(path, &mut case.adapted)?;
         let mut flattened = flatten(path, &overrides, self.registry)?;
         let decoded = decode_textures(&mut flattened, &self.options.target.join("decoded"))?;
@@ -287,6 +357,9 @@ impl<'a> Validator<'a> {
             plan.description.expect.clone()
         })
         .map_err(report)?;
+        if let Some(subject) = &self.subject {
+            return self.render_with(subject, path, flattened, pipeline, &expect, case);
+        }
         let (stage, stop) = (&self.stage, &self.stop);
         let film = pipeline.render(RenderOptions {
             threads: self.options.threads,
@@ -327,27 +400,61 @@ impl<'a> Validator<'a> {
         case.rays = film.counters.total();
         case.mrays_per_s = case.rays as f64 / film.render_seconds / 1e6;
         case.costs = pipeline.costs();
-        let used = pipeline.used.iter();
-        case.plugins = used
-            .map(|(family, name)| format!("{}/{name}", family.singular()))
-            .collect();
         case.omitted = pipeline
             .omitted
             .iter()
             .map(|part| format!("{}: {}", part.what, part.why))
             .collect();
-        case.limit_reason = expect.reason.clone();
-        case.explained_limit = expect.explained.map_or_else(
-            || {
-                let fraction = EXPLAINED_FRACTION * image.pixel_count() as f64;
-                EXPLAINED_PIXELS.max(fraction as usize)
-            },
-            |count| count as usize,
-        );
-        // An explicit limit is used unchanged. Otherwise the floor decides, once it is known.
-        case.limit = expect.rel_rmse_interior.map_or(0.0, |limit| limit.get());
+        describe(case, &pipeline, &expect);
         Ok(Ours {
             image,
+            bounds: None,
+            flattened,
+            pipeline,
+        })
+    }
+
+    /// Our side of a case whose image is that of a subject.
+    fn render_with(
+        &self,
+        subject: &Subject,
+        path: &Path,
+        flattened: Flattened,
+        pipeline: Pipeline,
+        expect: &Expect,
+        case: &mut CaseResult,
+    ) -> Result<Ours, NoImage> {
+        case.subject = Some(SubjectRun {
+            name: subject.name.clone(),
+            ..SubjectRun::default()
+        });
+        let mut scene = flatten(path, &self.changes(path, &mut Vec::new())?, self.registry)?;
+        decode_textures(&mut scene, &self.options.target.join("decoded"))?;
+        case.width = pipeline.film.size.width as usize;
+        case.height = pipeline.film.size.height as usize;
+        case.samples = subject.samples;
+        let job = Job {
+            registry: self.registry,
+            target: &self.options.target,
+            folder: &folder_of(&case.scene),
+            scene: &scene,
+            size: [case.width, case.height],
+            threads: self.options.threads,
+            stage: &self.stage,
+            stop: &self.stop,
+        };
+        let rendered = render::render(subject, &job).map_err(NoImage::Subject)?;
+        case.render_s = rendered.run.seconds;
+        case.subject = Some(rendered.run);
+        describe(case, &pipeline, expect);
+        if let Some(expect) = &subject.expect {
+            case.limit = expect.interior.unwrap_or(case.limit);
+            case.explained_limit = expect.explained.unwrap_or(case.explained_limit);
+            case.limit_reason = Some(format!("{}: {}", subject.name, expect.reason));
+        }
+        Ok(Ours {
+            image: rendered.image,
+            bounds: rendered.bounds,
             flattened,
             pipeline,
         })
@@ -356,7 +463,29 @@ impl<'a> Validator<'a> {
     /// The changes of a scene on both sides: those of the options, and those without which the
     /// reference cannot render it. The latter are also appended to `changes`.
     pub(crate) fn overrides(&self, path: &Path, changes: &mut Vec<String>) -> Result<Vec<String>, String> {
+        let mut overrides = self.changes(path, changes)?;
+        if let Some(subject) = &self.subject
+            && subject.offset != [0.0; 2]
+        {
+            let [x, y] = subject.offset;
+            let flattened = flatten(path, &overrides, self.registry)?;
+            overrides.push(subject.shifted(&flattened.text)?);
+            changes.push(format!(
+                "the camera of the reference is shifted by ({x}, {y}) pixels: {} samples there",
+                subject.name
+            ));
+        }
+        Ok(overrides)
+    }
+
+    /// [`Self::overrides`] without those that only the reference of a subject gets.
+    fn changes(&self, path: &Path, changes: &mut Vec<String>) -> Result<Vec<String>, String> {
         let mut overrides = self.options.overrides.clone();
+        if let Some(subject) = &self.subject {
+            let stated = subject.set.iter();
+            changes.extend(stated.map(|change| format!("{change}: stated for {}", subject.name)));
+            overrides.extend(subject.set.iter().cloned());
+        }
         let flattened = flatten(path, &overrides, self.registry)?;
         for Adaptation { change, reason } in self.options.renderer.adaptations_of(&flattened.text) {
             changes.push(format!("{change}: {reason}"));
@@ -435,10 +564,10 @@ impl<'a> Validator<'a> {
             Ok(stored) => Ok(Against { stored, live: false }),
             // A stored reference of the changed scene would replace that of the original scene.
             Err(error @ (StoredError::Missing { .. } | StoredError::Stale { .. }))
-                if !self.options.overrides.is_empty() =>
+                if self.changes_scenes() =>
             {
                 Err(NoReference::Problem(format!(
-                    "{error}; a scene that is changed by `--set` can only be compared with a live reference"
+                    "{error}; a scene that is changed by `--set` or for a subject can only be compared with a live reference"
                 )))
             }
             Err(error @ (StoredError::Missing { .. } | StoredError::Stale { .. })) => {
@@ -456,11 +585,34 @@ impl<'a> Validator<'a> {
     }
 }
 
+/// Sets what a case says about its scene, and the limits that the scene states.
+fn describe(case: &mut CaseResult, pipeline: &Pipeline, expect: &Expect) {
+    let used = pipeline.used.iter();
+    case.plugins = used
+        .map(|(family, name)| format!("{}/{name}", family.singular()))
+        .collect();
+    case.limit_reason = expect.reason.clone();
+    case.explained_limit = expect.explained.map_or_else(
+        || {
+            let fraction = EXPLAINED_FRACTION * (case.width * case.height) as f64;
+            EXPLAINED_PIXELS.max(fraction as usize)
+        },
+        |count| count as usize,
+    );
+    // An explicit limit is used unchanged. Otherwise the floor decides, once it is known.
+    case.limit = expect.rel_rmse_interior.map_or(0.0, |limit| limit.get());
+}
+
 /// The flattened scene, as the reference receives it.
 pub fn flatten(path: &Path, overrides: &[String], registry: &Registry) -> Result<Flattened, String> {
     let sources = Sources::load(path, overrides, registry)
         .map_err(|error| error.sources.report(&error.errors, false))?;
-    let description = Description::parse(&sources)
+    flatten_sources(&sources)
+}
+
+/// The flattened scene of sources.
+pub(crate) fn flatten_sources(sources: &Sources) -> Result<Flattened, String> {
+    let description = Description::parse(sources)
         .into_result()
         .map_err(|errors| sources.report(&errors, false))?;
     Ok(description.flattened)

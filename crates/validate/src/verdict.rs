@@ -79,14 +79,20 @@ impl Validator<'_> {
                 let verdicts = note(case, &hearing, ours, reference);
                 case.opinion = Some(hearing.opinion(&verdicts, pixels.len()));
             }
-            case.settle(Status::Pass, "our image agrees with the reference".to_owned());
+            case.settle(
+                Status::Pass,
+                format!("{} agrees with the reference", case.image_name()),
+            );
             return;
         }
         case.problems = broken;
         if self.oracle.when == Ask::Never {
             case.settle(
                 Status::Undecided,
-                "our image differs from the reference, and the oracle was not queried".to_owned(),
+                format!(
+                    "{} differs from the reference, and the oracle was not queried",
+                    case.image_name()
+                ),
             );
             return;
         }
@@ -130,18 +136,19 @@ impl Validator<'_> {
             || pipeline.coincident.iter().any(|pair| pair.gap.is_none());
         let rounding = not_drawn_apart && wrong.iter().all(|(pixel, _)| of(pixel) != Explanation::Nothing);
         if !wrong.is_empty() && !rounding {
-            return (Status::Fail, contradicted(&opinion, wrong.len()));
+            return (wrong_status(case), contradicted(case, &opinion, wrong.len()));
         }
         if metrics::count_not_finite(ours, reference).is_ok_and(|count| count.ours > 0) {
             return (
                 Status::Fail,
-                "our image has values that are not finite".to_owned(),
+                format!("{} has values that are not finite", case.image_name()),
             );
         }
         let mut open = Vec::new();
         if !wrong.is_empty() {
             open.push(format!(
-                "the oracle contradicts ours in {}, but our tracer could not separate all coincident surfaces",
+                "the oracle contradicts {} in {}, but our tracer could not separate all coincident surfaces",
+                case.image_name(),
                 counted(wrong.len(), "pixel")
             ));
         }
@@ -190,9 +197,12 @@ impl Validator<'_> {
         let unsupported =
             count(&|explanation, verdict| verdict == Verdict::Ours && explanation == Explanation::Nothing);
         let shared = shared::possible_fault(&our_side.flattened.text);
-        if unsupported > 0 && (case.inexact.is_empty() || shared.is_some()) {
+        // A subject shares no code with the oracle. The export of its scene does.
+        let alone = case.inexact.is_empty() && case.subject.is_none();
+        if unsupported > 0 && (alone || shared.is_some()) {
             open.push(format!(
-                "the oracle confirms ours in {} in which the reference does not vary: a fault in {} is possible",
+                "the oracle confirms {} in {} in which the reference does not vary: a fault in {} is possible",
+                case.image_name(),
                 counted(unsupported, "pixel"),
                 shared.unwrap_or("the driver of the reference, or in code that our tracer shares with the oracle,")
             ));
@@ -209,7 +219,8 @@ impl Validator<'_> {
             return (
                 Status::Undecided,
                 format!(
-                    "our image differs from the reference, and it is undecided which of them is right: {}",
+                    "{} differs from the reference, and it is undecided which of them is right: {}",
+                    case.image_name(),
                     open.join("; ")
                 ),
             );
@@ -235,14 +246,16 @@ impl Validator<'_> {
             return (
                 Status::Pass,
                 format!(
-                    "our image agrees with the reference; the oracle confirms {confirmed} of the ambiguous pixels"
+                    "{} agrees with the reference; the oracle confirms {confirmed} of the ambiguous pixels",
+                    case.image_name()
                 ),
             );
         }
         (
             Status::Confirmed,
             format!(
-                "the reference is too inaccurate in this scene; the oracle confirms ours in the pixels in question ({confirmed})"
+                "the reference is too inaccurate in this scene; the oracle confirms {} in the pixels in question ({confirmed})",
+                case.image_name()
             ),
         )
     }
@@ -263,8 +276,10 @@ impl Validator<'_> {
         if worst.is_empty() {
             return (
                 Status::Confirmed,
-                "the reference varies in every pixel; the oracle confirms ours in the queried ones"
-                    .to_owned(),
+                format!(
+                    "the reference varies in every pixel; the oracle confirms {} in the queried ones",
+                    case.image_name()
+                ),
             );
         }
         let mut pixels = worst.clone();
@@ -291,12 +306,18 @@ impl Validator<'_> {
             return undecided("the oracle decides less than half of the queried pixels");
         }
         let told = format!(
-            "compared with the oracle in {count} pixels, our error is {error:.2e} and the reference's error is {theirs:.2e}"
+            "compared with the oracle in {count} pixels, the error of {} is {error:.2e} and that of the reference is {theirs:.2e}",
+            case.image_name()
         );
         if error > case.limit {
             return (
-                Status::Fail,
-                format!("our error exceeds the limit {:.2e}: {told}", case.limit),
+                wrong_status(case),
+                format!(
+                    "the error of {} exceeds the limit {:.2e}: {told}{}",
+                    case.image_name(),
+                    case.limit,
+                    approximated(case)
+                ),
             );
         }
         let varying = self.varying(our_side, against, &worst);
@@ -387,13 +408,35 @@ fn note(
     verdicts
 }
 
-fn contradicted(opinion: &Opinion, wrong: usize) -> String {
+fn contradicted(case: &CaseResult, opinion: &Opinion, wrong: usize) -> String {
     format!(
-        "our image is wrong: of {} that the oracle was queried about, it contradicts ours in {wrong} and agrees with the \
-         reference in {}",
+        "{} is wrong: of {} that the oracle was queried about, it contradicts that image in {wrong} and agrees with the \
+         reference in {}{}",
+        case.image_name(),
         counted(opinion.asked, "pixel"),
-        opinion.reference + opinion.both
+        opinion.reference + opinion.both,
+        approximated(case)
     )
+}
+
+/// The verdict on a wrong image. A subject whose scene is an approximation may be right about that
+/// scene, and the oracle knows only the original one.
+fn wrong_status(case: &CaseResult) -> Status {
+    match &case.subject {
+        Some(subject) if !subject.approximated.is_empty() => Status::Undecided,
+        _ => Status::Fail,
+    }
+}
+
+/// What the export for a subject approximates, as the end of a sentence.
+fn approximated(case: &CaseResult) -> String {
+    match &case.subject {
+        Some(subject) if !subject.approximated.is_empty() => format!(
+            "; the exported scene is an approximation, which may be the reason: {}",
+            subject.approximated.join("; ")
+        ),
+        _ => String::new(),
+    }
 }
 
 #[cfg(test)]

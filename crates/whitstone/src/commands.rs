@@ -3,6 +3,7 @@
 pub mod bake;
 pub mod compare;
 pub mod completions;
+pub mod conventions;
 #[cfg(feature = "converge")]
 pub mod converge;
 pub mod convert;
@@ -64,6 +65,7 @@ pub enum Command {
     Reduce(reduce::Arguments),
     Report(report::Arguments),
     Compare(compare::Arguments),
+    Conventions(conventions::Arguments),
     Convert(convert::Arguments),
     Explain(explain::Arguments),
     #[cfg(feature = "stress")]
@@ -91,6 +93,7 @@ impl Command {
             Self::Reduce(arguments) => reduce::run(arguments, registry, program),
             Self::Report(arguments) => report::run(arguments, program),
             Self::Compare(arguments) => compare::run(arguments),
+            Self::Conventions(arguments) => conventions::run(arguments, registry),
             Self::Convert(arguments) => convert::run(arguments, registry),
             Self::Explain(arguments) => explain::run(arguments, registry),
             #[cfg(feature = "stress")]

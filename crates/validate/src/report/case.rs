@@ -390,6 +390,11 @@ fn twin_meaning(twin: &str) -> &'static str {
     }
 }
 
+/// The renderer under test.
+fn renderer(case: &CaseResult) -> &str {
+    case.subject.as_ref().map_or("Whitstone", |subject| &subject.name)
+}
+
 fn views(case: &CaseResult, pictures: &Pictures) -> Vec<Picture> {
     let scale = ((PICTURE_WIDTH + case.width / 2) / case.width.max(1)).clamp(1, LARGEST_SCALE);
     let picture = |caption, alternative: String, png: &[u8], is_error| Picture {
@@ -409,7 +414,7 @@ fn views(case: &CaseResult, pictures: &Pictures) -> Vec<Picture> {
     vec![
         picture(
             "ours",
-            format!("{}, rendered by Whitstone", case.scene),
+            format!("{}, rendered by {}", case.scene, renderer(case)),
             &pictures.ours,
             false,
         ),
@@ -443,7 +448,7 @@ fn layer_views<'a>(case: &CaseResult, pictures: &'a Pictures) -> Vec<LayerView<'
         sides: [
             side(
                 "ours",
-                format!("{name} of {}, rendered by Whitstone", case.scene),
+                format!("{name} of {}, rendered by {}", case.scene, renderer(case)),
                 ours,
             ),
             side(

@@ -1,6 +1,7 @@
 //! `compare`: compares two images, or two folders of images, number by number.
 
 mod folders;
+mod input;
 mod measure;
 
 use super::junit;
@@ -8,7 +9,7 @@ use crate::terminal::{Exit, Failure, write_json};
 use clap::Args;
 use measure::{Comparison, measure};
 use std::path::{Path, PathBuf};
-use whitstone_image::{Image, Limits, ToneMap, exr_io};
+use whitstone_image::{Image, ToneMap, Transfer};
 use whitstone_metrics::edges::EdgeLayer;
 use whitstone_metrics::error_map::trio;
 use whitstone_metrics::range::Ranges;
@@ -20,14 +21,17 @@ use whitstone_validate::stored::read_variants;
 ///
 /// Prints all metrics, the number of pixels over tolerance, and the worst pixels.
 ///
-/// Both files are OpenEXR; their channels R, G, B are compared. Images of different sizes or
-/// without these channels are an error (exit code 2): nothing is cropped or resampled. Non-finite
-/// values are counted first, and a single one fails the comparison. A pixel is over tolerance if on
-/// any channel
+/// The files are OpenEXR, HDR, PFM, TIFF, PNG, JPEG or WebP; their channels R, G, B are compared.
+/// Images of different sizes or without these channels are an error (exit code 2): nothing is
+/// cropped or resampled. Non-finite values are counted first, and a single one fails the comparison.
+/// A pixel is over tolerance if on any channel
 /// |ours - reference| > RELATIVE * |reference| + ABSOLUTE * mean |reference|.
 ///
-/// For two folders, all *.exr files with the same relative path are compared. A file that exists in
-/// only one of them is an error.
+/// Two images with 8-bit or 16-bit codes are compared exactly instead, code by code, and by FLIP. A
+/// file with codes and one with floating-point numbers are an error.
+///
+/// For two folders, all *.exr files with the same relative path are compared; --extension names
+/// others. A file that exists in only one of them is an error.
 ///
 /// Images with layers of variance are also tested for differences that noise does not explain:
 /// docs/compare.md.
@@ -37,15 +41,29 @@ use whitstone_validate::stored::read_variants;
 #[derive(Args, Debug)]
 #[command(
     help_template = super::HELP_TEMPLATE,
-    after_help = "Examples:\n  whitstone compare ours.exr reference.exr --max-rel-rmse-interior 1e-5 --png trio.png\n  whitstone compare renders references --junit compare.xml"
+    after_help = "Examples:\n  whitstone compare ours.exr reference.exr --max-rel-rmse-interior 1e-5 --png trio.png\n  whitstone compare renders references --junit compare.xml\n  whitstone compare ours.png reference.png --max-code-difference 1"
 )]
 pub struct Arguments {
-    /// Image under test (OpenEXR), or a folder of images
+    /// Image under test, or a folder of images
     #[arg(value_name = "OURS")]
     ours: PathBuf,
-    /// Reference image (OpenEXR), or a folder of images
+    /// Reference image, or a folder of images
     #[arg(value_name = "REFERENCE")]
     reference: PathBuf,
+    /// Colours to compare in EXR files: LAYER.R, LAYER.G and LAYER.B, or a single channel [default:
+    /// R, G, B]
+    #[arg(long, value_name = "LAYER")]
+    layer: Option<String>,
+    /// How codes represent light, for all measures except the exact comparison: srgb, linear, or
+    /// the exponent of a gamma curve
+    #[arg(long, value_name = "CURVE", default_value = "srgb", value_parser = transfer)]
+    transfer: Transfer,
+    /// Largest difference of codes that counts as equal
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    max_code_difference: u32,
+    /// Extension of the files to compare in two folders; can be repeated
+    #[arg(long, value_name = "EXT", default_value = "exr")]
+    extension: Vec<String>,
     /// Write all numbers and the verdict to this file as JSON; - means standard output
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -109,6 +127,17 @@ fn at_least_0(text: &str) -> Result<f64, String> {
     match super::finite(text)? {
         value if value >= 0.0 => Ok(value),
         _ => Err("expected a number of at least 0".to_owned()),
+    }
+}
+
+fn transfer(text: &str) -> Result<Transfer, String> {
+    match text {
+        "srgb" => Ok(Transfer::Srgb),
+        "linear" => Ok(Transfer::Linear),
+        _ => match super::finite(text) {
+            Ok(exponent) if exponent > 0.0 => Ok(Transfer::Gamma(exponent)),
+            _ => Err("expected srgb, linear or a number above 0".to_owned()),
+        },
     }
 }
 
@@ -203,13 +232,19 @@ fn run_files(arguments: &Arguments) -> Result<Exit, Failure> {
 
 /// Compares two files; also returns their contents.
 fn pair(arguments: &Arguments, ours: &Path, reference: &Path) -> Result<(Comparison, [Image; 2]), Failure> {
-    let read = |path: &Path| exr_io::read(path, Limits::IMAGE).map_err(Failure::usage);
-    let images = [read(ours)?, read(reference)?];
+    let read = |path: &Path| input::read(path, arguments.layer.as_deref(), arguments.transfer);
+    let inputs = [read(ours)?, read(reference)?];
+    let codes =
+        input::codes(&inputs[0], &inputs[1], arguments.max_code_difference).map_err(Failure::usage)?;
+    let images = inputs.map(|input| input.image);
     let variants = match Ranges::of(&images[1]).map_err(Failure::usage)? {
         Some(_) => read_variants(&variants_of(reference)).map_err(Failure::usage)?,
         None => Variants::default(),
     };
-    Ok((measure(arguments, &images[0], &images[1], &variants)?, images))
+    Ok((
+        measure(arguments, &images[0], &images[1], &variants, codes)?,
+        images,
+    ))
 }
 
 /// The file of the values that a stored reference takes, next to its image.

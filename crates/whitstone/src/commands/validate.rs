@@ -13,7 +13,7 @@ use whitstone_validate::driver::Versions;
 use whitstone_validate::matrix::{self, Row, Tally};
 use whitstone_validate::{
     Ask, CaseResult, Mode, Options, OraclePolicy, Provenance, REFERENCES, Renderer, Results, SkippedScene,
-    Status, Summary, Validator, counted, find_scenes, quoted,
+    Status, Subject, Summary, Validator, counted, find_scenes, quoted,
 };
 
 const SCENES: &str = "scenes";
@@ -29,6 +29,10 @@ const TIME_LIMIT: u64 = 300;
 /// undecided. --reference mitsuba-stock compares with Mitsuba's own direct, path and volpathmis
 /// integrators.
 ///
+/// With --subject NAME, the images of another renderer take the place of Whitstone's. Its command is
+/// in the table [subject.NAME] of a file whitstone.toml: docs/subjects.md. A subject that gives no
+/// image of a scene fails it; a command that cannot be started is exit code 3.
+///
 /// Verdicts: pass (the images agree), confirmed (the reference is too inaccurate in this scene, and
 /// the arbitrary-precision oracle confirms our image), FAIL (our image is wrong), undecided
 /// (neither reference nor oracle can decide, with the reason). Exit code 0 if all cases pass or are
@@ -37,11 +41,17 @@ const TIME_LIMIT: u64 = 300;
 #[derive(Args, Debug)]
 #[command(
     help_template = super::HELP_TEMPLATE,
-    after_help = "Examples:\n  whitstone validate scenes/shapes\n  whitstone validate scenes/showcase/classic.toml --reference povray\n  whitstone validate --reference stored --junit validate.xml"
+    after_help = "Examples:\n  whitstone validate scenes/shapes\n  whitstone validate scenes/showcase/classic.toml --reference povray\n  whitstone validate --reference stored --junit validate.xml\n  whitstone validate scenes/shapes --subject mytracer"
 )]
 pub struct Arguments {
     #[command(flatten)]
     scenes: Scenes,
+    /// Validate another renderer: the name of a table [subject.NAME], or NAME={...}
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["ours", "matrix"])]
+    subject: Option<String>,
+    /// File with the subject's table [default: whitstone.toml in this folder or one above it]
+    #[arg(long, value_name = "FILE", requires = "subject")]
+    config: Option<PathBuf>,
     /// Override a value in Whitstone only, to inject a fault; can be repeated
     #[arg(long, value_name = "PATH=VALUE")]
     ours: Vec<String>,
@@ -235,6 +245,14 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     for change in &arguments.ours {
         options.flags += &format!(" --ours {}", quoted(change));
     }
+    let subject = arguments.subject.as_ref().map(|name| {
+        options.flags += &format!(" --subject {}", quoted(name));
+        if let Some(config) = &arguments.config {
+            options.flags += &format!(" --config {}", quoted(&config.display().to_string()));
+        }
+        Subject::find(name, arguments.config.as_deref(), registry).map_err(Failure::usage)
+    });
+    let subject = subject.transpose()?;
     let mut validator =
         Validator::new(registry, options, &|text| eprintln!("{text}")).map_err(Failure::environment)?;
     validator.set_oracle(OraclePolicy {
@@ -245,6 +263,10 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         },
         budget: Duration::from_secs(arguments.oracle_time),
     });
+    if let Some(subject) = subject {
+        println!("subject: {}; \"ours\" below is its image", subject.name);
+        validator.set_subject(subject);
+    }
     if let Some(why) = validator.not_live() {
         let (renderer, _) = arguments.scenes.reference.parts();
         eprintln!(
@@ -269,7 +291,8 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         if interrupt::signal().is_some() {
             break;
         }
-        if let Some(other_reference) = case.other_reference.take() {
+        let other_reference = case.other_reference.take();
+        if other_reference.is_some() || case.not_expressible {
             let left = SkippedScene {
                 reason: case.problems.join("\n"),
                 scene: case.scene,
@@ -365,7 +388,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     }
     if results.results.is_empty() {
         return Err(Failure::environment(
-            "nothing was compared: the reference renderer cannot render any of the scenes; see above",
+            "nothing was compared: the reference renderer or the subject cannot render any of the scenes; see above",
         ));
     }
     verdict(&results.results, results.summary.matrix, arguments.strict)
@@ -391,7 +414,7 @@ fn verdict(cases: &[CaseResult], matrix: Tally, strict: bool) -> Result<Exit, Fa
     if failed.peek().is_none() {
         return Ok(Exit::Pass);
     }
-    if failed.any(|case| case.compared) {
+    if failed.any(|case| case.compared || case.subject.as_ref().is_some_and(|subject| subject.failed)) {
         return Ok(Exit::Differs);
     }
     let without = cases.iter().filter(|case| !case.compared).count();
@@ -409,6 +432,9 @@ fn junit_cases(results: &Results) -> Vec<Case> {
         seconds: case.build_s + case.render_s,
         outcome: match (case.status, case.compared) {
             (Some(Status::Pass | Status::Confirmed), _) => Outcome::Pass,
+            (Some(Status::Fail), _) if case.subject.is_some() => {
+                Outcome::Fails(format!("{}\n{}", case.verdict, case.problems.join("\n")))
+            }
             (_, true) => Outcome::Fails(format!("{}\n{}", case.verdict, case.problems.join("\n"))),
             (_, false) => Outcome::Error(format!("{}\n{}", case.verdict, case.problems.join("\n"))),
         },
@@ -492,6 +518,14 @@ fn print_case(case: &CaseResult) {
     for change in &case.adapted {
         println!("      changed on both sides: {change}");
     }
+    if let Some(subject) = &case.subject {
+        let both = subject
+            .approximated
+            .iter()
+            .map(|what| ("approximated by the export", what));
+        let both = both.chain(subject.remarks.iter().map(|what| ("note", what)));
+        both.for_each(|(kind, what)| println!("      {kind}: {what}"));
+    }
     if let Some(opinion) = case
         .opinion
         .as_ref()
@@ -562,10 +596,12 @@ fn print_row(row: &Row<'_>) {
 }
 
 fn print_skipped(left: &SkippedScene) {
+    let other = left.other_reference.as_ref();
+    let other = other.map(|other| format!("{other} has a stored reference of this scene; "));
     println!(
-        "skipped   {:<30} {} has a stored reference of this scene; {}",
+        "skipped   {:<30} {}{}",
         left.scene,
-        left.other_reference,
+        other.unwrap_or_default(),
         left.reason.replace('\n', "\n      "),
     );
 }

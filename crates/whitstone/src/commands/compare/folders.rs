@@ -19,11 +19,13 @@ struct Row {
 
 /// Compares all pairs, and fails if a file could not be compared.
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Failure> {
-    let (ours, reference) = (images(&arguments.ours)?, images(&arguments.reference)?);
+    let find = |folder: &Path| images(folder, &arguments.extension);
+    let (ours, reference) = (find(&arguments.ours)?, find(&arguments.reference)?);
     let all: BTreeSet<&PathBuf> = ours.union(&reference).collect();
     if all.is_empty() {
         return Err(Failure::usage(format!(
-            "there are no files *.exr in {} and {}",
+            "there are no files *.{} in {} and {}",
+            arguments.extension.join(", *."),
             arguments.ours.display(),
             arguments.reference.display()
         )));
@@ -65,9 +67,9 @@ fn compare(arguments: &Arguments, path: &Path) -> Result<Comparison, String> {
     Ok(comparison)
 }
 
-/// All images below a folder, by their relative paths, without the variants of stored references.
+/// All images with these extensions below a folder, by their relative paths, without the variants of stored references.
 /// Links to folders are not followed, because they may form cycles.
-fn images(folder: &Path) -> Result<BTreeSet<PathBuf>, Failure> {
+fn images(folder: &Path, extensions: &[String]) -> Result<BTreeSet<PathBuf>, Failure> {
     let mut found = BTreeSet::new();
     let mut open = vec![PathBuf::new()];
     while let Some(below) = open.pop() {
@@ -78,10 +80,11 @@ fn images(folder: &Path) -> Result<BTreeSet<PathBuf>, Failure> {
             let inside = below.join(entry.file_name());
             if entry.file_type().map_err(at)?.is_dir() {
                 open.push(inside);
-            } else if inside
-                .extension()
-                .is_some_and(|extension| extension.eq_ignore_ascii_case("exr"))
-            {
+            } else if inside.extension().is_some_and(|extension| {
+                extensions
+                    .iter()
+                    .any(|wanted| extension.eq_ignore_ascii_case(wanted))
+            }) {
                 found.insert(inside);
             }
         }

@@ -2,6 +2,7 @@
 
 use super::super::junit::{Case, Outcome};
 use super::Arguments;
+use super::input::CodeDifference;
 use crate::terminal::{Exit, Failure};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -28,8 +29,10 @@ pub(super) struct Comparison {
     pub(super) metrics: Option<Metrics>,
     /// Pixels at edges of layers, excluded from the interior; absent if no layer was named.
     pub(super) excluded: Option<usize>,
-    /// The mean of FLIP over exposures and at exposure 0, if requested.
-    flip: Option<[f64; 2]>,
+    /// The mean of FLIP over exposures, which images with codes lack, and at exposure 0.
+    flip: Option<(Option<f64>, f64)>,
+    /// For images with codes: how these differ.
+    codes: Option<CodeDifference>,
     /// If requested; the inner value is absent for an image smaller than the SSIM window.
     pub(super) ssim: Option<Option<f64>>,
     /// Present if the files have layers of variance.
@@ -88,6 +91,7 @@ pub(super) fn measure(
     ours: &Image,
     reference: &Image,
     variants: &Variants,
+    codes: Option<CodeDifference>,
 ) -> Result<Comparison, Failure> {
     let start = Instant::now();
     let tolerance = arguments.tolerance();
@@ -98,6 +102,7 @@ pub(super) fn measure(
         layers => Some(edges(ours, reference, layers).map_err(Failure::usage)?),
     };
     let over = metrics::over_tolerance(ours, reference, tolerance).map_err(Failure::usage)?;
+    let over = codes.as_ref().map_or(over, |codes| codes.mask.clone());
     let (explained, ambiguous) = explain(ours, reference, variants, &over, tolerance)?.unzip();
     let combined = |mask: &Mask, other: &Mask, member: fn(bool, bool) -> bool| {
         Mask::from_fn(ours.width(), ours.height(), |x, y| {
@@ -123,11 +128,15 @@ pub(super) fn measure(
         true => Some(compare(ours, reference, &options).map_err(Failure::usage)?),
         false => None,
     };
-    let flip = match when(arguments.flip || arguments.max_flip.is_some()) {
-        true => Some([
-            flip(ours, reference).map_err(Failure::usage)?.mean,
-            flip_ldr(ours, reference).map_err(Failure::usage)?.mean,
-        ]),
+    let wants_flip = arguments.flip || arguments.max_flip.is_some() || codes.is_some();
+    let flip = match when(wants_flip) {
+        true => {
+            let hdr = match codes {
+                None => Some(flip(ours, reference).map_err(Failure::usage)?.mean),
+                Some(_) => None,
+            };
+            Some((hdr, flip_ldr(ours, reference).map_err(Failure::usage)?.mean))
+        }
         false => None,
     };
     let ssim = match when(arguments.ssim || arguments.min_ssim.is_some()) {
@@ -157,6 +166,7 @@ pub(super) fn measure(
         metrics,
         excluded: exclude.map(|mask| mask.count()),
         flip,
+        codes,
         ssim,
         significance,
         over: over.count(),
@@ -194,7 +204,11 @@ impl Comparison {
             let limits = [
                 ("rmse", Some(metrics.rmse), arguments.max_rmse),
                 ("rel_rmse_interior", interior.0, interior.1),
-                ("flip", self.flip.map(|[hdr, _]| hdr), arguments.max_flip),
+                (
+                    "flip",
+                    self.flip.map(|(hdr, ldr)| hdr.unwrap_or(ldr)),
+                    arguments.max_flip,
+                ),
             ];
             for (name, value, limit) in limits {
                 if let (Some(value), Some(limit)) = (value, limit)
@@ -221,10 +235,10 @@ impl Comparison {
         if let Some(limit) = arguments.max_over()
             && self.over > limit
         {
-            broken.push(format!(
-                "{} pixels are over tolerance; the limit is {limit}",
-                self.over
-            ));
+            broken.push(match &self.codes {
+                Some(_) => format!("{} pixels have other codes; the limit is {limit}", self.over),
+                None => format!("{} pixels are over tolerance; the limit is {limit}", self.over),
+            });
         }
         if let (Some(area), Some(limit)) = (self.area, arguments.max_area)
             && area.pixels > limit
@@ -251,11 +265,19 @@ impl Comparison {
         if let Some(metrics) = &self.metrics {
             self.print_metrics(metrics);
         }
-        if let Some([hdr, ldr]) = self.flip {
-            row(
-                "flip",
-                &format!("{hdr:.6} over exposures, {ldr:.6} at exposure 0"),
+        if let Some((hdr, ldr)) = self.flip {
+            let hdr = hdr.map_or_else(String::new, |hdr| format!("{hdr:.6} over exposures, "));
+            row("flip", &format!("{hdr}{ldr:.6} at exposure 0"));
+        }
+        if let Some(codes) = &self.codes {
+            let value = format!(
+                "{}, of which {} differ by more than the limit; the largest difference is {}, of {}",
+                counted(codes.differing, "pixel"),
+                codes.pixels,
+                codes.largest,
+                codes.kind
             );
+            row("other codes", &value);
         }
         if let Some(ssim) = self.ssim {
             let value = ssim.map_or_else(
@@ -385,6 +407,7 @@ impl Comparison {
                 "max_rmse": arguments.max_rmse,
                 "max_rel_rmse_interior": arguments.max_rel_rmse_interior,
                 "max_over": arguments.max_over(),
+                "max_code_difference": arguments.max_code_difference,
                 "max_area": arguments.max_area,
                 "max_flip": arguments.max_flip,
                 "min_ssim": arguments.min_ssim,
@@ -394,8 +417,9 @@ impl Comparison {
             "nonfinite": self.not_finite,
             "metrics": self.metrics,
             "edge_pixels": self.excluded,
-            "flip": self.flip.map(|[hdr, _]| hdr),
-            "flip_ldr": self.flip.map(|[_, ldr]| ldr),
+            "flip": self.flip.and_then(|(hdr, _)| hdr),
+            "flip_ldr": self.flip.map(|(_, ldr)| ldr),
+            "codes": self.codes,
             "ssim": self.ssim.flatten(),
             "significance": self.significance,
             "pixels_over_tolerance": self.over,

@@ -1,0 +1,381 @@
+//! Images of other programs: EXR, PNG, JPEG, WebP, HDR (RGBE), PFM and TIFF files as planes of
+//! `f32`.
+
+use std::fmt;
+use std::fs::File;
+use std::io::{BufRead, BufReader, Cursor, Read, Seek};
+use std::path::Path;
+
+use image::codecs::hdr::HdrDecoder;
+use image::codecs::tiff::TiffDecoder;
+use image::{DynamicImage, ImageDecoder};
+
+use crate::exr_io;
+use crate::limits::{Limits, ReadError, ReadFault, no_panic};
+use crate::planes::{Image, ImageError, RGB};
+use crate::texels::{self, decoder_limits, to_fault};
+use crate::tone::srgb_to_linear;
+
+/// The numbers of a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Codes {
+    /// 8-bit codes: values are `code / 255`.
+    Bits8,
+    /// 16-bit codes: values are `code / 65535`.
+    Bits16,
+    /// Floating-point numbers, linear.
+    Float,
+}
+
+impl fmt::Display for Codes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Bits8 => "8-bit codes",
+            Self::Bits16 => "16-bit codes",
+            Self::Float => "floating-point numbers",
+        })
+    }
+}
+
+/// An image file in memory.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Picture {
+    /// The channels of an EXR file, or `R`, `G`, `B` and, if the file has alpha, `A`. Codes are
+    /// normalised and not decoded: see [`Transfer`].
+    pub image: Image,
+    /// The numbers of the file.
+    pub codes: Codes,
+}
+
+/// How codes represent linear values.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Transfer {
+    /// A code is proportional to the value.
+    Linear,
+    /// IEC 61966-2-1.
+    Srgb,
+    /// The value is the normalised code to the power of this exponent.
+    Gamma(f64),
+}
+
+impl Transfer {
+    /// The linear value of a normalised code.
+    #[must_use]
+    pub fn decode(self, code: f64) -> f64 {
+        match self {
+            Self::Linear => code,
+            Self::Srgb => srgb_to_linear(code),
+            Self::Gamma(exponent) => code.powf(exponent),
+        }
+    }
+
+    /// Decodes the colour channels of an image.
+    pub fn apply(self, image: &mut Image) {
+        for name in RGB {
+            if let Some(plane) = image.channel_mut(name) {
+                for value in plane {
+                    *value = self.decode(f64::from(*value)) as f32;
+                }
+            }
+        }
+    }
+}
+
+/// What [`read`] accepts, for messages.
+const EXPECTED: &str = "an EXR, PNG, JPEG, WebP, HDR, PFM or TIFF file";
+
+/// Reads an image. The first bytes determine the kind, not the name. [`Limits::IMAGE`] are the
+/// usual limits.
+///
+/// - Grey is repeated to `R`, `G`, `B`, in an EXR file only if it has none of them and a channel
+///   `Y`. Colours are not multiplied by alpha.
+/// - Colour profiles, gamma chunks and orientations are ignored. The exposure in the header of an
+///   HDR file is divided out.
+/// - Values may be NaN or infinite.
+///
+/// # Errors
+/// [`ReadError`] with a [`ReadFault`]: no such file, an unknown format, an empty, damaged or
+/// truncated one, or sizes beyond the limits.
+pub fn read(path: impl AsRef<Path>, limits: Limits) -> Result<Picture, ReadError> {
+    let path = path.as_ref();
+    let read = || decode_from(BufReader::new(File::open(path)?), limits);
+    read().map_err(|fault| fault.at(path))
+}
+
+/// As [`read`], from memory.
+///
+/// # Errors
+/// As [`read`].
+pub fn decode(bytes: &[u8], limits: Limits) -> Result<Picture, ReadFault> {
+    decode_from(Cursor::new(bytes), limits)
+}
+
+fn decode_from<R: BufRead + Seek>(mut source: R, limits: Limits) -> Result<Picture, ReadFault> {
+    let mut start = Vec::new();
+    (&mut source).take(10).read_to_end(&mut start)?;
+    source.rewind()?;
+    let begins = |magic: &[u8]| start.starts_with(magic);
+    if begins(&exr_io::MAGIC) {
+        let (mut image, _) = exr_io::decode_channels(source, limits, |_| true)?;
+        if RGB.iter().all(|name| image.channel(name).is_none())
+            && let Some(grey) = image.channel("Y").map(<[f32]>::to_vec)
+        {
+            add_colors(&mut image, [grey.clone(), grey.clone(), grey])?;
+        }
+        Ok(Picture {
+            image,
+            codes: Codes::Float,
+        })
+    } else if begins(b"#?RADIANCE") || begins(b"#?RGBE") {
+        no_panic(|| decode_hdr(source, limits))
+    } else if begins(b"PF") || begins(b"Pf") {
+        decode_pfm(source, limits)
+    } else if begins(b"II*\0") || begins(b"MM\0*") {
+        no_panic(|| {
+            let mut decoder = TiffDecoder::new(source).map_err(to_fault)?;
+            decoder.set_limits(decoder_limits(limits)).map_err(to_fault)?;
+            from_decoder(decoder, limits)
+        })
+    } else if let Some(decoded) = texels::decode_image(source, limits) {
+        from_dynamic(&decoded?)
+    } else {
+        Err(ReadFault::UnknownFormat { expected: EXPECTED })
+    }
+}
+
+fn add_colors(image: &mut Image, planes: [Vec<f32>; 3]) -> Result<(), ReadFault> {
+    for (name, plane) in RGB.into_iter().zip(planes) {
+        image.add_channel(name, plane).map_err(invalid)?;
+    }
+    Ok(())
+}
+
+fn invalid(error: ImageError) -> ReadFault {
+    ReadFault::Damaged(error.to_string())
+}
+
+fn decode_hdr(source: impl BufRead, limits: Limits) -> Result<Picture, ReadFault> {
+    let decoder = HdrDecoder::new(source).map_err(to_fault)?;
+    let exposure = decoder.metadata().exposure.unwrap_or(1.0);
+    if !(exposure.is_finite() && exposure > 0.0) {
+        return Err(ReadFault::Damaged(format!("the exposure is {exposure}")));
+    }
+    let mut picture = from_decoder(decoder, limits)?;
+    if exposure != 1.0 {
+        for name in RGB {
+            let plane = picture.image.channel_mut(name).into_iter().flatten();
+            plane.for_each(|value| *value /= exposure);
+        }
+    }
+    Ok(picture)
+}
+
+fn from_decoder(decoder: impl ImageDecoder, limits: Limits) -> Result<Picture, ReadFault> {
+    let (width, height) = decoder.dimensions();
+    limits.check(width as usize, height as usize, size_of::<[f32; 4]>())?;
+    from_dynamic(&DynamicImage::from_decoder(decoder).map_err(to_fault)?)
+}
+
+fn from_dynamic(decoded: &DynamicImage) -> Result<Picture, ReadFault> {
+    use DynamicImage as D;
+    let codes = match decoded {
+        D::ImageLuma8(_) | D::ImageLumaA8(_) | D::ImageRgb8(_) | D::ImageRgba8(_) => Codes::Bits8,
+        D::ImageLuma16(_) | D::ImageLumaA16(_) | D::ImageRgb16(_) | D::ImageRgba16(_) => Codes::Bits16,
+        D::ImageRgb32F(_) | D::ImageRgba32F(_) => Codes::Float,
+        other => {
+            let message = format!("pixels of type {:?}", other.color());
+            return Err(ReadFault::Unsupported(message));
+        }
+    };
+    // Codes of 8 and 16 bits become code / 255 and code / 65535.
+    let rgba = decoded.to_rgba32f();
+    let (width, height) = (rgba.width() as usize, rgba.height() as usize);
+    let plane = |channel: usize| rgba.pixels().map(|pixel| pixel.0[channel]).collect();
+    let mut image = Image::new(width, height).map_err(invalid)?;
+    add_colors(&mut image, [plane(0), plane(1), plane(2)])?;
+    if decoded.color().has_alpha() {
+        image.add_channel("A", plane(3)).map_err(invalid)?;
+    }
+    Ok(Picture { image, codes })
+}
+
+/// Bytes of the header of a PFM file that are read at most.
+const MAX_PFM_HEADER: u64 = 256;
+
+/// Reads a PFM file (Debevec): three words of text, then rows from the bottom up. The sign of the
+/// scale is the byte order; its magnitude has no common meaning and is ignored.
+fn decode_pfm(mut source: impl BufRead, limits: Limits) -> Result<Picture, ReadFault> {
+    let mut word = || -> Result<String, ReadFault> {
+        let mut word = Vec::new();
+        let mut byte = [0];
+        for _ in 0..MAX_PFM_HEADER {
+            source.read_exact(&mut byte).map_err(cut_off)?;
+            match (byte[0].is_ascii_whitespace(), word.is_empty()) {
+                (true, true) => {}
+                (true, false) => break,
+                (false, _) => word.push(byte[0]),
+            }
+        }
+        Ok(String::from_utf8_lossy(&word).into_owned())
+    };
+    let grey = word()? == "Pf";
+    let (width, height, scale) = (word()?, word()?, word()?);
+    let number = |text: &str, what: &str| {
+        text.parse::<usize>()
+            .map_err(|_| ReadFault::Damaged(format!("the {what} is \"{text}\", expected a whole number")))
+    };
+    let (width, height) = (number(&width, "width")?, number(&height, "height")?);
+    let little_endian = match scale.parse::<f64>() {
+        Ok(scale) if scale < 0.0 => true,
+        Ok(scale) if scale > 0.0 => false,
+        _ => {
+            let message = format!("the scale is \"{scale}\", expected a number other than 0");
+            return Err(ReadFault::Damaged(message));
+        }
+    };
+    let channels = if grey { 1 } else { 3 };
+    limits.check(width, height, 4 * RGB.len())?;
+    let mut image = Image::new(width, height).map_err(invalid)?;
+    let mut planes = RGB.map(|_| vec![0.0_f32; width * height]);
+    let mut row = vec![0; 4 * channels * width];
+    for y in (0..height).rev() {
+        source.read_exact(&mut row).map_err(cut_off)?;
+        for (x, pixel) in row.chunks_exact(4 * channels).enumerate() {
+            for (channel, plane) in planes.iter_mut().enumerate() {
+                let at = 4 * (channel % channels);
+                let bytes = [pixel[at], pixel[at + 1], pixel[at + 2], pixel[at + 3]];
+                plane[y * width + x] = match little_endian {
+                    true => f32::from_le_bytes(bytes),
+                    false => f32::from_be_bytes(bytes),
+                };
+            }
+        }
+    }
+    add_colors(&mut image, planes)?;
+    Ok(Picture {
+        image,
+        codes: Codes::Float,
+    })
+}
+
+fn cut_off(error: std::io::Error) -> ReadFault {
+    if error.kind() == std::io::ErrorKind::UnexpectedEof {
+        ReadFault::Damaged("the file is truncated".to_owned())
+    } else {
+        ReadFault::Io(error)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::codecs::hdr::HdrEncoder;
+    use image::codecs::png::PngEncoder;
+    use image::codecs::tiff::TiffEncoder;
+    use image::{ExtendedColorType, ImageEncoder};
+
+    fn at(picture: &Picture, x: usize, y: usize) -> [f32; 3] {
+        let index = y * picture.image.width() + x;
+        picture.image.rgb().unwrap().map(|plane| plane[index])
+    }
+
+    fn decoded(bytes: &[u8]) -> Picture {
+        decode(bytes, Limits::IMAGE).unwrap()
+    }
+
+    #[test]
+    fn codes_of_png_and_tiff_are_normalised() {
+        let codes: [u8; 8] = [255, 0, 51, 102, 0, 255, 204, 255];
+        let mut png = Vec::new();
+        let encoder = PngEncoder::new(&mut png);
+        encoder
+            .write_image(&codes, 2, 1, ExtendedColorType::Rgba8)
+            .unwrap();
+        let picture = decoded(&png);
+        assert_eq!(picture.codes, Codes::Bits8);
+        assert_eq!(at(&picture, 0, 0), [1.0, 0.0, 0.2]);
+        assert_eq!(at(&picture, 1, 0), [0.0, 1.0, 0.8]);
+        assert_eq!(picture.image.channel("A"), Some(&[0.4, 1.0][..]));
+
+        let wide: Vec<u8> = [65535_u16, 13107, 0]
+            .iter()
+            .flat_map(|code| code.to_ne_bytes())
+            .collect();
+        let mut tiff = Cursor::new(Vec::new());
+        let encoder = TiffEncoder::new(&mut tiff);
+        encoder
+            .write_image(&wide, 1, 1, ExtendedColorType::Rgb16)
+            .unwrap();
+        let picture = decoded(tiff.get_ref());
+        assert_eq!(picture.codes, Codes::Bits16);
+        assert_eq!(at(&picture, 0, 0), [1.0, 0.2, 0.0]);
+        assert_eq!(picture.image.channel("A"), None);
+    }
+
+    #[test]
+    fn transfers_are_decoded() {
+        let code = 188.0 / 255.0;
+        assert_eq!(Transfer::Linear.decode(code), code);
+        assert!((Transfer::Srgb.decode(code) - 0.502_886).abs() < 1e-6);
+        assert!((Transfer::Gamma(2.0).decode(0.5) - 0.25).abs() < 1e-15);
+        let mut image = Image::from_rgb(1, 1, &[[0.5, 1.0, 0.0]]).unwrap();
+        Transfer::Gamma(2.0).apply(&mut image);
+        assert_eq!(image.rgb().unwrap().map(|plane| plane[0]), [0.25, 1.0, 0.0]);
+    }
+
+    #[test]
+    fn hdr_is_read_and_its_exposure_divided_out() {
+        let mut hdr = Vec::new();
+        HdrEncoder::new(&mut hdr)
+            .encode(&[image::Rgb([2.0, 0.5, 1.0])], 1, 1)
+            .unwrap();
+        let picture = decoded(&hdr);
+        assert_eq!(
+            (picture.codes, at(&picture, 0, 0)),
+            (Codes::Float, [2.0, 0.5, 1.0])
+        );
+        let text = b"FORMAT=32-bit_rle_rgbe\n";
+        let place = hdr.windows(text.len()).position(|part| part == text).unwrap();
+        hdr.splice(place..place, *b"EXPOSURE=4\n");
+        assert_eq!(at(&decoded(&hdr), 0, 0), [0.5, 0.125, 0.25]);
+    }
+
+    #[test]
+    fn rows_of_pfm_are_stored_from_the_bottom_up_in_either_byte_order() {
+        let values: [f32; 6] = [1.0, 2.0, 3.0, 4.0, f32::NAN, 6.0];
+        let little: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+        let big: Vec<u8> = values.iter().flat_map(|value| value.to_be_bytes()).collect();
+        for (header, bytes) in [("PF\n1 2\n-1.0\n", little), ("PF 1 2 1.0\n", big)] {
+            let picture = decoded(&[header.as_bytes(), &bytes].concat());
+            assert_eq!(at(&picture, 0, 1), [1.0, 2.0, 3.0]);
+            assert!(at(&picture, 0, 0)[1].is_nan());
+        }
+        let grey = decoded(&[b"Pf 1 1 -1\n", &2.5_f32.to_le_bytes()[..]].concat());
+        assert_eq!(at(&grey, 0, 0), [2.5; 3]);
+    }
+
+    #[test]
+    fn damaged_files_are_reported() {
+        let fault = |bytes: &[u8]| decode(bytes, Limits::IMAGE).unwrap_err().to_string();
+        assert_eq!(fault(b"PF 2 2 -1\n1234"), "damaged: the file is truncated");
+        assert_eq!(fault(b"PF"), "damaged: the file is truncated");
+        assert!(fault(b"PF x 2 -1\n").contains("the width is \"x\""));
+        assert!(fault(b"PF 2 2 0\n").contains("expected a number other than 0"));
+        assert!(fault(b"PF 2 99999999 -1\n").contains("the limits are"));
+        assert!(fault(b"#?RADIANCE\n").contains("damaged"));
+        assert!(fault(b"MM\0*\0\0").contains("damaged"));
+        assert_eq!(fault(b"GIF89a...."), format!("not {EXPECTED}"));
+        assert_eq!(fault(b""), format!("not {EXPECTED}"));
+    }
+
+    #[test]
+    fn a_grey_exr_has_colours() {
+        let mut image = Image::new(1, 1).unwrap();
+        image.add_channel("Y", vec![0.75]).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("grey.exr");
+        exr_io::write(&path, &image).unwrap();
+        let picture = read(&path, Limits::IMAGE).unwrap();
+        assert_eq!(at(&picture, 0, 0), [0.75; 3]);
+    }
+}

@@ -1,0 +1,213 @@
+//! Reads the images of a comparison.
+
+use crate::terminal::Failure;
+use std::path::Path;
+use whitstone_image::planes::RGB;
+use whitstone_image::{Codes, Image, Limits, Transfer, picture};
+use whitstone_metrics::Mask;
+
+/// An image of a comparison.
+pub(super) struct Input {
+    /// Its values, linear.
+    pub(super) image: Image,
+    /// For a file with codes: these, and their kind.
+    codes: Option<(Image, Codes)>,
+}
+
+/// Reads an image. `layer` names the channels of an EXR file that are its colours; codes are
+/// decoded by `transfer`.
+pub(super) fn read(path: &Path, layer: Option<&str>, transfer: Transfer) -> Result<Input, Failure> {
+    let read = picture::read(path, Limits::IMAGE).map_err(Failure::usage)?;
+    let mut image = read.image;
+    if let Some(layer) = layer {
+        choose(&mut image, layer)
+            .map_err(|problem| Failure::usage(format!("{}: {problem}", path.display())))?;
+    }
+    if read.codes == Codes::Float {
+        return Ok(Input { image, codes: None });
+    }
+    let codes = image.clone();
+    transfer.apply(&mut image);
+    Ok(Input {
+        image,
+        codes: Some((codes, read.codes)),
+    })
+}
+
+/// Makes the channels `LAYER.R`, `LAYER.G`, `LAYER.B`, or the single channel `LAYER`, the colours
+/// of an image. `LAYER` may be the name of one of the three, such as `Beauty.R`.
+fn choose(image: &mut Image, layer: &str) -> Result<(), String> {
+    let stem = RGB
+        .iter()
+        .find_map(|name| layer.strip_suffix(&format!(".{name}")));
+    let stem = stem.unwrap_or(layer);
+    let of = |image: &Image, name: &str| image.channel(name).map(<[f32]>::to_vec);
+    let planes: Option<Vec<Vec<f32>>> = RGB
+        .iter()
+        .map(|name| of(image, &format!("{stem}.{name}")))
+        .collect();
+    let planes = planes.or_else(|| of(image, layer).map(|plane| vec![plane; 3]));
+    let Some(planes) = planes else {
+        let names: Vec<&str> = image.channels().map(|(name, _)| name).collect();
+        let near = whitstone_core::nearest(layer, names.iter().copied());
+        return Err(match near {
+            Some(near) => format!("there is no layer {layer}; did you mean {near}?"),
+            None => format!("there is no layer {layer}; its channels are {}", names.join(", ")),
+        });
+    };
+    for (name, plane) in RGB.into_iter().zip(planes) {
+        image.remove_channel(name);
+        image
+            .add_channel(name, plane)
+            .map_err(|error| error.to_string())?;
+    }
+    Ok(())
+}
+
+/// How the codes of two images differ.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub(super) struct CodeDifference {
+    /// The kind of the codes.
+    pub(super) kind: String,
+    /// Pixels with a code that differs by more than the limit.
+    pub(super) pixels: usize,
+    /// Pixels with a code that differs at all.
+    pub(super) differing: usize,
+    /// The largest difference of a code.
+    pub(super) largest: u32,
+    #[serde(skip)]
+    pub(super) mask: Mask,
+}
+
+/// Compares the codes of two images exactly; `None` if both have floating-point numbers. Codes that
+/// differ by at most `limit` count as equal.
+pub(super) fn codes(ours: &Input, reference: &Input, limit: u32) -> Result<Option<CodeDifference>, String> {
+    let ((ours, kind), (reference, other)) = match (&ours.codes, &reference.codes) {
+        (None, None) => return Ok(None),
+        (Some(ours), Some(reference)) => (ours, reference),
+        (Some((_, kind)), None) => {
+            return Err(mixed(
+                "ours has",
+                *kind,
+                "the reference has floating-point numbers",
+            ));
+        }
+        (None, Some((_, kind))) => {
+            return Err(mixed(
+                "the reference has",
+                *kind,
+                "ours has floating-point numbers",
+            ));
+        }
+    };
+    if kind != other {
+        return Err(format!("ours has {kind}, and the reference has {other}"));
+    }
+    let last = if *kind == Codes::Bits8 { 255.0 } else { 65535.0 };
+    let planes = |image: &Image| -> Vec<Vec<u32>> {
+        let code = |value: &f32| (f64::from(*value) * last).round() as u32;
+        let found = ["R", "G", "B", "A"]
+            .into_iter()
+            .filter_map(|name| image.channel(name));
+        found.map(|plane| plane.iter().map(code).collect()).collect()
+    };
+    let (mine, theirs) = (planes(ours), planes(reference));
+    if mine.len() != theirs.len() {
+        return Err("only one of the images has alpha".to_owned());
+    }
+    if (ours.width(), ours.height()) != (reference.width(), reference.height()) {
+        // The sizes are reported by the comparison.
+        return Ok(None);
+    }
+    let width = ours.width();
+    let largest_at = |index: usize| {
+        let channels = mine.iter().zip(&theirs);
+        channels
+            .map(|(a, b)| a[index].abs_diff(b[index]))
+            .max()
+            .unwrap_or(0)
+    };
+    let differences: Vec<u32> = (0..ours.pixel_count()).map(largest_at).collect();
+    let mask = Mask::from_fn(width, ours.height(), |x, y| differences[y * width + x] > limit);
+    Ok(Some(CodeDifference {
+        kind: kind.to_string(),
+        pixels: mask.count(),
+        differing: differences.iter().filter(|difference| **difference > 0).count(),
+        largest: differences.into_iter().max().unwrap_or(0),
+        mask,
+    }))
+}
+
+fn mixed(side: &str, kind: Codes, other: &str) -> String {
+    format!("{side} {kind}, and {other}: they cannot be compared, since codes are rounded and clipped")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn input(values: &[[f32; 3]], codes: Option<Codes>) -> Input {
+        let image = Image::from_rgb(values.len(), 1, values).unwrap();
+        Input {
+            codes: codes.map(|codes| (image.clone(), codes)),
+            image,
+        }
+    }
+
+    #[test]
+    fn codes_are_compared_exactly() {
+        let of = |codes: &[u8]| {
+            let values: Vec<[f32; 3]> = codes.iter().map(|code| [f32::from(*code) / 255.0; 3]).collect();
+            input(&values, Some(Codes::Bits8))
+        };
+        let all: Vec<u8> = (0..=254).collect();
+        let next: Vec<u8> = (1..=255).collect();
+        let found = codes(&of(&all), &of(&next), 0).unwrap().unwrap();
+        assert_eq!((found.pixels, found.largest), (255, 1));
+        let found = codes(&of(&all), &of(&next), 1).unwrap().unwrap();
+        assert_eq!((found.pixels, found.differing), (0, 255));
+        assert_eq!(codes(&of(&all), &of(&all), 0).unwrap().unwrap().differing, 0);
+    }
+
+    #[test]
+    fn codes_and_floats_are_not_mixed() {
+        let one = [[0.5; 3]];
+        let eight = input(&one, Some(Codes::Bits8));
+        let sixteen = input(&one, Some(Codes::Bits16));
+        let float = input(&one, None);
+        assert_eq!(codes(&float, &float, 0), Ok(None));
+        assert!(
+            codes(&eight, &float, 0)
+                .unwrap_err()
+                .contains("cannot be compared")
+        );
+        assert!(
+            codes(&float, &eight, 0)
+                .unwrap_err()
+                .contains("the reference has 8-bit")
+        );
+        assert!(codes(&eight, &sixteen, 0).unwrap_err().contains("16-bit"));
+    }
+
+    #[test]
+    fn a_layer_is_chosen_by_its_name_or_one_of_its_channels() {
+        let mut image = Image::new(1, 1).unwrap();
+        for (value, name) in ["Beauty.R", "Beauty.G", "Beauty.B", "Depth.Z"]
+            .into_iter()
+            .enumerate()
+        {
+            image.add_channel(name, vec![value as f32]).unwrap();
+        }
+        for (layer, expected) in [
+            ("Beauty", [0.0, 1.0, 2.0]),
+            ("Beauty.R", [0.0, 1.0, 2.0]),
+            ("Depth.Z", [3.0; 3]),
+        ] {
+            let mut image = image.clone();
+            choose(&mut image, layer).unwrap();
+            assert_eq!(image.rgb().unwrap().map(|plane| plane[0]), expected, "{layer}");
+        }
+        let error = choose(&mut image, "Dept.Z").unwrap_err();
+        assert!(error.contains("did you mean Depth.Z?"), "{error}");
+    }
+}

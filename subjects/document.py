@@ -1,0 +1,270 @@
+"""Reads Whitstone's flattened scene documents for the adapters in this folder.
+
+The document is the TOML of docs/whitted-model.md. An adapter asks for what its renderer can
+express; everything else ends the program with exit code 77, which `whitstone validate --subject`
+reports as a scene that was skipped, with the reason. The module needs Python 3.11 and NumPy.
+"""
+
+import math
+import sys
+import tomllib
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+SKIPPED = 77
+
+
+def skip(reason):
+    """Ends the program: the renderer cannot render this scene."""
+    print(reason)
+    sys.exit(SKIPPED)
+
+
+def only(table, what, **known):
+    """The values of the keys of a table, with defaults; other keys are not supported."""
+    for key in table:
+        if key not in known and key not in ("type", "id", "transform", "material"):
+            skip(f"{what}: the key {key}")
+    return {key: table.get(key, default) for key, default in known.items()}
+
+
+def color(value, what):
+    """A number or three numbers as a colour. Textures are not supported."""
+    if isinstance(value, (int, float)):
+        return np.full(3, float(value))
+    if isinstance(value, list):
+        return np.array(value, float)
+    if isinstance(value, dict) and value.get("type") == "constant":
+        return color(value["value"], what)
+    return skip(f"{what}: a texture")
+
+
+def unit(vector):
+    return vector / np.linalg.norm(vector)
+
+
+def matrix_of(steps):
+    """The matrix of a transform: a step or a list of steps, applied in this order."""
+    total = np.eye(4)
+    for step in [steps] if isinstance(steps, dict) else steps or []:
+        ((kind, value),) = step.items()
+        matrix = np.eye(4)
+        if kind == "translate":
+            matrix[:3, 3] = value
+        elif kind == "scale":
+            matrix[:3, :3] = np.diag(np.broadcast_to(value, 3))
+        elif kind == "rotate":
+            x, y, z = unit(np.array(value["axis"], float))
+            angle = math.radians(value["degrees"])
+            cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+            matrix[:3, :3] += math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+        elif kind == "matrix":
+            matrix[:3] = value
+        else:
+            skip(f"a transform with {kind}")
+        total = matrix @ total
+    return total
+
+
+@dataclass
+class Camera:
+    """A pinhole. `u`, `v`, `w` point to the right, up and backwards; the window is at distance d."""
+
+    origin: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+    w: np.ndarray
+    left: float
+    right: float
+    bottom: float
+    top: float
+    distance: float
+    near: float
+
+    @property
+    def matrix(self):
+        """Takes camera space, which looks along -z with y up, to world space."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = np.stack([self.u, self.v, self.w], axis=1)
+        matrix[:3, 3] = self.origin
+        return matrix
+
+
+@dataclass
+class Mesh:
+    """Triangles in object space, with smooth normals where the surface is curved."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    normals: np.ndarray | None = None
+
+
+@dataclass
+class Shape:
+    """A shape: `kind` and `keys` as in the document, and its place in the world."""
+
+    kind: str
+    keys: dict
+    matrix: np.ndarray
+    material: dict
+    name: str = ""
+
+
+@dataclass
+class Scene:
+    """A scene of a pinhole camera."""
+
+    width: int
+    height: int
+    camera: Camera
+    max_depth: int
+    lights: list = field(default_factory=list)
+    background: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    ambient: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    shapes: list = field(default_factory=list)
+
+    @property
+    def aspect(self):
+        return self.width / self.height
+
+
+def read_camera(table, width, height):
+    if table["type"] != "perspective":
+        skip(f"a camera of type {table['type']}")
+    keys = only(table, "the camera", look_at=None, fov=45, fov_axis="x", window=None, near=0, near_kind="planar")
+    view = keys["look_at"]
+    origin = np.array(view["origin"], float)
+    w = unit(origin - np.array(view["target"], float))
+    u = unit(np.cross(view.get("up", [0, 1, 0]), w))
+    if window := keys["window"]:
+        sides = [float(window[side]) for side in "lrbt"]
+        distance = float(window.get("d", 1))
+    else:
+        axis = keys["fov_axis"]
+        if axis in ("smaller", "larger"):
+            axis = "x" if (width <= height) == (axis == "smaller") or width == height else "y"
+        half = math.tan(math.radians(keys["fov"]) / 2)
+        x, y = (half, half * height / width) if axis == "x" else (half * width / height, half)
+        sides, distance = [-x, x, -y, y], 1.0
+    if keys["near"] and keys["near_kind"] != "planar":
+        skip("a near limit that is not planar")
+    return Camera(origin, u, np.cross(w, u), w, *sides, distance, float(keys["near"]))
+
+
+def read(path):
+    """Reads a document. Lights and materials stay tables; their defaults are not filled in."""
+    document = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    film = document.get("film", {})
+    width, height = film.get("width", 512), film.get("height", 512)
+    sampler = document.get("sampler", {}).get("type", "center")
+    if sampler != "center":
+        skip(f"the sampler {sampler}")
+    tracing = document.get("integrator", {"type": "whitted"})
+    if tracing["type"] not in ("whitted", "appel"):
+        skip(f"the integrator {tracing['type']}")
+    if tracing.get("shadows", "opaque") != "opaque":
+        skip("filtered shadows")
+    depth = 0 if tracing["type"] == "appel" else tracing.get("max_depth", 6)
+    scene = Scene(width, height, read_camera(document["camera"], width, height), depth)
+    for light in document.get("light", []):
+        if light["type"] == "background":
+            scene.background = scene.background + color(light["radiance"], "the background")
+        elif light["type"] == "ambient":
+            scene.ambient = scene.ambient + color(light["radiance"], "ambient light")
+        else:
+            scene.lights.append(light)
+    materials = document.get("material", {})
+    for index, table in enumerate(document.get("shape", [])):
+        if table.get("casts_shadow", True) is not True:
+            skip("a shape without a shadow")
+        material = table.get("material", {"type": "matte"})
+        if isinstance(material, str):
+            material = materials[material]
+        keys = {key: value for key, value in table.items() if key != "casts_shadow"}
+        name = table.get("id", f"shape{index}")
+        scene.shapes.append(Shape(table["type"], keys, matrix_of(table.get("transform")), material, name))
+    return scene
+
+
+def grid(columns, rows):
+    """The faces of a grid of (columns + 1) x (rows + 1) vertices, without those that have no area."""
+    i, j = np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij")
+    a = (j * (columns + 1) + i).ravel()
+    b, c, d = a + 1, a + columns + 2, a + columns + 1
+    return np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+
+
+def revolved(profile, normals, segments):
+    """A surface about the z axis: `profile` has rows (radius, z), `normals` rows (radial, z)."""
+    angle = np.linspace(0, 2 * np.pi, segments + 1)
+    ring = np.stack([np.cos(angle), np.sin(angle)], 1)
+
+    def turn(rows):
+        radial = rows[:, None, :1] * ring[None]
+        up = np.broadcast_to(rows[:, None, 1:], radial.shape[:2] + (1,))
+        return np.concatenate([radial, up], 2).reshape(-1, 3)
+
+    vertices = turn(profile)
+    faces = grid(segments, len(profile) - 1)
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    faces = faces[np.linalg.norm(np.cross(b - a, c - a), axis=1) > 1e-14]
+    return Mesh(vertices, faces, turn(normals))
+
+
+def disk(radius, z, up, segments):
+    angle = np.linspace(0, 2 * np.pi, segments, endpoint=False)
+    rim = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(segments, z)], 1)
+    k = np.arange(segments)
+    faces = np.stack([np.full(segments, segments), k, (k + 1) % segments], 1)
+    return Mesh(np.vstack([rim, [0, 0, z]]), faces if up else faces[:, ::-1])
+
+
+def tessellate(shape, segments):
+    """The meshes of a shape in object space. Curved shapes have `segments` parts around."""
+    kind, table = shape.kind, shape.keys
+    theta = np.linspace(0, np.pi, segments // 2 + 1)
+    if kind in ("sphere", "ellipsoid"):
+        circle = np.stack([np.sin(theta), -np.cos(theta)], 1)
+        circle[[0, -1], 0] = 0
+        mesh = revolved(circle, circle, segments)
+        keys = only(table, kind, center=[0, 0, 0], radius=1, radii=[1, 1, 1])
+        radii = np.array(keys["radii"], float) * keys["radius"]
+        mesh.normals = mesh.normals / radii
+        mesh.normals /= np.linalg.norm(mesh.normals, axis=1, keepdims=True)
+        mesh.vertices = mesh.vertices * radii + np.array(keys["center"], float)
+        return [mesh]
+    if kind == "rectangle":
+        only(table, kind)
+        return [Mesh(np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float), np.array([[0, 1, 2], [0, 2, 3]]))]
+    if kind == "disk":
+        only(table, kind)
+        return [disk(1, 0, True, segments)]
+    if kind == "triangle":
+        keys = only(table, kind, vertices=None, normals=None, uvs=None)
+        if keys["normals"]:
+            skip("a triangle with normals")
+        return [Mesh(np.array(keys["vertices"], float), np.array([[0, 1, 2]]))]
+    if kind == "box":
+        only(table, kind)
+        corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+        quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+        return [Mesh(corners, np.array([[a, b, c] for a, b, c, _ in quads] + [[a, c, d] for a, _, c, d in quads]))]
+    if kind in ("cylinder", "cone"):
+        keys = only(table, kind, radius=1, radii=[1, 0], z=[-1, 1] if kind == "cylinder" else [0, 1], caps=True)
+        low, high = keys["z"]
+        r0, r1 = [keys["radius"]] * 2 if kind == "cylinder" else keys["radii"]
+        slope = unit(np.array([high - low, r0 - r1], float))
+        side = revolved(np.array([[r0, low], [r1, high]], float), np.array([slope, slope]), segments)
+        caps = [(r0, low, False), (r1, high, True)] if keys["caps"] else []
+        return [side] + [disk(r, z, up, segments) for r, z, up in caps if r > 0]
+    return skip(f"a shape of type {kind}")
+
+
+def write_pfm(path, pixels):
+    """Writes an image, top row first, as a portable float map."""
+    pixels = np.asarray(pixels, "<f4")
+    with open(path, "wb") as file:
+        file.write(f"PF\n{pixels.shape[1]} {pixels.shape[0]}\n-1.0\n".encode())
+        file.write(pixels[::-1].tobytes())
