@@ -1,8 +1,8 @@
 """Renders a scene document with Tachyon: tachyon.py SCENE OUTPUT.pfm
 
-Needs the program `tachyon` 0.99 and NumPy. Its images have 16-bit codes. Samples are at the top left
-corner of each pixel, which the offset of the subject states. Its camera is a pinhole by the height
-of the view.
+Needs the program `tachyon` 0.99 and NumPy. Its images have 16-bit codes. Samples are at the top
+right corner of each pixel, which the offset of the subject states. It drops a directional light
+where the cosine is below 1/512.
 
 Tachyon cannot express other materials than Lambert's without its own ambient and specular terms,
 nor spots by the rules of the model. This adapter supports spheres and the flat shapes of

@@ -23,9 +23,9 @@ use whitstone_validate::stored::read_variants;
 ///
 /// The files are OpenEXR, HDR, PFM, TIFF, PNG, JPEG or WebP; their channels R, G, B are compared.
 /// Images of different sizes or without these channels are an error (exit code 2): nothing is
-/// cropped or resampled. Non-finite values are counted first, and a single one fails the comparison.
-/// A pixel is over tolerance if on any channel
-/// |ours - reference| > RELATIVE * |reference| + ABSOLUTE * mean |reference|.
+/// cropped or resampled. Non-finite values are counted first, and a single one fails the
+/// comparison. A pixel is over tolerance if on any channel |ours - reference| > RELATIVE *
+/// |reference| + ABSOLUTE * mean |reference|.
 ///
 /// Two images with 8-bit or 16-bit codes are compared exactly instead, code by code, and by FLIP. A
 /// file with codes and one with floating-point numbers are an error.

@@ -29,9 +29,9 @@ const TIME_LIMIT: u64 = 300;
 /// undecided. --reference mitsuba-stock compares with Mitsuba's own direct, path and volpathmis
 /// integrators.
 ///
-/// With --subject NAME, the images of another renderer take the place of Whitstone's. Its command is
-/// in the table [subject.NAME] of a file whitstone.toml: docs/subjects.md. A subject that gives no
-/// image of a scene fails it; a command that cannot be started is exit code 3.
+/// With --subject NAME, the images of another renderer take the place of Whitstone's. Its command
+/// is in the table [subject.NAME] of a file whitstone.toml: docs/subjects.md. A subject that gives
+/// no image of a scene fails it; a command that cannot be started is exit code 3.
 ///
 /// Verdicts: pass (the images agree), confirmed (the reference is too inaccurate in this scene, and
 /// the arbitrary-precision oracle confirms our image), FAIL (our image is wrong), undecided

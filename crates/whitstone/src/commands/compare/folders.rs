@@ -67,8 +67,8 @@ fn compare(arguments: &Arguments, path: &Path) -> Result<Comparison, String> {
     Ok(comparison)
 }
 
-/// All images with these extensions below a folder, by their relative paths, without the variants of stored references.
-/// Links to folders are not followed, because they may form cycles.
+/// All images with these extensions below a folder, by their relative paths, without the variants
+/// of stored references. Links to folders are not followed, because they may form cycles.
 fn images(folder: &Path, extensions: &[String]) -> Result<BTreeSet<PathBuf>, Failure> {
     let mut found = BTreeSet::new();
     let mut open = vec![PathBuf::new()];

@@ -1,0 +1,67 @@
+//! The adapters of `subjects`, where their renderers are installed: each renders the probes of
+//! `conventions` by the conventions that its table states. The others are skipped, and reported.
+
+use std::process::{Command, Stdio};
+use whitstone_tests::{program, root};
+
+/// Whether a program ends with success.
+fn works(name: &str, arguments: &[&str]) -> bool {
+    let mut command = Command::new(name);
+    command
+        .args(arguments)
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null());
+    command.status().is_ok_and(|status| status.success())
+}
+
+/// The findings about a subject, unless one of the programs that it needs is missing.
+fn check(subject: &str, needs: &[(&str, &[&str])]) {
+    if let Some((name, arguments)) = needs.iter().find(|(name, arguments)| !works(name, arguments)) {
+        println!(
+            "skipped: {subject}: `{name} {}` does not work here",
+            arguments.join(" ")
+        );
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let output = program!()
+        .current_dir(root())
+        .args([
+            "conventions",
+            "--config",
+            "subjects/whitstone.toml",
+            "--subject",
+            subject,
+            "--target",
+        ])
+        .arg(folder.path())
+        .output()
+        .unwrap();
+    let text = String::from_utf8_lossy(&[&output.stdout[..], &output.stderr[..]].concat()).into_owned();
+    assert_eq!(output.status.code(), Some(0), "{text}");
+    assert!(text.contains(&format!("{subject}: 0 findings")), "{text}");
+}
+
+const NUMPY: (&str, &[&str]) = ("python3", &["-c", "import numpy, tomllib"]);
+
+#[test]
+fn cycles() {
+    check("cycles", &[NUMPY, ("python3", &["-c", "import bpy"])]);
+}
+
+#[test]
+fn mitsuba() {
+    check("mitsuba", &[NUMPY, ("python3", &["-c", "import mitsuba"])]);
+}
+
+#[test]
+fn povray() {
+    check("povray", &[("povray", &["--version"])]);
+}
+
+#[test]
+fn tachyon() {
+    // It has no argument that only prints the version.
+    check("tachyon", &[NUMPY, ("sh", &["-c", "command -v tachyon"])]);
+}
