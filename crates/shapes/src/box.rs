@@ -137,13 +137,13 @@ impl ShapeKernel for Cuboid {
             !(outward | (exit.face == origin_primitive)),
             entry.t <= exit.t,
         );
-        // The ray touches an edge or a corner: the lowest face number wins. Of two opposite faces of
-        // a very thin box, the ray meets the one that it enters by.
+        // The ray touches an edge or a corner: the lowest face number wins. Of two opposite faces
+        // of a very thin box, the ray meets the one that it enters by.
         let touched = (entry.t == exit.t) & (entry.face >> 1 != exit.face >> 1);
         let first_face = select(touched & (exit.face < entry.face), exit.face, entry.face);
         let enters = !leaving & (entry.t > min);
-        // In a box thinner than rounding, or at an edge, a ray that goes inward may start beyond its
-        // exit. It leaves there at once.
+        // In a box thinner than rounding, or at an edge, a ray that goes inward may start beyond
+        // its exit. It leaves there at once.
         let leaves = select(leaving & (exit.t <= 0.0), f64::MIN_POSITIVE, exit.t);
         let t = select(enters, entry.t, leaves);
         let face = select(enters, first_face, exit.face);

@@ -2,13 +2,13 @@
 //!
 //! Roth, *Ray casting for modeling solids*, Computer Graphics and Image Processing 18 (1982): each
 //! operand returns the intervals of the line that lie inside it, and the operation combines these
-//! intervals. Where operands have ends at the same parameter, no interval of zero length is created,
-//! and the first operand supplies the normal.
+//! intervals. Where operands have ends at the same parameter, no interval of zero length is
+//! created, and the first operand supplies the normal.
 //!
 //! A part or a gap that is thinner than the rounding errors of both of its faces is dropped with
-//! both faces, as if it were not there. Otherwise a ray could meet one of the faces and start beyond
-//! the other one: it would never leave the solid. A part or gap that contains the ray's origin is
-//! always kept.
+//! both faces, as if it were not there. Otherwise a ray could meet one of the faces and start
+//! beyond the other one: it would never leave the solid. A part or gap that contains the ray's
+//! origin is always kept.
 //!
 //! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `merge`, `intersection`,
 //!   `difference` (native).
@@ -29,8 +29,8 @@ const MAX_OPERANDS: usize = 256;
 /// being thin. A shorter one is thin only if it is also thin along the normals.
 const SHORT: f64 = 1.0 / (1u64 << 20) as f64;
 /// Thickness along the normals, over the sum of the error bounds of both faces, below which a part
-/// or gap is dropped. A spawned ray starts one bound away from its face, and computes the other face
-/// with its own rounding.
+/// or gap is dropped. A spawned ray starts one bound away from its face, and computes the other
+/// face with its own rounding.
 const THIN: f64 = 4.0;
 
 /// Solids combined by a Boolean operation; the normals point out of the result.
@@ -184,14 +184,15 @@ impl Csg {
         self.operation == Operation::Difference && operand > 0
     }
 
-    /// Whether a part of the solid (`is_part`) or a gap between two parts is too thin to be entered:
-    /// from `a` to `b` along the ray.
+    /// Whether a part of the solid (`is_part`) or a gap between two parts is too thin to be
+    /// entered: from `a` to `b` along the ray.
     fn is_thin(&self, ray: &Ray, a: &ShapeHit, b: &ShapeHit, is_part: bool) -> bool {
         let length = (b.t - a.t) * ray.direction.length();
         let farthest = a.t.abs().max(b.t.abs()) * ray.direction.length();
         let reach = ray.origin.abs().max_element() + farthest;
         // False for infinite ends, too.
-        if !(length < SHORT * reach) {
+        let is_short = length < SHORT * reach;
+        if !is_short {
             return false;
         }
         let [from, to] = [a, b].map(|end| {
@@ -205,7 +206,8 @@ impl Csg {
         across.dot(from.n_g) < least || -across.dot(to.n_g) < least
     }
 
-    /// Drops thin parts and gaps. The ends alternate; the first one is an entry unless `begins_inside`.
+    /// Drops thin parts and gaps. The ends alternate; the first one is an entry unless
+    /// `begins_inside`.
     fn without_thin(
         &self,
         ray: &Ray,
@@ -629,8 +631,8 @@ mod tests {
             let ray = Ray::new(origin, target - origin);
             assert!(spans(wall.as_ref(), &ray).len() <= 1, "{ray:?}");
         }
-        // Shows that the test can fail: a sphere that is larger by a hundred ulps leaves slivers. By
-        // four ulps they are thinner than rounding, and dropped.
+        // Shows that the test can fail: a sphere that is larger by a hundred ulps leaves slivers.
+        // By four ulps they are thinner than rounding, and dropped.
         for (radius, visible) in [("1.00000000000002", true), ("1.0000000000000009", false)] {
             let keys = format!("radius = {radius}");
             let mut context = operands().with_operand::<Sphere>("larger", &keys, Transform::IDENTITY);
@@ -744,6 +746,34 @@ mod tests {
                 assert_eq!(faces % 2, 0, "{operation} of {names:?}: {faces} faces, {ray:?}");
             }
         }
+    }
+
+    /// Two touching spheres have one point in common. Without dropping thin parts, rays meet one
+    /// face of a part that exists by rounding only.
+    #[test]
+    fn a_contact_is_invisible() {
+        let ball = |x: f64| match build_in::<Shapes, Sphere>("", moved(x, 0.0, 0.0), &mut operands()) {
+            Ok(LoweredShape::Custom(ball)) => ball,
+            _ => unreachable!("a sphere is a custom shape"),
+        };
+        let contact = Csg::new(Operation::Intersection, vec![ball(0.0), ball(2.0)]).unwrap();
+        let mut random = Random::new(13);
+        let mut naive_odd = 0;
+        for _ in 0..1000 {
+            let target = DVec3::X + 1e-9 * random.cube();
+            let origin = target + 4.0 * random.direction();
+            let ray = Ray::new(origin, (target - origin).normalize());
+            assert_eq!(contact.intersect(&ray, Interval::FORWARD, None), None, "{ray:?}");
+            let first = solid::first_end(&contact.all_spans(&ray), Interval::FORWARD, None);
+            naive_odd += usize::from(first.is_some_and(|first| {
+                let hit = first.of_shape(InstanceId::TOP_LEVEL, 0);
+                let point = contact.surface(&ray, &hit, SurfaceAttributes::NOTHING);
+                let inner = Ray::new(point.spawn_origin(ray.direction), ray.direction);
+                let inside = contact.goes_inside(&inner, first.primitive);
+                solid::first_end(&contact.all_spans(&inner), Interval::FORWARD, Some(inside)).is_none()
+            }));
+        }
+        assert!(naive_odd > 10, "the naive way must fail: {naive_odd}");
     }
 
     #[test]

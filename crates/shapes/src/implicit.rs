@@ -31,11 +31,11 @@ use whitstone_core::{
 const SAMPLES: u32 = 4096;
 /// Maximum number of parts of the box faces that [`Implicit::is_closed`] examines.
 const FACE_PARTS: u32 = 1 << 14;
-/// Maximum number of turns by which the field may be twisted inside the box. A ray needs more ranges
-/// the more turns there are; crossings could be skipped without them.
+/// Maximum number of turns by which the field may be twisted inside the box. A ray needs more
+/// ranges the more turns there are; crossings could be skipped without them.
 const MAX_TURNS: f64 = 2048.0;
-/// Ranges per turn that a ray may examine at full resolution, in addition to the usual number: about
-/// four times as many as the worst ray of the tests needs.
+/// Ranges per turn that a ray may examine at full resolution, in addition to the usual number:
+/// at least twice as many as the worst ray of the tests needs.
 const STEPS_PER_TURN: f64 = 256.0;
 /// Bound on the rounding error of the function, relative to the Lipschitz bound times the sum of
 /// the diagonal of the box and its largest absolute coordinate. Values of smaller magnitude are not
@@ -556,8 +556,8 @@ mod tests {
         assert!(misses_of_false > 20, "{misses_of_false}");
     }
 
-    /// A bar that is twisted so fast that it looks like a screw thread: no crossing is skipped. Dense
-    /// samples give the truth.
+    /// A bar that is twisted so fast that it looks like a screw thread: no crossing is skipped.
+    /// Dense samples give the truth.
     #[test]
     fn fast_twists_have_no_gaps() {
         let bar = |rate: f64| {

@@ -616,7 +616,8 @@ mod tests {
             ];
             let above = polygon(&ring);
             let below = polygon(&ring.map(|p| DVec3::new(p.x, -p.y, 0.0)));
-            // The last ray passes a vertex, outside of the edge that goes up from there to the right.
+            // The last ray passes a vertex, outside of the edge that goes up from there to the
+            // right.
             let rays = [
                 (0.0, tiny),
                 (0.0, -tiny),

@@ -203,8 +203,8 @@ impl Sphere {
     }
 }
 
-/// Corrects the length of a normalised vector, whose error has the same sign in most directions. The
-/// angles of reflection would drift by it.
+/// Corrects the length of a normalised vector, whose error has the same sign in most directions.
+/// The angles of reflection would drift by it.
 #[inline(always)]
 fn unit_length(n: DVec3) -> DVec3 {
     let squares = n * n;
