@@ -102,7 +102,7 @@ impl Agreement {
             if error.is_small() {
                 self.most_ulps = self.most_ulps.max(error.ulps);
                 self.most_ulps_by_condition = self.most_ulps_by_condition.max(error.by_condition);
-            } else if shifted(ray, far, bounds).any(|ray| is_right(oracle, &ray, found)) {
+            } else if shifted(ray, far, bounds, f64::EPSILON).any(|ray| is_right(oracle, &ray, found)) {
                 self.ill_posed += 1;
             } else {
                 self.wrong += 1;
@@ -198,6 +198,21 @@ fn ulp(t: f64) -> f64 {
     t.next_up() - t
 }
 
+/// Whether a wrong class (a hit instead of a miss, or the reverse) is right for one of 26 rays
+/// whose origin is shifted by [`MAX_ULPS`] units in the last place of all coordinates involved.
+/// `epsilon` is the relative spacing of the format.
+pub fn is_class_excused(oracle: &Oracle, ray: &Ray, found: Option<f64>, bounds: &Aabb, epsilon: f64) -> bool {
+    let far = match oracle.nearest(ray, Interval::FORWARD) {
+        Nearest::Hit { t, .. } => t.nearest(),
+        _ => found.filter(|t| t.is_finite()).unwrap_or(0.0),
+    };
+    shifted(ray, far, bounds, epsilon).any(|ray| match oracle.nearest(&ray, Interval::FORWARD) {
+        Nearest::Unknown => true,
+        Nearest::Hit { .. } => found.is_some(),
+        Nearest::Miss => found.is_none(),
+    })
+}
+
 fn is_right(oracle: &Oracle, ray: &Ray, found: Option<f64>) -> bool {
     match (oracle.nearest(ray, Interval::FORWARD), found) {
         (Nearest::Unknown, _) => true,
@@ -207,12 +222,12 @@ fn is_right(oracle: &Oracle, ray: &Ray, found: Option<f64>) -> bool {
 }
 
 /// The ray with its origin moved to each corner, edge and face of a small box around it.
-fn shifted(ray: &Ray, t: f64, bounds: &Aabb) -> impl Iterator<Item = Ray> + use<> {
+fn shifted(ray: &Ray, t: f64, bounds: &Aabb, epsilon: f64) -> impl Iterator<Item = Ray> + use<> {
     let ray = *ray;
     let finite = |v: DVec3| DVec3::select(v.is_finite_mask(), v, DVec3::ZERO);
     let reach = finite(bounds.min.abs()).max(finite(bounds.max.abs()));
     let scale = ray.origin.abs() + (t * ray.direction).abs() + reach;
-    let step = MAX_ULPS * f64::EPSILON * scale;
+    let step = MAX_ULPS * epsilon * scale;
     let sides = || [-1.0, 0.0, 1.0].into_iter();
     let boxes =
         sides().flat_map(move |x| sides().flat_map(move |y| sides().map(move |z| DVec3::new(x, y, z))));

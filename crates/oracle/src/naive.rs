@@ -49,6 +49,8 @@ pub trait Real:
     fn cbrt(self) -> Self;
     /// Cosine of an angle in radians.
     fn cos(self) -> Self;
+    /// Tangent of an angle in radians.
+    fn tan(self) -> Self;
     /// Arc cosine in radians.
     fn acos(self) -> Self;
 }
@@ -79,6 +81,10 @@ macro_rules! real {
             #[inline]
             fn cos(self) -> Self {
                 self.cos()
+            }
+            #[inline]
+            fn tan(self) -> Self {
+                self.tan()
             }
             #[inline]
             fn acos(self) -> Self {

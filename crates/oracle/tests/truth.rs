@@ -348,3 +348,40 @@ fn agreement_bites() {
     });
     assert!(agreement.wrong > 3, "{agreement}");
 }
+
+/// Rays in a plane of grid points whose values are the iso value, or one unit in the last place
+/// away from it: the function is 0, or almost 0, along the whole line. Such a ray need not have an
+/// answer, but the oracle must stop.
+#[test]
+fn rays_in_a_plateau_end_soon() {
+    let level = 0.1_f64;
+    for plateau in [level, level.next_up(), level.next_down()] {
+        let value = |n: usize| match (n / 5 % 5, n % 2) {
+            (2, _) => plateau,
+            (_, 0) => 0.4,
+            _ => -0.2,
+        };
+        let values: Vec<f64> = (0..125).map(value).collect();
+        let keys =
+            format!("type = \"isosurface\"\nsize = [5, 5, 5]\niso_value = {level}\nvalues = {values:?}");
+        let oracle = oracle(&keys);
+        for direction in [
+            [1.0, 0.0, 0.0],
+            [1.0, 0.0, 0.3],
+            [1.0, 1e-13, 0.3],
+            [0.6, 1e-6, -0.8],
+        ] {
+            for z in [0.0, 0.1] {
+                let start = std::time::Instant::now();
+                let ray = ray(
+                    [-3.0 * direction[0], -3.0 * direction[1], z - 3.0 * direction[2]],
+                    direction,
+                );
+                let found = oracle.nearest(&ray, Interval::FORWARD);
+                let seconds = start.elapsed().as_secs_f64();
+                println!("{plateau:?} {direction:?} {z}: {seconds:.2} s, {found:?}");
+                assert!(seconds < 5.0, "{seconds} s for {ray:?}");
+            }
+        }
+    }
+}

@@ -132,12 +132,20 @@ impl ShapeKernel for Cuboid {
         // exit if it goes inward. Unlike skipping the spawn face only, this is robust to rounding:
         // a spawn point on an edge may lie one ulp beyond the adjacent face.
         let outward = turned(ray.direction, origin_primitive >> 1).x * side(origin_primitive) >= 0.0;
-        let meets = (entry.t <= exit.t) & !(leaving & (outward | (exit.face == origin_primitive)));
-        // The ray touches an edge or a corner: the lowest face number wins.
-        let touched = entry.t == exit.t;
+        let meets = select(
+            leaving,
+            !(outward | (exit.face == origin_primitive)),
+            entry.t <= exit.t,
+        );
+        // The ray touches an edge or a corner: the lowest face number wins. Of two opposite faces
+        // of a very thin box, the ray meets the one that it enters by.
+        let touched = (entry.t == exit.t) & (entry.face >> 1 != exit.face >> 1);
         let first_face = select(touched & (exit.face < entry.face), exit.face, entry.face);
         let enters = !leaving & (entry.t > min);
-        let t = select(enters, entry.t, exit.t);
+        // In a box thinner than rounding, or at an edge, a ray that goes inward may start beyond
+        // its exit. It leaves there at once.
+        let leaves = select(leaving & (exit.t <= 0.0), f64::MIN_POSITIVE, exit.t);
+        let t = select(enters, entry.t, leaves);
         let face = select(enters, first_face, exit.face);
         ShapeHit {
             t: select(meets & (t > min), t, f64::NAN),
@@ -210,7 +218,7 @@ impl ShapeKernel for Cuboid {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::{Interval, Shape};
+    use whitstone_core::{DAffine3, Interval, Shape};
     use whitstone_testkit::{build, shape_laws_everywhere};
 
     fn cube() -> Box<dyn Shape> {
@@ -272,6 +280,36 @@ mod tests {
         );
         // Touching an edge counts as a hit.
         assert_eq!(intersect([2.0, 0.0, 0.0], [-1.0, 1.0, 0.0], None), Some((1.0, 1)));
+    }
+
+    #[test]
+    fn a_ray_that_goes_inward_leaves_again() {
+        // At an edge.
+        let beyond = 1.0f64.next_up();
+        let now = f64::MIN_POSITIVE;
+        assert_eq!(
+            intersect([beyond, 0.0, 1.0], [0.5, 0.0, -1.0], Some(5)),
+            Some((now, 1))
+        );
+        // In a pane that is thinner than the offset of spawned rays.
+        for exponent in [30, 47, 51, 60, 100, 1000] {
+            let half = 2f64.powi(-exponent);
+            let scale = DAffine3::from_scale(DVec3::new(1.0, 1.0, half));
+            let at = DAffine3::from_translation(DVec3::Z) * scale;
+            let LoweredShape::Custom(pane) =
+                build::<Shapes, Cuboid>("", Transform::new(at).unwrap()).unwrap()
+            else {
+                unreachable!("a box is a custom shape")
+            };
+            let ray = Ray::new(DVec3::new(0.1, 0.2, 3.0), DVec3::new(0.1, 0.0, -1.0));
+            let hit = pane.intersect(&ray, Interval::FORWARD, None).unwrap();
+            assert_eq!(hit.primitive, 5);
+            let hit = hit.of_shape(whitstone_core::InstanceId::TOP_LEVEL, 0);
+            let point = pane.surface(&ray, &hit, SurfaceAttributes::NOTHING);
+            let inner = Ray::new(point.spawn_origin(ray.direction), ray.direction);
+            let exit = pane.intersect(&inner, Interval::FORWARD, Some(5));
+            assert_eq!(exit.map(|hit| hit.primitive), Some(4), "2^-{exponent}");
+        }
     }
 
     #[test]

@@ -13,7 +13,7 @@
 
 mod tree;
 
-use crate::support::crossings::{Along, RootCount, crossings};
+use crate::support::crossings::{Along, RootCount, STEPS, crossings};
 use crate::support::enclosure::{Dual, Enclosure};
 use crate::support::level::{BOX_MARGIN, Level, Sample, Segment};
 use schemars::JsonSchema;
@@ -31,6 +31,12 @@ use whitstone_core::{
 const SAMPLES: u32 = 4096;
 /// Maximum number of parts of the box faces that [`Implicit::is_closed`] examines.
 const FACE_PARTS: u32 = 1 << 14;
+/// Maximum number of turns by which the field may be twisted inside the box. A ray needs more
+/// ranges the more turns there are; crossings could be skipped without them.
+const MAX_TURNS: f64 = 2048.0;
+/// Ranges per turn that a ray may examine at full resolution, in addition to the usual number:
+/// at least twice as many as the worst ray of the tests needs.
+const STEPS_PER_TURN: f64 = 256.0;
 /// Bound on the rounding error of the function, relative to the Lipschitz bound times the sum of
 /// the diagonal of the box and its largest absolute coordinate. Values of smaller magnitude are not
 /// distinguished from zero.
@@ -75,6 +81,8 @@ pub struct Implicit {
     steepest: f64,
     /// Bound on the rounding error of the field.
     small: f64,
+    /// See [`Along::steps`].
+    steps: u32,
 }
 
 impl Plugin<Shapes> for Implicit {
@@ -95,10 +103,18 @@ impl Plugin<Shapes> for Implicit {
                 (min, max)
             }
             None => derived_bounds(&field).map_err(|error| SceneError {
-                span: Some(place),
+                span: Some(place.clone()),
                 ..error
             })?,
         };
+        let turns = field.turns([0, 1, 2].map(|k| Enclosure::new(min[k], max[k])));
+        if turns > MAX_TURNS {
+            let message = format!(
+                "the field is twisted by {turns:.0} turns inside its box; at most {MAX_TURNS} are supported, because rays could skip crossings"
+            );
+            let help = "reduce `degrees_per_metre`, or the height of the box with `bounds`";
+            return Err(SceneError::at(place, message).with_help(help).into());
+        }
         let shape = Self::new(
             field,
             min,
@@ -145,6 +161,7 @@ impl Implicit {
         let size = (max - min).length() + min.abs().max(max.abs()).max_element();
         Self {
             level: Level::new(transform, min, max),
+            steps: STEPS + (STEPS_PER_TURN * field.turns(region).min(MAX_TURNS)) as u32,
             field,
             small: SMALL * size * steepest,
             steepest,
@@ -284,6 +301,10 @@ impl Along for Line<'_> {
         } else {
             RootCount::Unknown
         }
+    }
+
+    fn steps(&self) -> u32 {
+        self.shape.steps
     }
 }
 
@@ -533,6 +554,53 @@ mod tests {
         }
         assert!(hits > 300, "{hits}");
         assert!(misses_of_false > 20, "{misses_of_false}");
+    }
+
+    /// A bar that is twisted so fast that it looks like a screw thread: no crossing is skipped.
+    /// Dense samples give the truth.
+    #[test]
+    fn fast_twists_have_no_gaps() {
+        let bar = |rate: f64| {
+            format!(
+                "field.twist = {{ degrees_per_metre = {rate:e}, of = {{ box = {{ half = [0.8, 0.1, 1] }} }} }}"
+            )
+        };
+        let mut random = Random::new(12);
+        let mut skipped_by_few = 0;
+        for rate in [3e3, 3e4, 3e5] {
+            let shape = implicit(&bar(rate));
+            let mut few = implicit(&bar(rate));
+            few.steps = STEPS;
+            let mut most = 0;
+            for _ in 0..60 {
+                let origin = 2.0 * random.direction();
+                let ray = Ray::new(origin, random.cube() - origin);
+                let Some(segment) = shape.level.clip(&ray) else {
+                    continue;
+                };
+                let line = shape.along(&segment);
+                most = most.max(crossings(&line, |_| ControlFlow::Break(())));
+                let found = shape.intersect(&ray, Interval::FORWARD, None).map(|hit| hit.t);
+                let samples = 1 << 20;
+                let inside = |k: &u32| line.at(f64::from(*k) / f64::from(samples)).0 < -shape.small;
+                let truth = (0..=samples).find(inside);
+                let truth = truth.map(|k| segment.parameter(f64::from(k) / f64::from(samples)));
+                let step = (segment.end - segment.begin) / f64::from(samples);
+                let is_skipped =
+                    |found: Option<f64>| truth.is_some_and(|truth| found.is_none_or(|t| t > truth + step));
+                assert!(!is_skipped(found), "{rate:e}: {found:?} {truth:?} {ray:?}");
+                let by_few = few.intersect(&ray, Interval::FORWARD, None).map(|hit| hit.t);
+                skipped_by_few += u32::from(is_skipped(by_few));
+            }
+            let limit = shape.steps;
+            assert!(most < limit / 2, "{rate:e}: {most} of {limit} ranges");
+        }
+        assert!(skipped_by_few > 0, "the usual number of ranges must be too small");
+        let too_fast = build::<Shapes, Implicit>(&bar(1e6), Transform::IDENTITY)
+            .err()
+            .unwrap();
+        let message = &too_fast.0[0].message;
+        assert!(message.starts_with("the field is twisted by 5"), "{message}");
     }
 
     #[test]

@@ -252,11 +252,62 @@ fn side_of(a: DVec2, b: DVec2, c: DVec2) -> f64 {
 /// (+x): of two polygons on opposite sides of a shared edge, exactly one contains the origin.
 fn crosses(low: DVec3, high: DVec3) -> bool {
     let (left, right) = (low.x * high.y, low.y * high.x);
+    if left.abs().min(right.abs()) < NO_UNDERFLOW {
+        return is_product_greater([low.x, high.y], [low.y, high.x]);
+    }
     if left != right {
         return left > right;
     }
     // The rounded products are equal: compare their rounding errors.
     low.x.mul_add(high.y, -left) > low.y.mul_add(high.x, -right)
+}
+
+/// Products of at least this magnitude, and their rounding errors, do not underflow.
+const NO_UNDERFLOW: f64 = 1e-280;
+
+/// Whether a product of two numbers is greater than another one; exact also where the products
+/// underflow.
+fn is_product_greater(left: [f64; 2], right: [f64; 2]) -> bool {
+    let sign = |[a, b]: [f64; 2]| match a == 0.0 || b == 0.0 {
+        true => 0.0,
+        false => a.signum() * b.signum(),
+    };
+    let (left_sign, right_sign) = (sign(left), sign(right));
+    if left_sign != right_sign || left_sign == 0.0 {
+        return left_sign > right_sign;
+    }
+    // Both products have the same sign. Their factors are brought to magnitudes of 1 to 2, and the
+    // exponents are compared.
+    let [(l, left_exponent), (r, right_exponent)] = [left, right].map(|[a, b]| {
+        let ((a, i), (b, j)) = (mantissa(a.abs()), mantissa(b.abs()));
+        ([a, b], i + j)
+    });
+    // Products of mantissas are below 4: beyond this difference the exponents decide.
+    let difference = (left_exponent - right_exponent).clamp(-4, 4);
+    let first = l[0] * 2f64.powi(difference);
+    let (p, q) = (first * l[1], r[0] * r[1]);
+    let greater = match p == q {
+        true => first.mul_add(l[1], -p) > r[0].mul_add(r[1], -q),
+        false => p > q,
+    };
+    let equal = p == q && first.mul_add(l[1], -p) == r[0].mul_add(r[1], -q);
+    if left_sign > 0.0 {
+        greater
+    } else {
+        !greater && !equal
+    }
+}
+
+/// A positive number as a factor from 1 to 2 times a power of two, whose exponent it returns.
+fn mantissa(x: f64) -> (f64, i32) {
+    const SCALE: i32 = 54;
+    let (x, extra) = match x.is_normal() {
+        true => (x, 0),
+        false => (x * 2f64.powi(SCALE), -SCALE),
+    };
+    let exponent = (x.to_bits() >> 52) as i32 - 1023;
+    let one_to_two = f64::from_bits(x.to_bits() & ((1 << 52) - 1) | 1.0_f64.to_bits());
+    (one_to_two, exponent + extra)
 }
 
 impl Polygon {
@@ -547,6 +598,112 @@ mod tests {
             }
         }
         assert!(wrong > 500, "the naive form must be wrong: {wrong}");
+    }
+
+    /// Rays that pass an edge at the smallest distance that a double can hold, on either side: the
+    /// products of the edge functions underflow.
+    #[test]
+    fn rays_next_to_an_edge_are_on_one_side_of_it() {
+        let mut random = Random::new(5);
+        let tiny = f64::from_bits(1);
+        let mut naive_wrong = 0;
+        for _ in 0..200 {
+            let [left, right] = [-1.0 - random.unit(), 1.0 + random.unit()];
+            let ring = [
+                DVec3::new(left, 0.0, 0.0),
+                DVec3::new(right, 0.0, 0.0),
+                DVec3::new(left + 0.4 * random.unit(), 1.0, 0.0),
+            ];
+            let above = polygon(&ring);
+            let below = polygon(&ring.map(|p| DVec3::new(p.x, -p.y, 0.0)));
+            // The last ray passes a vertex, outside of the edge that goes up from there to the
+            // right.
+            let rays = [
+                (0.0, tiny),
+                (0.0, -tiny),
+                (0.5 * random.signed(), tiny),
+                (left, tiny),
+            ];
+            for (x, y) in rays {
+                let ray = Ray::new(DVec3::new(x, y, 3.0), DVec3::NEG_Z);
+                assert_eq!(is_hit(&*above, &ray), y > 0.0 && x > left, "{x} {y}: {ring:?}");
+                assert_eq!(is_hit(&*below, &ray), y < 0.0 && x > left, "{x} {y}: {ring:?}");
+                let corners = ring.map(|p| p.truncate() - ray.origin.truncate());
+                let crossed = edges(&corners).filter(|(a, b)| {
+                    let (low, high) = if a.y > 0.0 { (b, a) } else { (a, b) };
+                    (a.y > 0.0) != (b.y > 0.0) && low.x * high.y > low.y * high.x
+                });
+                naive_wrong += usize::from((crossed.count() % 2 == 1) != (y > 0.0 && x > left));
+            }
+            // A slanted edge through the origin, both of whose ends have tiny coordinates.
+            let slanted = [
+                DVec3::new(-3.0, -tiny, 0.0),
+                DVec3::new(5.0, 2.0 * tiny, 0.0),
+                DVec3::new(0.0, 1.0, 0.0),
+            ];
+            let slanted = polygon(&slanted);
+            for x in [0.0, 0.2, -0.2] {
+                // At y = 0 the edge is at x = -1/3.
+                let ray = Ray::new(DVec3::new(x, 0.0, 3.0), DVec3::NEG_Z);
+                assert_eq!(is_hit(&*slanted, &ray), x < -1.0 / 3.0, "{x}");
+            }
+        }
+        assert!(naive_wrong > 50, "the naive way must fail: {naive_wrong}");
+    }
+
+    #[test]
+    fn products_are_compared_exactly() {
+        let tiny = f64::from_bits(1);
+        let values = [
+            0.0,
+            tiny,
+            3.0 * tiny,
+            1e-310,
+            1e-160,
+            0.1,
+            1.0,
+            1.0f64.next_up(),
+            1e160,
+            1e300,
+        ];
+        let signed = values.iter().flat_map(|x| [*x, -x]).collect::<Vec<_>>();
+        // The logarithms decide where they differ clearly.
+        let (mut decided, mut naive_wrong) = (0, 0);
+        for a in &signed {
+            for b in &signed {
+                for c in &signed {
+                    for d in &signed {
+                        let sign = |x: f64, y: f64| {
+                            if x * y == 0.0 && (x == 0.0 || y == 0.0) {
+                                0.0
+                            } else {
+                                x.signum() * y.signum()
+                            }
+                        };
+                        let log = |x: f64, y: f64| x.abs().log2() + y.abs().log2();
+                        let found = is_product_greater([*a, *b], [*c, *d]);
+                        let (s, t) = (sign(*a, *b), sign(*c, *d));
+                        let expected = if s != t || s == 0.0 {
+                            s > t
+                        } else if (log(*a, *b) - log(*c, *d)).abs() > 1e-9 {
+                            (log(*a, *b) > log(*c, *d)) == (s > 0.0)
+                        } else {
+                            continue;
+                        };
+                        assert_eq!(found, expected, "{a} {b} {c} {d}");
+                        decided += 1;
+                        naive_wrong += usize::from((a * b > c * d) != expected);
+                    }
+                }
+            }
+        }
+        assert!(decided > 100_000 && naive_wrong > 1000, "{decided} {naive_wrong}");
+        let up = 1.0f64.next_up();
+        assert!(is_product_greater([up, tiny], [1.0, tiny]) && !is_product_greater([1.0, tiny], [up, tiny]));
+        assert!(
+            !is_product_greater([-up, tiny], [1.0, -tiny]) && is_product_greater([-1.0, tiny], [up, -tiny])
+        );
+        assert!(!is_product_greater([3.0, tiny], [1.0, 3.0 * tiny]));
     }
 
     #[test]

@@ -24,7 +24,7 @@ mod report;
 
 pub use families::{ELSEWHERE, FAMILIES};
 pub use lab::Lab;
-pub use report::{EngineReport, FamilyReport, Step, Verdict, headline, table};
+pub use report::{EngineReport, FamilyReport, Step, Verdict, headline, price, table};
 
 use serde::{Deserialize, Serialize};
 
@@ -89,6 +89,45 @@ pub struct About {
     pub pass: f64,
     /// Largest error that is usable, the same for all engines.
     pub usable: f64,
+    /// The last value of the parameter at which the promise must hold. Later steps only measure
+    /// where Whitstone itself becomes unusable.
+    pub reach: f64,
+    /// 4 units in the last place times the condition number, in the measure of the promise. At
+    /// every step, an error above it must be at most [`WORSE`] times the error of the textbook
+    /// formula in double precision.
+    pub floor: f64,
+    /// What limits Whitstone at its frontier, if the steps do not measure it.
+    pub limit: Option<Limit>,
+}
+
+/// See [`About::floor`].
+pub const WORSE: f64 = 4.0;
+
+/// The reason why an engine becomes unusable.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Limit {
+    /// Its numbers are too coarse: the answers are as good as their format can hold.
+    Format,
+    /// The question is ill-conditioned: the answers are right for an input that differs by a few
+    /// roundings.
+    Condition,
+    /// Its method loses digits.
+    Method,
+    /// The scene is refused with an error message.
+    Refused,
+}
+
+impl Limit {
+    /// The word in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Format => "format",
+            Self::Condition => "condition",
+            Self::Method => "method",
+            Self::Refused => "refused",
+        }
+    }
 }
 
 /// Errors of one engine at one step.
@@ -101,6 +140,12 @@ pub struct Sample {
     pub strict: f64,
     /// Answers of the wrong class: a hit instead of a miss, or a wrong count.
     pub failures: u64,
+    /// How many of them are right for an input that differs by 16 units in the last place of the
+    /// engine's format. They are unusable, but break no promise.
+    pub excused: u64,
+    /// Largest error of the others, in units in the last place of the engine's own format; and the
+    /// same divided by the condition number. `None` if it is not measured.
+    pub own_ulps: Option<[f64; 2]>,
     /// Answers that are infinite or NaN.
     pub nonfinite: u64,
     /// Nanoseconds per operation, if it was timed.
@@ -130,6 +175,11 @@ impl Sample {
         self.error = self.error.max(other.error);
         self.strict = self.strict.max(other.strict);
         self.failures += other.failures;
+        self.excused += other.excused;
+        self.own_ulps = match (self.own_ulps, other.own_ulps) {
+            (Some([a, b]), Some([c, d])) => Some([a.max(c), b.max(d)]),
+            (one, other) => one.or(other),
+        };
         self.nonfinite += other.nonfinite;
         self.ns_per_op = [self.ns_per_op, other.ns_per_op]
             .into_iter()

@@ -1,6 +1,6 @@
 //! Results of a family.
 
-use crate::{About, Engine, Family, Lab, Sample};
+use crate::{About, Engine, Family, Lab, Limit, Sample, WORSE};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -15,6 +15,11 @@ pub struct Step {
     pub strict: f64,
     /// Answers of the wrong class.
     pub failures: u64,
+    /// How many of them are right for a slightly different input.
+    pub excused: u64,
+    /// Largest error in units in the last place of the engine's own format; and the same divided by
+    /// the condition number.
+    pub own_ulps: Option<[f64; 2]>,
     /// Answers that are infinite or NaN.
     pub nonfinite: u64,
     /// Nanoseconds per operation, if it was timed.
@@ -35,9 +40,13 @@ pub struct EngineReport {
     pub frontier: Option<f64>,
     /// Number of steps before the frontier.
     pub usable_steps: usize,
+    /// The first value beyond the frontier at which it is usable again.
+    pub usable_again: Option<f64>,
+    /// What limits it at the frontier, if that is known.
+    pub limit: Option<Limit>,
     /// All results; empty if it takes no part.
     pub steps: Vec<Step>,
-    /// Whether it keeps the promise at every step.
+    /// Whether it keeps the promise at every step up to [`About::reach`].
     pub passes: bool,
     /// Why it takes no part.
     #[serde(skip_serializing_if = "Option::is_none", default)]
@@ -48,12 +57,15 @@ pub struct EngineReport {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// Whitstone keeps the promise everywhere, its frontier is at least as far as Mitsuba's and
-    /// Embree's, and a naive variant fails.
+    /// Whitstone keeps the promise, is nowhere much worse than the textbook formula in double
+    /// precision, its frontier is at least as far as that of every other engine, and a naive
+    /// variant fails.
     Pass,
     /// Whitstone breaks the promise.
     Fails,
-    /// Mitsuba or Embree gets further.
+    /// At some step Whitstone is much worse than the textbook formula in double precision.
+    Worse,
+    /// Another engine gets further.
     Behind,
     /// No naive variant fails: the family is vacuous.
     Vacuous,
@@ -76,6 +88,13 @@ pub struct FamilyReport {
     pub usable_level: f64,
     /// Values of the parameter.
     pub parameters: Vec<f64>,
+    /// The last value at which the promise must hold.
+    pub reach: f64,
+    /// The first value at which Whitstone is much worse than the textbook formula in double
+    /// precision.
+    pub worse_at: Option<f64>,
+    /// The error message of the last step, if Whitstone refuses its scene.
+    pub refusal: Option<String>,
     /// All engines, Whitstone first.
     pub engines: Vec<EngineReport>,
     /// Whether a naive variant fails.
@@ -92,12 +111,24 @@ impl FamilyReport {
     /// As [`Family::step`].
     pub fn measure(family: &dyn Family, lab: &Lab<'_>, progress: &dyn Fn(f64)) -> Result<Self, String> {
         let about = family.about();
-        let parameters = family.parameters();
+        let mut parameters = family.parameters();
+        let until = parameters
+            .iter()
+            .position(|parameter| is_close(*parameter, about.reach));
+        let until = until.ok_or_else(|| format!("{}: its reach is not a step", about.name))?;
         let mut engines: Vec<EngineReport> = Vec::new();
-        for parameter in &parameters {
+        let mut refused = None;
+        for (number, parameter) in parameters.iter().enumerate() {
             progress(*parameter);
-            let answers = family.step(*parameter, lab);
-            let answers = answers.map_err(|problem| format!("{} at {parameter:e}: {problem}", about.name))?;
+            let answers = match family.step(*parameter, lab) {
+                Ok(answers) => answers,
+                // Beyond the reach, a scene may be refused.
+                Err(problem) if number > until => {
+                    refused = Some((*parameter, problem));
+                    break;
+                }
+                Err(problem) => return Err(format!("{} at {parameter:e}: {problem}", about.name)),
+            };
             for (engine, answer) in answers {
                 let place = engines.iter().position(|known| known.engine == engine);
                 let place = place.unwrap_or_else(|| {
@@ -113,11 +144,26 @@ impl FamilyReport {
             }
         }
         engines.sort_by_key(|engine| engine.engine);
-        engines.iter_mut().for_each(EngineReport::conclude);
-        Ok(Self::judge(&about, parameters, engines))
+        for engine in &mut engines {
+            engine.conclude(until + 1, &about);
+        }
+        let ours = engines
+            .iter_mut()
+            .find(|engine| engine.engine == Engine::Whitstone);
+        if let (Some((parameter, _)), Some(ours)) = (&refused, ours) {
+            let last = parameters.iter().position(|known| known == parameter);
+            parameters.truncate(last.map_or(parameters.len(), |last| last + 1));
+            if ours.frontier.is_none() {
+                ours.frontier = Some(*parameter);
+                ours.limit = Some(Limit::Refused);
+            }
+        }
+        let mut report = Self::judge(&about, parameters, engines, until + 1);
+        report.refusal = refused.map(|(_, problem)| problem);
+        Ok(report)
     }
 
-    fn judge(about: &About, parameters: Vec<f64>, engines: Vec<EngineReport>) -> Self {
+    fn judge(about: &About, parameters: Vec<f64>, engines: Vec<EngineReport>, within: usize) -> Self {
         let of = |engine| {
             engines
                 .iter()
@@ -131,16 +177,17 @@ impl FamilyReport {
             .is_some_and(|report| !report.passes)
             || of(Engine::NaiveF32)
                 .filter(takes_part)
-                .is_some_and(|report| report.frontier.is_some());
+                .is_some_and(|report| report.usable_steps < within);
         let ours = of(Engine::Whitstone);
-        let theirs = [Engine::Mitsuba, Engine::Embree].map(|engine| of(engine).filter(takes_part));
-        let farthest = theirs
-            .into_iter()
-            .flatten()
-            .map(|report| report.usable_steps)
-            .max();
+        let others = engines.iter().filter(|report| report.engine != Engine::Whitstone);
+        let farthest = others.filter(takes_part).map(|report| report.usable_steps).max();
+        let worse_at = ours
+            .zip(of(Engine::NaiveF64))
+            .and_then(|(ours, textbook)| first_worse(ours, textbook, about.floor));
         let verdict = if !ours.is_some_and(|report| report.passes) {
             Verdict::Fails
+        } else if worse_at.is_some() {
+            Verdict::Worse
         } else if ours
             .zip(farthest)
             .is_some_and(|(ours, farthest)| ours.usable_steps < farthest)
@@ -159,6 +206,9 @@ impl FamilyReport {
             pass_level: about.promise.to_owned(),
             usable_level: about.usable,
             parameters,
+            reach: about.reach,
+            worse_at,
+            refusal: None,
             engines,
             naive_fails,
             verdict,
@@ -171,19 +221,65 @@ impl FamilyReport {
         all.any(|report| report.engine == engine && !report.steps.is_empty())
     }
 
-    /// The frontier of an engine as text.
+    /// The frontier of an engine as text, with its reason if that is known.
     pub fn frontier(&self, engine: Engine) -> String {
         let report = self.engines.iter().find(|report| report.engine == engine);
-        match report {
-            Some(report) if report.steps.is_empty() => "–".to_owned(),
-            Some(EngineReport {
-                frontier: Some(parameter),
-                ..
-            }) => format!("{parameter:.0e}"),
-            Some(_) => "none".to_owned(),
-            None => "–".to_owned(),
+        let Some(report) = report else {
+            return "–".to_owned();
+        };
+        if report.steps.is_empty() {
+            let why = report.absent.as_deref().unwrap_or_default();
+            return if why.starts_with(NO_TWIN) {
+                "not offered"
+            } else {
+                "–"
+            }
+            .to_owned();
         }
+        let Some(parameter) = report.frontier else {
+            return "none".to_owned();
+        };
+        let mut text = match report.usable_steps {
+            0 => "first step".to_owned(),
+            _ => format!("{parameter:.0e}"),
+        };
+        if let Some(limit) = report.limit {
+            text += &format!(" ({})", limit.name());
+        }
+        if let Some(again) = report.usable_again {
+            text += &format!(", usable again at {again:.0e}");
+        }
+        text
     }
+}
+
+/// Compares errors in units in the last place times the condition number where both have them,
+/// otherwise in the measure of the promise.
+fn is_error_worse(ours: &Step, textbook: &Step, floor: f64) -> bool {
+    let (ours, textbook, floor) = match (ours.own_ulps, textbook.own_ulps) {
+        (Some([_, ours]), Some([_, textbook])) => (ours, textbook, ULPS),
+        _ => (ours.strict, textbook.strict, floor),
+    };
+    ours > floor && ours > WORSE * textbook
+}
+
+/// The accepted error in units in the last place times the condition number.
+const ULPS: f64 = 4.0;
+
+/// The start of the reason why an engine takes no part if it has no such feature.
+pub(crate) const NO_TWIN: &str = "no twin";
+
+/// The first step at which Whitstone is much worse than a textbook formula.
+fn first_worse(ours: &EngineReport, textbook: &EngineReport, floor: f64) -> Option<f64> {
+    let mut pairs = ours.steps.iter().zip(&textbook.steps);
+    let is_worse = |(ours, textbook): &(&Step, &Step)| {
+        // The errors of answers of the right class only compare if both have as many.
+        let as_many = ours.failures + ours.nonfinite >= textbook.failures + textbook.nonfinite;
+        ours.failures - ours.excused > textbook.failures
+            || ours.nonfinite > textbook.nonfinite
+            || as_many && is_error_worse(ours, textbook, floor)
+    };
+    pairs.find(is_worse).map(|(ours, _)| ours.parameter)
 }
 
 impl EngineReport {
@@ -192,37 +288,69 @@ impl EngineReport {
             engine,
             frontier: None,
             usable_steps: 0,
+            usable_again: None,
+            limit: None,
             steps: Vec::new(),
             passes: false,
             absent: None,
         }
     }
 
-    fn conclude(&mut self) {
+    /// `within` is the number of steps at which the promise must hold.
+    fn conclude(&mut self, within: usize, about: &About) {
         // An engine that cannot take every step takes no part: its frontier would be meaningless.
         if self.absent.is_some() {
             self.steps.clear();
         }
-        self.passes =
-            !self.steps.is_empty() && self.absent.is_none() && self.steps.iter().all(|step| step.passes);
+        // The steps up to the reach must be usable, too: an excused answer is not.
+        let mut promised = self.steps.iter().take(within);
+        self.passes = !self.steps.is_empty() && promised.all(|step| step.passes && step.usable);
         self.usable_steps = self.steps.iter().take_while(|step| step.usable).count();
-        self.frontier = self.steps.get(self.usable_steps).map(|step| step.parameter);
+        let Some(first) = self.steps.get(self.usable_steps) else {
+            return;
+        };
+        self.frontier = Some(first.parameter);
+        let again = self.steps[self.usable_steps..].iter().find(|step| step.usable);
+        self.usable_again = again.map(|step| step.parameter);
+        self.limit = first.limit();
+        if self.engine == Engine::Whitstone && self.limit.is_none() {
+            self.limit = about.limit;
+        }
     }
 }
 
+/// Largest error, in units in the last place, of an answer that is as good as its format can hold.
+const OF_FORMAT: f64 = 16.0;
+
 impl Step {
     fn new(parameter: f64, sample: Sample, about: &About) -> Self {
-        let sound = sample.failures == 0 && sample.nonfinite == 0;
+        let finite = sample.nonfinite == 0;
         Self {
             parameter,
+            excused: sample.excused,
+            own_ulps: sample.own_ulps,
             error: sample.error,
             strict: sample.strict,
             failures: sample.failures,
             nonfinite: sample.nonfinite,
             ns_per_op: sample.ns_per_op,
-            passes: sound && sample.strict <= about.pass,
-            usable: sound && sample.error <= about.usable,
+            passes: finite && sample.failures == sample.excused && sample.strict <= about.pass,
+            usable: finite && sample.failures == 0 && sample.error <= about.usable,
         }
+    }
+
+    /// The reason why it is unusable, if it is measured.
+    fn limit(&self) -> Option<Limit> {
+        let [ulps, by_condition] = self.own_ulps?;
+        Some(if self.failures > self.excused || self.nonfinite > 0 {
+            Limit::Method
+        } else if self.failures == 0 && ulps <= OF_FORMAT {
+            Limit::Format
+        } else if by_condition <= OF_FORMAT {
+            Limit::Condition
+        } else {
+            Limit::Method
+        })
     }
 }
 
@@ -231,6 +359,7 @@ impl fmt::Display for Verdict {
         f.write_str(match self {
             Self::Pass => "pass",
             Self::Fails => "FAILS",
+            Self::Worse => "WORSE",
             Self::Behind => "BEHIND",
             Self::Vacuous => "VACUOUS",
         })
@@ -243,7 +372,8 @@ impl Engine {
             Self::Whitstone => "Whitstone",
             Self::Mitsuba => "Mitsuba",
             Self::Embree => "Embree",
-            naive => naive.name(),
+            Self::NaiveF64 => "textbook f64",
+            Self::NaiveF32 => "textbook f32",
         }
     }
 }
@@ -287,27 +417,66 @@ pub fn table(reports: &[FamilyReport]) -> String {
     text
 }
 
-/// Frontiers of Whitstone and of the third-party engines, in the families where one of these takes
-/// part.
+/// Frontiers of all engines, in the families where a third-party one takes part.
 pub fn headline(reports: &[FamilyReport]) -> String {
-    let engines = shown([Engine::Whitstone, Engine::Mitsuba, Engine::Embree], reports);
+    let third_party = [Engine::Mitsuba, Engine::Embree];
+    let engines = shown(
+        [
+            Engine::Whitstone,
+            Engine::NaiveF64,
+            Engine::Mitsuba,
+            Engine::Embree,
+            Engine::NaiveF32,
+        ],
+        reports,
+    );
     let after = |first: [String; 2], cells: Vec<String>| row(first.into_iter().chain(cells));
-    let titles = engines
-        .iter()
-        .map(|engine| format!("frontier of {}", engine.title()));
+    let titles = engines.iter().map(|engine| engine.title().to_owned());
     let first = ["family", "parameter and its range"].map(str::to_owned);
     let mut text = after(first, titles.collect()) + &rule(engines.len() + 2);
     for report in reports {
         let (Some(from), Some(to)) = (report.parameters.first(), report.parameters.last()) else {
             continue;
         };
-        if engines[1..].iter().any(|engine| report.takes_part(*engine)) {
+        if third_party.iter().any(|engine| report.takes_part(*engine)) {
             let what = format!("{}: {from:.0e} to {to:.0e}", report.parameter);
             let frontiers = engines.iter().map(|engine| report.frontier(*engine)).collect();
             text += &after([report.family.clone(), what], frontiers);
         }
     }
     text
+}
+
+/// The price of each method: time per ray of Whitstone and of the textbook formula in double
+/// precision, each the median of the steps up to the reach, and their quotient. A family with
+/// several shapes has the longest time of them.
+pub fn price(reports: &[FamilyReport]) -> String {
+    let titles = ["family", "Whitstone, ns", "textbook f64, ns", "factor"];
+    let mut text = row(titles.map(str::to_owned)) + &rule(titles.len());
+    for report in reports {
+        let median = |engine| {
+            let found = report.engines.iter().find(|known| known.engine == engine)?;
+            let until = report
+                .parameters
+                .iter()
+                .position(|known| is_close(*known, report.reach))?;
+            let steps = found.steps.iter().take(until + 1);
+            let mut times: Vec<f64> = steps.filter_map(|step| step.ns_per_op).collect();
+            times.sort_by(f64::total_cmp);
+            times.get(times.len() / 2).copied()
+        };
+        if let (Some(ours), Some(textbook)) = (median(Engine::Whitstone), median(Engine::NaiveF64)) {
+            let numbers = [ours, textbook].map(|ns| format!("{ns:.0}"));
+            let factor = format!("{:.1}", ours / textbook);
+            text += &row([report.family.clone()].into_iter().chain(numbers).chain([factor]));
+        }
+    }
+    text
+}
+
+/// Whether a step is the one that a family declares.
+fn is_close(parameter: f64, declared: f64) -> bool {
+    (parameter / declared - 1.0).abs() < 1e-9
 }
 
 #[cfg(test)]
@@ -327,6 +496,9 @@ mod tests {
                     promise: "1",
                     pass: 1.0,
                     usable: 10.0,
+                    reach: 100.0,
+                    floor: 0.1,
+                    limit: None,
                 }
             }
             fn parameters(&self) -> Vec<f64> {
@@ -372,6 +544,31 @@ mod tests {
     }
 
     #[test]
+    fn much_worse_than_the_textbook_is_a_failure() {
+        use Engine::{NaiveF32, NaiveF64, Whitstone};
+        let single = (NaiveF32, [20.0; 3]);
+        // 4 times the error of the textbook, or the floor of 0.1.
+        let report = judged([(Whitstone, [0.1, 0.4, 0.0]), (NaiveF64, [0.0, 0.1, 0.0]), single]);
+        assert_eq!((report.verdict, report.worse_at), (Verdict::Pass, None));
+        let report = judged([(Whitstone, [0.0, 0.41, 0.0]), (NaiveF64, [0.0, 0.1, 0.0]), single]);
+        assert_eq!((report.verdict, report.worse_at), (Verdict::Worse, Some(10.0)));
+        // A textbook that gets further.
+        let report = judged([(Whitstone, [0.0, 0.0, 1.0]), (NaiveF64, [0.5; 3]), single]);
+        assert_eq!(report.verdict, Verdict::Pass);
+    }
+
+    #[test]
+    fn frontiers_say_whether_the_curve_is_monotonic() {
+        use Engine::{Mitsuba, NaiveF32, Whitstone};
+        let report = judged([
+            (Whitstone, [0.0; 3]),
+            (Mitsuba, [0.0, 20.0, 1.0]),
+            (NaiveF32, [20.0; 3]),
+        ]);
+        assert_eq!(report.frontier(Mitsuba), "1e1, usable again at 1e2");
+    }
+
+    #[test]
     fn a_picture_has_every_engine() {
         use Engine::{Mitsuba, NaiveF32, Whitstone};
         let report = judged([
@@ -390,9 +587,10 @@ mod tests {
         }
         assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
         assert!(
-            headline(std::slice::from_ref(&report)).contains("| fixed | nothing: 1e0 to 1e2 | none | 1e2 |")
+            headline(std::slice::from_ref(&report))
+                .contains("| fixed | nothing: 1e0 to 1e2 | none | – | 1e2 | first step |")
         );
-        assert!(table(&[report]).contains("| none | 1e2 | – | 1e0 | pass |"));
+        assert!(table(&[report]).contains("| none | 1e2 | – | first step | pass |"));
     }
 
     #[test]
@@ -404,10 +602,12 @@ mod tests {
         let one = std::slice::from_ref(&report);
         assert_eq!(
             table(one).lines().next(),
-            Some("| family | parameter | Whitstone | Mitsuba | Embree | naive f64 | naive f32 | verdict |")
+            Some(
+                "| family | parameter | Whitstone | Mitsuba | Embree | textbook f64 | textbook f32 | verdict |"
+            )
         );
-        assert!(table(one).contains("| none | – | 1e1 | – | 1e0 | pass |"));
-        assert!(headline(one).contains("| none | – | 1e1 |"));
+        assert!(table(one).contains("| none | – | 1e1 | – | first step | pass |"));
+        assert!(headline(one).contains("| none | – | – | 1e1 | first step |"));
         assert!(crate::plot::svg(&report).contains("embree (frontier 1e1)"));
     }
 }

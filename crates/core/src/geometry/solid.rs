@@ -24,6 +24,11 @@ pub struct Span {
 /// The intervals of a line inside a solid: ascending, non-empty, without common points.
 pub type Spans = SmallVec<[Span; 4]>;
 
+/// The ends of spans in order, entries and exits in turn.
+pub fn ends(spans: &[Span]) -> SmallVec<[ShapeHit; 8]> {
+    spans.iter().flat_map(|span| [span.enter, span.exit]).collect()
+}
+
 impl Span {
     /// `None` if the interval is empty.
     #[inline]

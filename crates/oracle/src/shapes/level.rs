@@ -30,6 +30,10 @@ const CUT: f64 = 0.487_3;
 const FAST: f64 = 1e-9;
 /// The same limit for arbitrary precision: below it, the line touches the surface.
 const LEAST: f64 = 1e-25;
+/// Maximum number of intervals of a line that are examined in doubles, and in arbitrary precision.
+/// Where the function is almost 0 along the whole line, for example in a plateau at the iso value,
+/// neither intervals nor slopes decide, however short they are. The line then has no answer.
+const MOST: [u32; 2] = [1 << 17, 1 << 9];
 
 /// A function that is negative inside.
 pub(crate) trait Level: Send + Sync {
@@ -67,6 +71,7 @@ impl<L: Level> LevelSet<L> {
         let fast = [&line.origin, &line.direction].map(|v| v.0.each_ref().map(Fast::of));
         let exact = [&line.origin.0, &line.direction.0];
         let mut found = Vec::new();
+        let mut left = MOST;
         let mut stack = vec![[from, to]];
         while let Some([a, b]) = stack.pop() {
             let (doubles, digits) = (
@@ -74,8 +79,10 @@ impl<L: Level> LevelSet<L> {
                 |t: &Interval| self.along(exact, t),
             );
             let size = a.abs().max(b.abs());
+            left[0] = left[0].checked_sub(1).ok_or(Undecided)?;
             let mut look = look(&doubles, [a, b], |t| Fast::new(t, t));
             if look == Look::Cut && b - a <= FAST * size {
+                left[1] = left[1].checked_sub(1).ok_or(Undecided)?;
                 look = self::look(&digits, [a, b], |t| line.number(t));
                 if look == Look::Cut && b - a <= LEAST.max(4.0 * f64::EPSILON * size) {
                     return Err(Undecided);

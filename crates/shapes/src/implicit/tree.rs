@@ -616,6 +616,35 @@ impl Field {
         }
     }
 
+    /// Number of turns by which the field is twisted inside a box, of all its twists together.
+    pub(crate) fn turns(&self, region: Point<Enclosure>) -> f64 {
+        match self {
+            Self::Sphere { .. }
+            | Self::Box { .. }
+            | Self::Torus { .. }
+            | Self::Capsule { .. }
+            | Self::Plane { .. }
+            | Self::Metaballs { .. } => 0.0,
+            Self::Union { of, .. } | Self::Intersection { of } | Self::Difference { of } => {
+                of.iter().map(|field| field.turns(region)).sum()
+            }
+            Self::Moved { by, of } => of.turns(shift(region, *by)),
+            Self::Turned { back, of } => of.turns(back.map(|row| dot(&region, row))),
+            Self::Scaled { by, of } => of.turns(region.map(|range| range.times(1.0 / by))),
+            Self::Twisted { rate, of } => {
+                let radius = region[0].reach().hypot(region[1].reach());
+                let round = Enclosure::new(-radius, radius);
+                let height = region[2].hi - region[2].lo;
+                let own = rate.abs() * height / std::f64::consts::TAU;
+                own + of.turns([round, round, region[2]])
+            }
+            Self::Repeated { offsets, of } => {
+                let all = offsets.iter().map(|offset| of.turns(shift(region, *offset)));
+                all.fold(0.0, f64::max)
+            }
+        }
+    }
+
     /// Lipschitz bound per metre inside a box.
     pub(crate) fn steepest(&self, region: Point<Enclosure>) -> f64 {
         let all = |of: &[Self]| of.iter().map(|field| field.steepest(region)).fold(0.0, f64::max);

@@ -13,6 +13,12 @@ pub(crate) trait Along {
 
     /// Classifies the function on the range from `lo` to `hi`.
     fn over(&self, lo: f64, hi: f64) -> RootCount;
+
+    /// Number of ranges examined at full resolution. After that, ranges not wider than [`COARSE`]
+    /// are searched for a single root.
+    fn steps(&self) -> u32 {
+        STEPS
+    }
 }
 
 /// Classification of a function on a range.
@@ -34,10 +40,9 @@ pub(crate) struct Crossing {
     pub enters: bool,
 }
 
-/// Number of ranges examined at full resolution. After that, ranges not wider than [`COARSE`] are
-/// searched for a single root.
-const STEPS: u32 = 1 << 13;
-/// Minimum interval width once [`STEPS`] is exhausted.
+/// The default of [`Along::steps`].
+pub(crate) const STEPS: u32 = 1 << 13;
+/// Minimum interval width once [`Along::steps`] are exhausted.
 ///
 /// Without slope bounds (e.g. along a mandelbulb's axis) the subdivision budget is spent in one
 /// place. Later intervals as narrow as this are still examined.
@@ -53,7 +58,7 @@ const REFINEMENTS: u32 = 159;
 /// Calls `visit` for every crossing in order, until it breaks; returns the number of ranges
 /// examined.
 ///
-/// Crossings alternate. At most [`STEPS`] + 2^15 + [`DEPTH`] + 1 ranges are examined, and
+/// Crossings alternate. At most [`Along::steps`] + 2^15 + [`DEPTH`] + 1 ranges are examined, and
 /// [`REFINEMENTS`] values per crossing.
 pub(crate) fn crossings(f: &impl Along, mut visit: impl FnMut(Crossing) -> ControlFlow<()>) -> u32 {
     // Stack of pending ranges: the current one reaches from `lo` to the last end, the next one from
@@ -61,10 +66,11 @@ pub(crate) fn crossings(f: &impl Along, mut visit: impl FnMut(Crossing) -> Contr
     let mut ends = [1.0; DEPTH + 1];
     let (mut last, mut lo, mut steps) = (0, 0.0, 0);
     let mut inside = f.at(lo).0 < 0.0;
+    let most = f.steps();
     loop {
         let hi = ends[last];
         steps += 1;
-        let narrowest = if steps > STEPS { COARSE } else { NARROWEST };
+        let narrowest = if steps > most { COARSE } else { NARROWEST };
         let known = if hi - lo <= narrowest {
             RootCount::AtMostOne
         } else {

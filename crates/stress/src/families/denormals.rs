@@ -33,6 +33,9 @@ const fn almost_zero(scene: fn(f64) -> String) -> RayFamily {
             promise: "16 ulp x condition, no wrong class",
             pass: 16.0,
             usable: 1e-3,
+            reach: 1e-320,
+            floor: 4.0,
+            limit: None,
         },
         parameters: || {
             let all = [
@@ -84,6 +87,9 @@ const fn almost_nothing(scene: fn(f64) -> String) -> RayFamily {
             promise: "16 ulp x condition, no wrong class down to 1e-70 m; a triangle below 1e-77 m has no normal",
             pass: 16.0,
             usable: 1e-3,
+            reach: 1e-70,
+            floor: 4.0,
+            limit: None,
         },
         parameters: || vec![1.0, 1e-10, 1e-20, 1e-30, 1e-40, 1e-50, 1e-60, 1e-70],
         scene,

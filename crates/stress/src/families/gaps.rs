@@ -2,7 +2,7 @@
 //! mirrors, leaks of closed meshes.
 
 use crate::lab::{rows, single, textbook_of, tree};
-use crate::{About, Answer, Engine, Family, Lab, Sample, decades};
+use crate::{About, Answer, Engine, Family, Lab, Limit, Sample, decades};
 use rayon::prelude::*;
 use serde_json::json;
 use whitstone_core::{DVec3, Interval, LoweredShape, Ray, SelfHitFilter};
@@ -11,8 +11,17 @@ use whitstone_oracle::optics::power;
 use whitstone_render::Pipeline;
 use whitstone_testkit::Random;
 
-/// Textbook spawn offset along the direction of a ray.
-const EPSILON: f64 = 1e-4;
+/// Textbook spawn offset along the direction of a ray, for scenes of about a metre: a thousand
+/// units in the last place. In single precision this is the usual 1e-4.
+pub(crate) fn offset<R: Real>() -> R {
+    let is_single = R::of(1.0 + f64::EPSILON).to_f64() == 1.0;
+    let spacing = if is_single {
+        f64::from(f32::EPSILON)
+    } else {
+        f64::EPSILON
+    };
+    R::of(1024.0 * spacing)
+}
 
 /// A rectangle that almost lies on another: its shadow must exist, and must end at the right place.
 pub(crate) struct ShadowGap;
@@ -61,11 +70,14 @@ impl Family for ShadowGap {
             promise: "no wrong answer",
             pass: 0.0,
             usable: 0.0,
+            reach: 1e-13,
+            floor: 0.0,
+            limit: Some(Limit::Format),
         }
     }
 
     fn parameters(&self) -> Vec<f64> {
-        decades(-1, -13)
+        decades(-1, -18)
     }
 
     fn step(&self, gap: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
@@ -113,7 +125,7 @@ impl Family for ShadowGap {
 
 /// Whether a ray straight up from `place`, with a constant offset, hits the blocker.
 fn shaded<R: Real>(blocker: &dyn Textbook<R>, place: DVec3) -> bool {
-    let origin = (place + EPSILON * DVec3::Z).to_array().map(R::of);
+    let origin = (place + offset::<R>().to_f64() * DVec3::Z).to_array().map(R::of);
     blocker.intersect(origin, [0.0, 0.0, 1.0].map(R::of)).is_some()
 }
 
@@ -139,11 +151,14 @@ impl Family for ThinPane {
             promise: "two faces, 1e-12",
             pass: 1e-12,
             usable: 1e-3,
+            reach: 1e-10,
+            floor: 4.0 * f64::EPSILON,
+            limit: None,
         }
     }
 
     fn parameters(&self) -> Vec<f64> {
-        decades(0, -10)
+        decades(0, -18)
     }
 
     fn step(&self, thickness: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
@@ -203,13 +218,13 @@ impl ThinPane {
 }
 
 /// Number of faces that a ray meets; it continues from each one with a constant offset.
-fn faces_met<R: Real>(shape: &dyn Textbook<R>, ray: &Ray) -> u64 {
+pub(crate) fn faces_met<R: Real>(shape: &dyn Textbook<R>, ray: &Ray) -> u64 {
     let mut origin = ray.origin.to_array().map(R::of);
     let direction = ray.direction.to_array().map(R::of);
     let mut faces = 0;
     while let Some(t) = shape.intersect(origin, direction).filter(|_| faces < 8) {
         faces += 1;
-        let on = t + R::of(EPSILON);
+        let on = t + offset::<R>();
         origin = [0, 1, 2].map(|i| origin[i] + on * direction[i]);
     }
     faces
@@ -231,11 +246,14 @@ impl Family for ParallelMirrors {
             promise: "all reflections, 1e-12",
             pass: 1e-12,
             usable: 1e-3,
+            reach: 1e-6,
+            floor: 1e-12,
+            limit: Some(Limit::Format),
         }
     }
 
     fn parameters(&self) -> Vec<f64> {
-        decades(0, -6)
+        decades(0, -17)
     }
 
     fn step(&self, spacing: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
@@ -298,7 +316,7 @@ fn reflections<R: Real>(scene: &str, ray: &Ray) -> Result<u64, String> {
         count += 1;
         origin = [0, 1, 2].map(|i| origin[i] + t * direction[i]);
         direction[2] = -direction[2];
-        origin[2] = origin[2] + R::of(EPSILON) * direction[2];
+        origin[2] = origin[2] + offset::<R>() * direction[2];
     }
     Ok(count)
 }
@@ -320,11 +338,14 @@ impl Family for Leaks {
             promise: "no leak, with any accelerator",
             pass: 0.0,
             usable: 0.0,
+            reach: 1e6,
+            floor: 0.0,
+            limit: Some(Limit::Format),
         }
     }
 
     fn parameters(&self) -> Vec<f64> {
-        decades(0, 6)
+        decades(0, 16)
     }
 
     fn step(&self, offset: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
@@ -413,8 +434,14 @@ fn aim(pipeline: &Pipeline, center: DVec3, count: usize, random: &mut Random) ->
         };
         let out = (target - center) * DVec3::new(1.0, 1.0, 0.0);
         let origin = center + 0.7 * out.normalize() + 0.05 * random.cube();
-        let origin = origin.as_vec3().as_dvec3();
-        single(origin, target - origin)
+        // Beyond this distance, coordinates in single precision cannot lie in the tube.
+        match center.x > 1e6 {
+            true => Ray::new(origin, target - origin),
+            false => {
+                let origin = origin.as_vec3().as_dvec3();
+                single(origin, target - origin)
+            }
+        }
     });
     Ok(rays.collect())
 }

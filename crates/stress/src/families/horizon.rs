@@ -48,12 +48,15 @@ impl Family for Horizon {
             promise: "1/255 with either filter, no NaN or infinity",
             pass: 1.0 / 255.0,
             usable: 0.05,
+            reach: 1e-12,
+            floor: 1.0 / 255.0,
+            limit: None,
         }
     }
 
     fn parameters(&self) -> Vec<f64> {
         // The first step has pixels a third of a square wide and ten squares long.
-        std::iter::once(3e-2).chain(decades(-2, -12)).collect()
+        std::iter::once(3e-2).chain(decades(-2, -18)).collect()
     }
 
     fn step(&self, slope: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {

@@ -1,8 +1,9 @@
 //! Optics at surfaces: indices close to 1, the critical angle, sharp highlights, strong absorption,
 //! close light sources.
 
+use crate::families::gaps::offset;
 use crate::lab::{radiance, tree};
-use crate::{About, Answer, Engine, Family, Lab, Sample, decades};
+use crate::{About, Answer, Engine, Family, Lab, Limit, Sample, decades};
 use serde_json::json;
 use whitstone_core::{DVec3, Ray};
 use whitstone_oracle::naive::Real;
@@ -47,15 +48,21 @@ impl Family for IndexNearOne {
             promise: "1e-12",
             pass: 1e-12,
             usable: 1e-2,
+            reach: 1e-12,
+            floor: 4.0 * f64::EPSILON,
+            limit: Some(Limit::Format),
         }
     }
 
     fn parameters(&self) -> Vec<f64> {
-        decades(-1, -12)
+        decades(-1, -17)
     }
 
     fn step(&self, parameter: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
         let ior = 1.0 + parameter;
+        if ior == 1.0 {
+            return Err("the index of refraction rounds to 1".to_owned());
+        }
         let pipeline = lab.pipeline(&format!(
             "integrator = {{ type = \"whitted\", max_depth = 1 }}\n[[light]]\ntype = \"background\"\nradiance = 1\n\
              [[shape]]\ntype = \"rectangle\"\nmaterial = {{ type = \"dielectric\", interior_ior = {ior:?} }}\n"
@@ -114,11 +121,14 @@ impl Family for CriticalAngle {
             promise: "16 ulp x condition (1 + 1/cos²), right class",
             pass: 16.0,
             usable: 1e-2,
+            reach: 1e-12,
+            floor: 4.0,
+            limit: Some(Limit::Condition),
         }
     }
 
     fn parameters(&self) -> Vec<f64> {
-        decades(-1, -12)
+        decades(-1, -16)
     }
 
     fn step(&self, parameter: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
@@ -155,11 +165,15 @@ impl Family for CriticalAngle {
             }
             sample
         };
-        let ours = judged(&mut |number| {
+        let mut ours = judged(&mut |number| {
             let nodes = tree(&pipeline, &Ray::new(-directions[number], directions[number]));
             let out = nodes.iter().find(|node| node.path == "T");
             out.map(|node| 1.0 / node.t)
         });
+        // So close to the critical angle, a few roundings of the direction decide the class.
+        if parameter < 16.0 * f64::EPSILON {
+            ours.excused = ours.failures;
+        }
         let cosines: Vec<f64> = directions.iter().map(|direction| direction.z).collect();
         let theirs = mitsuba(lab, &cosines, 0.5)
             .map(|all| judged(&mut |number| all[number].map(|[_, cosine]| cosine)));
@@ -187,11 +201,14 @@ impl Family for PhongExponent {
             promise: "1e-7",
             pass: 1e-7,
             usable: 1e-3,
+            reach: 1e8,
+            floor: 4.0 * f64::EPSILON,
+            limit: Some(Limit::Condition),
         }
     }
 
     fn parameters(&self) -> Vec<f64> {
-        decades(0, 8)
+        decades(0, 17)
     }
 
     fn step(&self, exponent: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
@@ -255,15 +272,18 @@ impl Family for Absorption {
             promise: "16 ulp x depth, or exactly 0 below the smallest double",
             pass: 16.0,
             usable: 1e-3,
+            reach: 1e6,
+            floor: 4.0,
+            limit: None,
         }
     }
 
     fn parameters(&self) -> Vec<f64> {
-        decades(0, 6)
+        decades(0, 8)
     }
 
     fn step(&self, depth: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
-        let [mut ours, mut single] = [Sample::default(); 2];
+        let [mut ours, mut double, mut single] = [Sample::default(); 3];
         for part in [1.0, 0.77, 0.5, 0.3] {
             let sigma = depth * part;
             let pipeline = lab.pipeline(&format!(
@@ -287,6 +307,7 @@ impl Family for Absorption {
                 sample.strict = sample.strict.max(error / (f64::EPSILON * sigma.max(1.0)));
             };
             judge(&mut ours, through / (0.96 * 0.96));
+            judge(&mut double, (-sigma).exp());
             judge(&mut single, f64::from((-sigma as f32).exp()));
         }
         Ok(vec![
@@ -295,6 +316,7 @@ impl Family for Absorption {
                 Engine::Mitsuba,
                 Err("absorption is a formula of the driver".to_owned()),
             ),
+            (Engine::NaiveF64, Ok(double)),
             (Engine::NaiveF32, Ok(single)),
         ])
     }
@@ -313,11 +335,14 @@ impl Family for NearLamp {
             promise: "1e-9 down to 1e-6, as coordinates of a metre have 1e-16",
             pass: 1e-9,
             usable: 1e-2,
+            reach: 1e-6,
+            floor: 4.0 * f64::EPSILON,
+            limit: Some(Limit::Format),
         }
     }
 
     fn parameters(&self) -> Vec<f64> {
-        decades(-1, -6)
+        decades(-1, -17)
     }
 
     fn step(&self, height: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
@@ -358,7 +383,7 @@ fn naive_lamp<R: Real>(ray: &Ray, lamp: f64, level: f64) -> f64 {
     );
     let t = (R::of(level) - o[2]) / d[2];
     let [x, y, z] = [0, 1, 2].map(|i| o[i] + t * d[i]);
-    let up = R::of(lamp) - (z + R::of(1e-4));
+    let up = R::of(lamp) - (z + offset::<R>());
     let square = x * x + y * y + up * up;
     (up / (square * square.sqrt())).to_f64()
 }

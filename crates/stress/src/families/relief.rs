@@ -51,11 +51,14 @@ impl Family for Relief {
             promise: "1e-12",
             pass: 1e-12,
             usable: 1e-3,
+            reach: 1e3,
+            floor: 4.0 * f64::EPSILON,
+            limit: None,
         }
     }
 
     fn parameters(&self) -> Vec<f64> {
-        decades(-12, 3)
+        decades(-12, 17)
     }
 
     fn step(&self, amplitude: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {

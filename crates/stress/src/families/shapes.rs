@@ -1,7 +1,7 @@
 //! Slivers, thin cylinders, thin tori and stretched instances.
 
 use crate::lab::single;
-use crate::rays::{RayFamily, clear, past};
+use crate::rays::{RayFamily, clear, past, past_in_double};
 use crate::{About, decades};
 use whitstone_core::{DMat3, DVec3, Ray};
 use whitstone_testkit::Random;
@@ -16,8 +16,11 @@ pub(crate) static SLIVER: RayFamily = RayFamily {
         promise: "16 ulp x condition, no wrong class",
         pass: 16.0,
         usable: 1e-3,
+        reach: 1e8,
+        floor: 4.0,
+        limit: None,
     },
-    parameters: || decades(0, 8),
+    parameters: || decades(0, 17),
     scene: |aspect| {
         let [a, b, c] = sliver(aspect).map(|corner| format!("{:?}", corner.to_array()));
         format!("[[shape]]\ntype = \"triangle\"\nvertices = [{a}, {b}, {c}]\n")
@@ -38,11 +41,19 @@ pub(crate) static SLIVER: RayFamily = RayFamily {
     one_measure: false,
 };
 
-/// Vertices that are exact in single precision.
+/// Vertices that are exact in single precision, up to the aspect ratio at which it would make them
+/// collinear.
 fn sliver(aspect: f64) -> [DVec3; 3] {
     let turn = DMat3::from_axis_angle(DVec3::new(1.0, -2.0, 0.5).normalize(), 0.7);
     let corners = [DVec3::ZERO, DVec3::X, DVec3::new(0.5, 1.0 / aspect, 0.0)];
-    corners.map(|corner| (turn * corner + DVec3::new(0.3, 0.2, -0.1)).as_vec3().as_dvec3())
+    corners.map(|corner| {
+        let corner = turn * corner + DVec3::new(0.3, 0.2, -0.1);
+        if aspect > 1e8 {
+            corner
+        } else {
+            corner.as_vec3().as_dvec3()
+        }
+    })
 }
 
 /// A thin cylinder, hit from the side.
@@ -55,8 +66,11 @@ pub(crate) static THIN_CYLINDER: RayFamily = RayFamily {
         promise: "8 ulp x condition, no wrong class",
         pass: 8.0,
         usable: 1e-1,
+        reach: 1e-8,
+        floor: 4.0,
+        limit: None,
     },
-    parameters: || decades(-1, -8),
+    parameters: || decades(-1, -18),
     scene: |radius| {
         let radius = f64::from(radius as f32);
         format!("[[shape]]\ntype = \"cylinder\"\ncaps = false\nradius = {radius:?}\nz = [-1, 1]\n")
@@ -84,8 +98,11 @@ pub(crate) static APEX: RayFamily = RayFamily {
         promise: "8 ulp x condition, no wrong class",
         pass: 8.0,
         usable: 1e-1,
+        reach: 1e-12,
+        floor: 4.0,
+        limit: None,
     },
-    parameters: || decades(-1, -12),
+    parameters: || decades(-1, -18),
     scene: |_| "[[shape]]\ntype = \"cone\"\ncaps = false\nradii = [1, 0]\nz = [-1, 0]\n".to_owned(),
     ray: |distance, random| {
         // Below the apex at the origin the cone is as wide as it is deep; a third of the rays pass
@@ -110,8 +127,11 @@ pub(crate) static THIN_TORUS: RayFamily = RayFamily {
         promise: "1e-6 minor radii, no wrong class",
         pass: 1e-6,
         usable: 1e-1,
+        reach: 5e-6,
+        floor: 4.0 * f64::EPSILON,
+        limit: None,
     },
-    parameters: || decades(0, -5).into_iter().map(|tube| 0.5 * tube).collect(),
+    parameters: || decades(0, -17).into_iter().map(|tube| 0.5 * tube).collect(),
     scene: |tube| torus(f64::from(tube as f32)),
     ray: |tube, random| at_torus(4.0, tube, random),
     unit: |tube, _| tube,
@@ -128,8 +148,16 @@ pub(crate) static FAR_TORUS: RayFamily = RayFamily {
         promise: "1e-6 minor radii, no wrong class",
         pass: 1e-6,
         usable: 1e-2,
+        reach: 4e6,
+        floor: 4.0 * f64::EPSILON,
+        limit: None,
     },
-    parameters: || decades(0, 6).into_iter().map(|distance| 4.0 * distance).collect(),
+    parameters: || {
+        decades(0, 14)
+            .into_iter()
+            .map(|distance| 4.0 * distance)
+            .collect()
+    },
     scene: |_| torus(0.25),
     ray: |distance, random| at_torus(distance, 0.25, random),
     unit: |_, _| 0.25,
@@ -146,7 +174,12 @@ fn at_torus(distance: f64, tube: f64, random: &mut Random) -> Option<Ray> {
     let middle = DVec3::new(turn.cos(), turn.sin(), 0.0);
     let mut from = random.direction();
     from.z = from.z.abs() + 0.6;
-    let origin = (middle + distance * from.normalize()).as_vec3().as_dvec3();
+    let origin = middle + distance * from.normalize();
+    if distance > 1e7 {
+        // In single precision, no ray would meet the torus.
+        return past_in_double(middle, origin, 0.9 * tube * random.unit(), tube, random);
+    }
+    let origin = origin.as_vec3().as_dvec3();
     // At most 0.9 tube radii from the centre line: a hit. A ray that passes at a larger distance
     // may hit the other side; the oracle decides.
     past(middle, origin, 0.9 * tube * random.unit(), tube, random)
@@ -162,8 +195,11 @@ pub(crate) static CONDITION: RayFamily = RayFamily {
         promise: "16 ulp x condition, no wrong class",
         pass: 16.0,
         usable: 1e-3,
+        reach: 1e12,
+        floor: 4.0,
+        limit: None,
     },
-    parameters: || decades(0, 12),
+    parameters: || decades(0, 18),
     scene: |condition| {
         let root = condition.sqrt();
         format!(
@@ -194,8 +230,11 @@ pub(crate) static INSTANCE: RayFamily = RayFamily {
         promise: "16 ulp x condition, no wrong class",
         pass: 16.0,
         usable: 1e-3,
+        reach: 1e6,
+        floor: 4.0,
+        limit: None,
     },
-    parameters: || decades(0, 6),
+    parameters: || decades(0, 16),
     scene: |factor| {
         format!(
             "[[group.ball.shape]]\ntype = \"sphere\"\n[[shape]]\ntype = \"instance\"\ngroup = \"ball\"\ntransform = {{ scale = [{factor:?}, 1, {:?}] }}\n",
@@ -228,8 +267,17 @@ pub(crate) static LENGTH: RayFamily = RayFamily {
         promise: "8 ulp x condition, no wrong class",
         pass: 8.0,
         usable: 1e-3,
+        reach: 1e30,
+        floor: 4.0,
+        limit: None,
     },
-    parameters: || (0..=6).map(|number| 10f64.powi(5 * number)).collect(),
+    parameters: || {
+        // Squares of later lengths overflow.
+        let all = [
+            1e0, 1e5, 1e10, 1e15, 1e20, 1e25, 1e30, 1e60, 1e100, 1e150, 1e160, 1e200,
+        ];
+        all.to_vec()
+    },
     scene: |_| "[[shape]]\ntype = \"sphere\"\n".to_owned(),
     ray: |length, random| {
         let ray = past(DVec3::ZERO, 4.0 * random.direction(), clear(random), 1.0, random)?;

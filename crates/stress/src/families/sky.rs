@@ -70,6 +70,9 @@ const ABOUT: About = About {
     promise: "1e-12",
     pass: 1e-12,
     usable: 1e-2,
+    reach: 1e-15,
+    floor: 4.0 * f64::EPSILON,
+    limit: None,
 };
 
 impl Family for Sky {

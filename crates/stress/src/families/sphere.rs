@@ -1,9 +1,13 @@
 //! Spheres that are far away, huge, tangent to rays, or just in front of the camera.
 
 use crate::lab::single;
-use crate::rays::{RayFamily, clear, past};
+use crate::rays::{RayFamily, clear, past, past_in_double};
 use crate::{About, decades};
 use whitstone_core::{DVec3, Ray};
+
+/// Distances in radii beyond which coordinates in single precision cannot describe a sphere and a
+/// ray that meets it. Beyond it, the rays are exact in double precision only.
+const SINGLE: f64 = 1e8;
 
 const ULPS: &str = "8 ulp x condition, no wrong class";
 
@@ -17,12 +21,24 @@ pub(crate) static DISTANCE: RayFamily = RayFamily {
         promise: ULPS,
         pass: 8.0,
         usable: 1e-3,
+        reach: 2e7,
+        floor: 4.0,
+        limit: None,
     },
-    parameters: || decades(0, 7).into_iter().map(|distance| 2.0 * distance).collect(),
+    parameters: || {
+        decades(0, 16)
+            .into_iter()
+            .map(|distance| 2.0 * distance)
+            .collect()
+    },
     scene: |_| "[[shape]]\ntype = \"sphere\"\n".to_owned(),
     ray: |distance, random| {
         let origin = distance * random.direction();
-        past(DVec3::ZERO, origin, clear(random), 1.0, random)
+        let (miss, center) = (clear(random), DVec3::ZERO);
+        match distance > SINGLE {
+            true => past_in_double(center, origin, miss, 1.0, random),
+            false => past(center, origin, miss, 1.0, random),
+        }
     },
     unit: |_, _| 1.0,
     one_measure: false,
@@ -38,8 +54,11 @@ pub(crate) static PLANET: RayFamily = RayFamily {
         promise: ULPS,
         pass: 8.0,
         usable: 1e-3,
+        reach: 1e8,
+        floor: 4.0,
+        limit: None,
     },
-    parameters: || decades(0, 8),
+    parameters: || decades(0, 19),
     scene: |radius| {
         format!(
             "[[shape]]\ntype = \"sphere\"\ncenter = [0, {:?}, 0]\nradius = {radius:?}\n",
@@ -66,8 +85,11 @@ pub(crate) static TANGENT: RayFamily = RayFamily {
         promise: ULPS,
         pass: 8.0,
         usable: 1e-1,
+        reach: 1e-14,
+        floor: 4.0,
+        limit: None,
     },
-    parameters: || decades(-1, -14),
+    parameters: || decades(-1, -19),
     scene: |_| "[[shape]]\ntype = \"sphere\"\ncenter = [0, -1, 0]\n".to_owned(),
     ray: |height, random| {
         let side = if random.below(3) == 0 { 1.0 } else { -1.0 };
@@ -88,8 +110,11 @@ pub(crate) static NEAR: RayFamily = RayFamily {
         promise: ULPS,
         pass: 8.0,
         usable: 1e-3,
+        reach: 1e-9,
+        floor: 4.0,
+        limit: None,
     },
-    parameters: || decades(-1, -9),
+    parameters: || decades(-1, -19),
     scene: |_| "[[shape]]\ntype = \"sphere\"\ncenter = [0, -1, 0]\n".to_owned(),
     ray: |height, random| {
         let direction = random.direction();
@@ -110,8 +135,11 @@ pub(crate) static OFFSET: RayFamily = RayFamily {
         promise: ULPS,
         pass: 8.0,
         usable: 1e-3,
+        reach: 1e8,
+        floor: 4.0,
+        limit: None,
     },
-    parameters: || decades(0, 8),
+    parameters: || decades(0, 17),
     scene: |offset| {
         let [x, y, z] = place(offset).to_array();
         format!("[[shape]]\ntype = \"sphere\"\ncenter = [{x:?}, {y:?}, {z:?}]\n")
@@ -119,7 +147,12 @@ pub(crate) static OFFSET: RayFamily = RayFamily {
     ray: |offset, random| {
         let center = place(offset);
         // Coordinates that are exact in single precision: at 1e8 it holds every eighth integer.
-        let origin = (center + 16.0 * random.direction()).as_vec3().as_dvec3();
+        let origin = center + 16.0 * random.direction();
+        if offset > SINGLE {
+            let ray = past_in_double(center, origin, clear(random), 1.0, random);
+            return ray.filter(|ray| (ray.origin - center).length() > 1.5);
+        }
+        let origin = origin.as_vec3().as_dvec3();
         let outside = (origin - center).length() > 1.5;
         let ray: Option<Ray> = past(center, origin, clear(random), 1.0, random);
         ray.filter(|_| outside)

@@ -14,7 +14,7 @@ use unfinished::Unfinished;
 use whitstone_core::Registry;
 use whitstone_image::atomic;
 use whitstone_stress::{
-    ELSEWHERE, Engine, FAMILIES, Family, FamilyReport, Lab, Verdict, headline, plot, table,
+    ELSEWHERE, Engine, FAMILIES, Family, FamilyReport, Lab, Verdict, headline, plot, price, table,
 };
 use whitstone_validate::driver::Driver;
 use whitstone_validate::environment::Environment;
@@ -191,8 +191,18 @@ const HEADLINE: Marks = [
     "<!-- end of headline -->",
 ];
 
+const PRICE: Marks = [
+    "<!-- price: written by `cargo xtask stress --page` -->",
+    "<!-- end of price -->",
+];
+
 fn write_page(path: &Path, reports: &[FamilyReport]) -> Result<(), Failure> {
-    page::write(path, &[(TABLE, table(reports)), (HEADLINE, headline(reports))])
+    let parts = [
+        (TABLE, table(reports)),
+        (HEADLINE, headline(reports)),
+        (PRICE, price(reports)),
+    ];
+    page::write(path, &parts)
 }
 
 fn chosen(names: &[String]) -> Result<Vec<&'static dyn Family>, Failure> {
@@ -239,6 +249,23 @@ fn print(report: &FamilyReport, engines: &[Engine], steps: bool, first: bool) {
         "  parameter: {}; error: {}; usable up to {:e}; promise: {}",
         report.parameter, report.measure, report.usable_level, report.pass_level
     );
+    let reach = report
+        .parameters
+        .iter()
+        .position(|known| (known / report.reach - 1.0).abs() < 1e-9);
+    let is_beyond = |parameter: f64| {
+        let place = report.parameters.iter().position(|known| *known == parameter);
+        place > reach
+    };
+    if let Some(parameter) = report.worse_at {
+        println!("  much worse than the textbook formula in double precision at {parameter:.0e}");
+    }
+    if let Some(why) = &report.refusal {
+        println!(
+            "  the last step is refused: {}",
+            why.lines().next().unwrap_or_default()
+        );
+    }
     for engine in &report.engines {
         for step in &engine.steps {
             println!(
@@ -251,7 +278,7 @@ fn print(report: &FamilyReport, engines: &[Engine], steps: bool, first: bool) {
                 step.nonfinite,
                 step.ns_per_op.map_or("–".to_owned(), |ns| format!("{ns:.0}")),
                 if step.usable { "" } else { "  unusable" },
-                if step.passes || engine.engine != Engine::Whitstone {
+                if step.passes || engine.engine != Engine::Whitstone || is_beyond(step.parameter) {
                     ""
                 } else {
                     "  BREAKS ITS PROMISE"
