@@ -373,7 +373,7 @@ impl<'a> Validator<'a> {
             ..RenderOptions::default()
         });
         if !film.is_complete {
-            return Err("the rendering was stopped".to_owned());
+            return Err(NoImage::Scene("the rendering was stopped".to_owned()));
         }
         if let Some(approximation_note) = pipeline.scene.accelerator.approximation_note() {
             let exact = [&all_overrides[..], &["accelerator={type='auto'}".to_owned()]].concat();
