@@ -96,6 +96,12 @@ fn every_command_of_the_readme_works() {
         .find(|(mark, ..)| mark == "toml")
         .unwrap();
     fs::write(folder.path().join("scene.toml"), scene.1).unwrap();
+    let subject = blocks(&page)
+        .into_iter()
+        .find(|(_, text, _)| text.starts_with("[subject."))
+        .unwrap();
+    fs::write(folder.path().join("whitstone.toml"), subject.1).unwrap();
+    write_tracer(&folder.path().join("mytracer")).unwrap();
     let (mut run, mut skipped) = (0, Vec::new());
     for line in of_readme(&page) {
         if needs_mitsuba(&line) && !live {
@@ -117,6 +123,17 @@ fn every_command_of_the_readme_works() {
     if !skipped.is_empty() {
         println!("skipped without Mitsuba's environment: {skipped:?}");
     }
+}
+
+/// A renderer as README names it, which is this one.
+fn write_tracer(path: &Path) -> std::io::Result<()> {
+    use std::os::unix::fs::PermissionsExt as _;
+    let program = env!("CARGO_BIN_EXE_whitstone-under-test");
+    fs::write(
+        path,
+        format!("#!/bin/sh\nexec {program} render \"$1\" -o \"$3\"\n"),
+    )?;
+    fs::set_permissions(path, fs::Permissions::from_mode(0o755))
 }
 
 /// Whether a command starts Mitsuba, or would install it.

@@ -17,7 +17,7 @@ const LONG: [&str; 6] = [
     "--set",
     "film={width=3000,height=3000}",
     "--set",
-    "sampler={type='grid',side=16}",
+    "sampler={type='grid',samples_per_axis=16}",
     "--threads=1",
 ];
 

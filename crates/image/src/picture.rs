@@ -2,7 +2,6 @@
 //! `f32`.
 
 use std::fmt;
-use std::fs::File;
 use std::io::{BufRead, BufReader, Cursor, Read, Seek};
 use std::path::Path;
 
@@ -11,7 +10,7 @@ use image::codecs::tiff::TiffDecoder;
 use image::{DynamicImage, ImageDecoder};
 
 use crate::exr_io;
-use crate::limits::{Limits, ReadError, ReadFault, no_panic};
+use crate::limits::{self, Limits, ReadError, ReadFault, no_panic};
 use crate::planes::{Image, ImageError, RGB};
 use crate::texels::{self, decoder_limits, to_fault};
 use crate::tone::srgb_to_linear;
@@ -98,7 +97,7 @@ const EXPECTED: &str = "an EXR, PNG, JPEG, WebP, HDR, PFM or TIFF file";
 /// truncated one, or sizes beyond the limits.
 pub fn read(path: impl AsRef<Path>, limits: Limits) -> Result<Picture, ReadError> {
     let path = path.as_ref();
-    let read = || decode_from(BufReader::new(File::open(path)?), limits);
+    let read = || decode_from(BufReader::new(limits::open(path)?), limits);
     read().map_err(|fault| fault.at(path))
 }
 

@@ -132,7 +132,7 @@ def test_progress():
 def test_ctrl_c_stops_a_rendering():
     code = (
         "import whitstone, sys\n"
-        f"scene = whitstone.Scene({BALL!r}, {{'film.width': 8000, 'film.height': 8000, 'sampler.type': 'grid', 'sampler.side': 32}})\n"
+        f"scene = whitstone.Scene({BALL!r}, {{'film.width': 8000, 'film.height': 8000, 'sampler.type': 'grid', 'sampler.samples_per_axis': 32}})\n"
         "print('ready', flush=True)\n"
         "try:\n    scene.render()\nexcept KeyboardInterrupt:\n    print('stopped')\n"
     )

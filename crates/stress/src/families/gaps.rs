@@ -325,6 +325,11 @@ fn reflections<R: Real>(scene: &str, ray: &Ray) -> Result<u64, String> {
 /// vertex or an edge, with any accelerator.
 pub(crate) struct Leaks;
 
+/// Width of the tube of the mesh.
+const TUBE: f64 = 0.6;
+/// See [`Sample::excused`].
+const EXCUSED_ULPS: f64 = 16.0;
+
 /// Rays per batch.
 const BATCH: usize = 1 << 15;
 
@@ -371,6 +376,11 @@ impl Family for Leaks {
             if begin == 0 {
                 aimed = batch;
             }
+        }
+        // Where a few units in the last place are longer than the tube is wide, any ray may miss.
+        let ulp = offset.next_up() - offset;
+        if EXCUSED_ULPS * ulp > TUBE {
+            ours.excused = ours.failures;
         }
         let lost = |found: &mut dyn Iterator<Item = bool>| Sample {
             failures: found.filter(|hit| !hit).count() as u64,

@@ -286,7 +286,12 @@ pub(crate) static LENGTH: RayFamily = RayFamily {
         } else {
             1.0 / length
         };
-        Some(single(ray.origin, ray.direction * factor))
+        // Single precision has no such lengths.
+        let direction = ray.direction * factor;
+        Some(match length > 1e30 {
+            true => Ray::new(ray.origin, direction),
+            false => single(ray.origin, direction),
+        })
     },
     unit: |_, t| t,
     one_measure: false,
