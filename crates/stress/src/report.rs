@@ -274,8 +274,9 @@ fn first_worse(ours: &EngineReport, textbook: &EngineReport, floor: f64) -> Opti
     let mut pairs = ours.steps.iter().zip(&textbook.steps);
     let is_worse = |(ours, textbook): &(&Step, &Step)| {
         // The errors of answers of the right class only compare if both have as many.
-        let as_many = ours.failures + ours.nonfinite >= textbook.failures + textbook.nonfinite;
-        ours.failures - ours.excused > textbook.failures
+        let wrong = |step: &Step| step.failures + step.nonfinite;
+        let as_many = wrong(ours) >= wrong(textbook);
+        wrong(ours) - ours.excused > wrong(textbook)
             || ours.nonfinite > textbook.nonfinite
             || as_many && is_error_worse(ours, textbook, floor)
     };

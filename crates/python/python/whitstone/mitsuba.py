@@ -24,7 +24,8 @@ def load(scene: Union[Source, Scene]) -> Any:
         if path not in sys.path:
             sys.path.append(path)
     try:
-        from whitstone_mitsuba import document, scene as builder, settings  # type: ignore[import-not-found]
+        from whitstone_mitsuba import document, settings  # type: ignore[import-not-found]
+        from whitstone_mitsuba import scene as builder
     except ImportError as error:
         raise ImportError(f"Mitsuba is not installed in this Python: pip install 'whitstone[mitsuba]' ({error})") from error
     text, base = scene._native.flattened()
