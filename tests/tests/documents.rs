@@ -143,8 +143,8 @@ fn needs_mitsuba(line: &str) -> bool {
         .any(|verb| line.starts_with(&format!("whitstone {verb}")))
 }
 
-/// Lets the program find the repository's stored references below the folder, as in a clone. Results
-/// are written into the folder.
+/// Lets the program find the repository's stored references below the folder, as in a clone.
+/// Results are written into the folder.
 fn link_references(folder: &Path) -> std::io::Result<()> {
     std::os::unix::fs::symlink(root().join("references"), folder.join("references"))
 }

@@ -73,7 +73,8 @@ fn linked(metadata: &Value) -> BTreeSet<&str> {
     found
 }
 
-/// The texts of the licences in the folder of a package. Where it leaves the choice, the one of MIT.
+/// The texts of the licences in the folder of a package. Where it leaves the choice, the one of
+/// MIT.
 fn notices(folder: &Path) -> std::io::Result<Vec<String>> {
     let mut files = Vec::new();
     for entry in fs::read_dir(folder)? {

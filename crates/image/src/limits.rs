@@ -52,8 +52,8 @@ impl Limits {
     }
 }
 
-/// Opens a file that has contents. A pipe, a device and a file of the system whose length is unknown
-/// are rejected before they are opened, because reading them could wait for ever.
+/// Opens a file that has contents. A pipe, a device and a file of the system whose length is
+/// unknown are rejected before they are opened, because reading them could wait for ever.
 pub(crate) fn open(path: &Path) -> Result<File, ReadFault> {
     let metadata = fs::metadata(path)?;
     if !metadata.is_file() {

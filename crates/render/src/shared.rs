@@ -4,8 +4,8 @@ use std::any::Any;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Data that plugins share by key, such as the texels of a file. Builds of scenes that read the same
-/// files can have one in common; it must not outlive the contents of the files.
+/// Data that plugins share by key, such as the texels of a file. Builds of scenes that read the
+/// same files can have one in common; it must not outlive the contents of the files.
 #[derive(Default)]
 pub struct Shared(Mutex<BTreeMap<String, Arc<dyn Any + Send + Sync>>>);
 

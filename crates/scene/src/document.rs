@@ -395,8 +395,8 @@ const MAX_HASHED: u64 = 16 << 30;
 /// Hash of a file's bytes. Zeros for an unreadable file, which the plugin that needs it reports.
 fn content_hash(path: &Path) -> [u8; 32] {
     let read = || {
-        // Opening a pipe would wait for a writer, and files of the system without a length may never
-        // end. Nothing reads a file beyond the limit.
+        // Opening a pipe would wait for a writer, and files of the system without a length may
+        // never end. Nothing reads a file beyond the limit.
         let metadata = std::fs::metadata(path).ok()?;
         if !metadata.is_file() || !(1..=MAX_HASHED).contains(&metadata.len()) {
             return None;

@@ -147,7 +147,12 @@ impl ShapeKernel for Sphere {
         q: DVec3,
         needs: SurfaceAttributes,
     ) -> Option<SurfaceInteraction> {
-        let there = PreliminaryIntersection { t: 0.0, ..*hit };
+        // The ray to `q` is no chord.
+        let there = PreliminaryIntersection {
+            t: 0.0,
+            prim_uv: DVec2::ZERO,
+            ..*hit
+        };
         let there = ShapeKernel::surface(self, &Ray::new(q, point.n_g), &there, needs);
         Some(goes_on(there, point))
     }
@@ -270,6 +275,20 @@ mod tests {
         assert_eq!(hit.t, 2.0);
         let away = Ray::new(DVec3::X, DVec3::X);
         assert_eq!(unit().intersect(&away, Interval::FORWARD, Some(0)), None);
+    }
+
+    /// Points next to a hit do not depend on where the ray came from.
+    #[test]
+    fn neighbours_of_the_end_of_a_chord_are_next_to_it() {
+        let ball = unit();
+        let ray = Ray::new(DVec3::new(0.6, 0.8, 0.0), DVec3::new(-1.0, 0.1, 0.2).normalize());
+        let hit = ball.intersect(&ray, Interval::FORWARD, Some(0)).unwrap();
+        let hit = hit.of_shape(whitstone_core::InstanceId::TOP_LEVEL, 0);
+        let point = Shape::surface(&ball, &ray, &hit, SurfaceAttributes::UV);
+        let q = point.position + 1e-4 * point.n_g.any_orthonormal_vector();
+        let next = Shape::surface_at_offset(&ball, &point, &hit, q, SurfaceAttributes::UV).unwrap();
+        assert!(next.n_s.distance(point.n_s) < 2e-4, "{} {}", next.n_s, point.n_s);
+        assert!(next.uv.distance(point.uv) < 1e-3, "{} {}", next.uv, point.uv);
     }
 
     /// Grazing reflections along the inside: each chord turns by the same angle. A rounding of one

@@ -40,8 +40,8 @@ impl Drop for Watching {
     }
 }
 
-/// Watches for signals from now on. Without it, and on systems other than Unix, they end the process
-/// at once.
+/// Watches for signals from now on. Without it, and on systems other than Unix, they end the
+/// process at once.
 #[cfg(unix)]
 pub fn watch() {
     use signal_hook::consts::{SIGINT, SIGTERM};

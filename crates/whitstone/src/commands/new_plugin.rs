@@ -33,8 +33,8 @@ pub struct Arguments {
     whitstone: Option<PathBuf>,
 }
 
-/// The package that CI builds and tests, `examples/plugin-superquadric`: path and text of its files.
-/// Written by `cargo xtask readme`, because a published package cannot contain another one.
+/// The package that CI builds and tests, `examples/plugin-superquadric`: path and text of its
+/// files. Written by `cargo xtask readme`, because a published package cannot contain another one.
 static PACKAGE: LazyLock<BTreeMap<String, String>> = LazyLock::new(|| {
     serde_json::from_str(include_str!("scaffold/package.json")).expect("a map from paths to texts")
 });
@@ -187,8 +187,8 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     Ok(Exit::Pass)
 }
 
-/// Replaces the paths of the example in the repository: by those of a checkout, or by the versions of
-/// the published packages.
+/// Replaces the paths of the example in the repository: by those of a checkout, or by the versions
+/// of the published packages.
 fn located(text: &str, crates: Option<&Path>) -> String {
     let Some(crates) = crates else {
         let version = concat!("version = \"", env!("CARGO_PKG_VERSION"), "\"");
