@@ -26,7 +26,7 @@ fn refused(folder: &Path, arguments: &[&str], name: &str) {
 fn scene(folder: &Path, name: &str, texture: &str, mesh: &str) {
     let text = format!(
         r#"
-camera = {{ type = "perspective" }}
+camera = {{ type = "perspective", look_at = {{ origin = [0, 0, 4], target = [0, 0, 0] }} }}
 [[shape]]
 type = "rectangle"
 material = {{ type = "matte", reflectance = {{ type = "image", file = "{texture}" }} }}
@@ -92,6 +92,6 @@ fn a_large_sparse_file_is_refused_by_its_size() {
     refused(
         folder.path(),
         &["render", "scene.toml", "--max-memory", "1"],
-        "large.obj",
+        "limit: 1.000 GiB",
     );
 }

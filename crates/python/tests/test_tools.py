@@ -23,7 +23,8 @@ def test_convert(tmp_path):
     notes = whitstone.convert(SPHERE, tmp_path / "sphere.xml")
     assert (tmp_path / "sphere.xml").read_text().startswith("<")
     assert notes
-    scene = {"camera": {"type": "perspective"}, "shape": [{"type": "sphere"}]}
+    camera = {"type": "perspective", "look_at": {"origin": [0, 0, 4], "target": [0, 0, 0]}}
+    scene = {"camera": camera, "shape": [{"type": "sphere"}]}
     whitstone.convert(scene, tmp_path / "of_a_dictionary.glb")
     assert (tmp_path / "of_a_dictionary.glb").stat().st_size > 0
     assert list(Path(".").glob(".whitstone-*")) == []

@@ -148,7 +148,8 @@ class Scene:
         The interpreter's lock is released, and all cores are used.
 
         >>> import numpy as np
-        >>> scene = Scene('camera = { type = "perspective" }\\nshape = [{ type = "sphere" }]')
+        >>> camera = {"type": "perspective", "look_at": {"origin": [0, 0, 4], "target": [0, 0, 0]}}
+        >>> scene = Scene({"camera": camera, "shape": [{"type": "sphere"}]})
         >>> scene.trace([[0, 0, 4], [0, 3, 4]], [[0, 0, -1], [0, 0, -2]]).t
         array([ 3., inf])
         """
