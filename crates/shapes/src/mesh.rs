@@ -514,8 +514,9 @@ mod tests {
             "c.obj, line 2: expected a finite number, found \"x\""
         );
         assert_eq!(error.span, Some(7..14));
+        assert!(fails("d.obj", b"").message.contains("it is empty"));
         assert!(
-            fails("d.obj", b"")
+            fails("d.obj", b"# nothing\n")
                 .message
                 .contains("at least one face, found none")
         );
