@@ -31,9 +31,12 @@ def test_convert(tmp_path):
 
 
 def test_errors_are_those_of_the_command(tmp_path):
-    with pytest.raises(whitstone.CommandError, match="nowhere") as caught:
-        whitstone.convert("nowhere.toml", tmp_path / "a.xml")
+    with pytest.raises(whitstone.CommandError, match="gif") as caught:
+        whitstone.convert(SPHERE, tmp_path / "a.gif")
     assert caught.value.exit_code == 2
+    # A scene that is not there is an error of the scene.
+    with pytest.raises(whitstone.SceneError, match="nowhere"):
+        whitstone.convert("nowhere.toml", tmp_path / "a.xml")
 
 
 def test_the_command():
