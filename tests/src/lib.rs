@@ -71,3 +71,31 @@ pub fn entries(folder: &Path) -> Vec<String> {
     names.sort();
     names
 }
+
+/// The version of Mitsuba that the driver requires.
+pub const MITSUBA: &str = "3.9.1";
+
+/// A Python that makes environments of itself, says `hello` as Mitsuba `version`, and answers
+/// everything else by `behaviour` (shell).
+#[cfg(unix)]
+pub fn fake_python(folder: &Path, version: &str, behaviour: &str) -> std::io::Result<()> {
+    let script = format!(
+        r#"#!/bin/sh
+case "$1 $2" in
+"-c "*) echo 3.11.0 ;;
+"-m venv") mkdir -p "$3/bin" && cp "$0" "$3/bin/python" ;;
+"-m pip") ;;
+"-m whitstone_mitsuba")
+  while read -r line; do
+    case "$line" in
+    *'"op":"hello"'*) echo '{{"ok":true,"mitsuba":"{version}","drjit":"1","variant":"llvm_ad_rgb","python":"3","libllvm":"x","llvm_version":"1","cpu":"c","threads":2}}' ;;
+    *) {behaviour} ;;
+    esac
+  done ;;
+esac
+"#
+    );
+    let path = folder.join("python");
+    std::fs::write(&path, script)?;
+    std::fs::set_permissions(&path, std::os::unix::fs::PermissionsExt::from_mode(0o755))
+}

@@ -617,3 +617,41 @@ fn what_took_long_to_make_is_kept_between_runs() {
     render(&[]);
     assert_eq!(kept().len(), 3);
 }
+
+#[test]
+fn init_writes_a_project_and_keeps_what_is_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let whitstone = |arguments: &[&str]| {
+        program!()
+            .current_dir(folder.path())
+            .args(arguments)
+            .output()
+            .unwrap()
+    };
+    let output = whitstone(&["init", "images"]);
+    assert_eq!(code(&output), Some(0), "{}", stderr(&output));
+    let output = whitstone(&["render", "images/scenes/first.toml", "--set", "film.width=16"]);
+    assert_eq!(code(&output), Some(0), "{}", stderr(&output));
+    let workflow = folder.path().join("images/.github/workflows/images.yml");
+    let text = fs::read_to_string(&workflow).unwrap();
+    assert!(
+        text.contains("whitstone validate scenes") && !text.contains("VERSION"),
+        "{text}"
+    );
+    fs::remove_file(folder.path().join("images/.gitignore")).unwrap();
+    let output = whitstone(&["init", "images"]);
+    assert_eq!(code(&output), Some(2));
+    assert!(stderr(&output).contains("first.toml"), "{}", stderr(&output));
+    // Nothing is written, not even the file that is missing.
+    assert!(!folder.path().join("images/.gitignore").exists());
+}
+
+#[test]
+fn the_licences_of_the_program_are_printed() {
+    let output = program!().args(["doctor", "--licenses"]).output().unwrap();
+    assert_eq!(code(&output), Some(0));
+    let text = String::from_utf8_lossy(&output.stdout);
+    for name in ["\nexr ", "\nserde ", "Permission is hereby granted"] {
+        assert!(text.contains(name), "{name}");
+    }
+}

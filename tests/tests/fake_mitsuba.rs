@@ -2,41 +2,14 @@
 //! references and a warning where it was not.
 #![cfg(unix)]
 
-use std::fs;
-use std::os::unix::fs::PermissionsExt;
-use std::path::Path;
 use std::process::Output;
-use whitstone_tests::{program, root};
+use whitstone_tests::{MITSUBA, fake_python, program, root};
 
 const SCENE: &str = "scenes/shapes/sphere.toml";
 
-/// A Python that makes environments of itself, says `hello` as Mitsuba `version`, and answers
-/// everything else by `behaviour` (shell).
-fn fake_python(folder: &Path, version: &str, behaviour: &str) {
-    let script = format!(
-        r#"#!/bin/sh
-case "$1 $2" in
-"-c "*) echo 3.11.0 ;;
-"-m venv") mkdir -p "$3/bin" && cp "$0" "$3/bin/python" ;;
-"-m pip") ;;
-"-m whitstone_mitsuba")
-  while read -r line; do
-    case "$line" in
-    *'"op":"hello"'*) echo '{{"ok":true,"mitsuba":"{version}","drjit":"1","variant":"llvm_ad_rgb","python":"3","libllvm":"x","llvm_version":"1","cpu":"c","threads":2}}' ;;
-    *) {behaviour} ;;
-    esac
-  done ;;
-esac
-"#
-    );
-    let path = folder.join("python");
-    fs::write(&path, script).unwrap();
-    fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
-}
-
 fn validate(version: &str, behaviour: &str, reference: &str) -> (Output, String) {
     let folder = tempfile::tempdir().unwrap();
-    fake_python(folder.path(), version, behaviour);
+    fake_python(folder.path(), version, behaviour).unwrap();
     let output = program!()
         .current_dir(root())
         .env("WHITSTONE_PYTHON", folder.path().join("python"))
@@ -48,8 +21,6 @@ fn validate(version: &str, behaviour: &str, reference: &str) -> (Output, String)
     let text = String::from_utf8_lossy(&[&output.stdout[..], &output.stderr[..]].concat()).into_owned();
     (output, text)
 }
-
-const PINNED: &str = "3.9.1";
 
 const BROKEN: [(&str, &str, &str); 5] = [
     ("exit 9", "ended", "a crash"),
@@ -74,7 +45,7 @@ const BROKEN: [(&str, &str, &str); 5] = [
 #[test]
 fn asked_for_it_ends_in_exit_code_3_with_the_reason() {
     for (behaviour, expected, what) in BROKEN {
-        let (output, text) = validate(PINNED, behaviour, "live");
+        let (output, text) = validate(MITSUBA, behaviour, "live");
         assert_eq!(output.status.code(), Some(3), "{what}: {text}");
         assert!(text.contains(expected), "{what}: {text}");
     }
@@ -83,7 +54,7 @@ fn asked_for_it_ends_in_exit_code_3_with_the_reason() {
 #[test]
 fn not_asked_for_the_stored_references_serve_with_a_warning() {
     for (behaviour, expected, what) in BROKEN {
-        let (output, text) = validate(PINNED, behaviour, "auto");
+        let (output, text) = validate(MITSUBA, behaviour, "auto");
         assert_eq!(output.status.code(), Some(0), "{what}: {text}");
         assert!(
             text.contains("warning") && text.contains(expected),

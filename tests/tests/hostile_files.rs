@@ -70,7 +70,7 @@ fn pipes_and_files_of_the_system_are_refused() {
         ("zero.exr", "pipe.glb"),
     ] {
         scene(folder.path(), "scene.toml", texture, mesh);
-        // Both problems are told.
+        // The report has both problems.
         refused(folder.path(), &["render", "scene.toml"], texture);
         refused(folder.path(), &["render", "scene.toml"], mesh);
     }

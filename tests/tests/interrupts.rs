@@ -3,13 +3,11 @@
 #![cfg(unix)]
 
 use std::fs;
-use std::os::unix::fs::PermissionsExt;
-use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 use whitstone::image::{Limits, exr_io};
-use whitstone_tests::{entries, root};
+use whitstone_tests::{MITSUBA, entries, fake_python, root};
 
 /// A scene that takes minutes.
 const LONG: [&str; 6] = [
@@ -87,34 +85,12 @@ fn a_second_signal_ends_at_once() {
     assert!(left.iter().all(|name| name == "part.exr"), "{left:?}");
 }
 
-/// A Python that says `hello` as Mitsuba, tells its process, and then never answers.
-fn deaf_python(folder: &Path) {
-    let script = format!(
-        r#"#!/bin/sh
-case "$1 $2" in
-"-c "*) echo 3.11.0 ;;
-"-m venv") mkdir -p "$3/bin" && cp "$0" "$3/bin/python" ;;
-"-m pip") ;;
-"-m whitstone_mitsuba")
-  while read -r line; do
-    case "$line" in
-    *'"op":"hello"'*) echo '{{"ok":true,"mitsuba":"3.9.1","drjit":"1","variant":"llvm_ad_rgb","python":"3","libllvm":"x","llvm_version":"1","cpu":"c","threads":2}}' ;;
-    *) echo $$ > {}/process; sleep 100 ;;
-    esac
-  done ;;
-esac
-"#,
-        folder.display()
-    );
-    let path = folder.join("python");
-    fs::write(&path, script).unwrap();
-    fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
-}
-
 #[test]
 fn a_validation_reports_what_is_finished_and_ends_the_driver() {
     let folder = tempfile::tempdir().unwrap();
-    deaf_python(folder.path());
+    // It tells its process, and never answers.
+    let behaviour = format!("echo $$ > {}/process; sleep 100", folder.path().display());
+    fake_python(folder.path(), MITSUBA, &behaviour).unwrap();
     let target = folder.path().join("target");
     let child = Command::new(env!("CARGO_BIN_EXE_whitstone-under-test"))
         .current_dir(root())

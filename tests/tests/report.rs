@@ -63,6 +63,16 @@ fn a_report_is_written_anew_and_says_what_changed() {
         "another page of the same results"
     );
 
+    let table = folder.path().join("table.md");
+    let table_path = table.to_str().unwrap();
+    check(&["report", "--target", target, "--markdown", table_path], 0, &[]);
+    let table = fs::read_to_string(table).unwrap();
+    assert!(
+        table.starts_with("### Whitstone: 2 passed, 0 confirmed, 0 failed"),
+        "{table}"
+    );
+    assert!(table.contains("| pass | shapes/sphere |"), "{table}");
+
     let results = at("results.json");
     let same = changed(&results, |_| {});
     let with = |old: &str| ["report", "--target", target, "--baseline", old].map(str::to_owned);

@@ -75,6 +75,8 @@ impl Live {
         reuse: bool,
         limit: Duration,
     ) -> Result<Self, LiveError> {
+        // What a killed process has left.
+        atomic::sweep(&cache);
         let driver_hash = hash_sources(renderer, &environment);
         let hello_path = cache.join(format!("hello-{driver_hash}.json"));
         // Another installation may have changed.
