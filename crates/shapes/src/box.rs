@@ -31,6 +31,8 @@ pub struct Cuboid {
     /// Center and radius of a bounding sphere.
     center: DVec3,
     radius: f64,
+    /// Half the extent in object space of the box that holds the origins of all spawned rays.
+    reach: DVec3,
 }
 
 impl Plugin<Shapes> for Cuboid {
@@ -39,13 +41,15 @@ impl Plugin<Shapes> for Cuboid {
 
     fn build(_: Config, transform: Transform, _: &mut dyn Context) -> Result<LoweredShape, SceneErrors> {
         let frame = Frame::new(transform);
-        let bounds = frame.bounds(DVec3::ONE);
+        let reach = frame.reach_of_spawned_rays();
+        let bounds = frame.bounds(reach);
         let center = bounds.center();
         // Upper bound on the rounding error of the center and the extent.
         let rounding = 4.0 * f64::EPSILON * center.abs().max_element();
         Ok(LoweredShape::Custom(Box::new(Self {
             center,
             radius: (0.5 + 1e-9) * bounds.extent().length() + rounding,
+            reach,
             frame,
         })))
     }
@@ -114,8 +118,10 @@ fn turned(p: DVec3, axis: u32) -> DVec3 {
 impl ShapeKernel for Cuboid {
     const VECTOR_UV: bool = true;
 
+    /// They hold the origins of all rays spawned on the box, so that it is also tested for those
+    /// that start just beyond their exit.
     fn bounds(&self) -> Aabb {
-        self.frame.bounds(DVec3::ONE)
+        self.frame.bounds(self.reach)
     }
 
     #[inline(always)]
@@ -132,11 +138,10 @@ impl ShapeKernel for Cuboid {
         // exit if it goes inward. Unlike skipping the spawn face only, this is robust to rounding:
         // a spawn point on an edge may lie one ulp beyond the adjacent face.
         let outward = turned(ray.direction, origin_primitive >> 1).x * side(origin_primitive) >= 0.0;
-        let meets = select(
-            leaving,
-            !(outward | (exit.face == origin_primitive)),
-            entry.t <= exit.t,
-        );
+        let never = outward | (exit.face == origin_primitive);
+        // Rounding puts some of the spawned rays outside, where they may miss the box.
+        let spawned = leaving & ray.origin.abs().cmple(self.reach).all();
+        let meets = ((entry.t <= exit.t) | spawned) & !(leaving & never);
         // The ray touches an edge or a corner: the lowest face number wins. Of two opposite faces
         // of a very thin box, the ray meets the one that it enters by.
         let touched = (entry.t == exit.t) & (entry.face >> 1 != exit.face >> 1);
@@ -144,7 +149,7 @@ impl ShapeKernel for Cuboid {
         let enters = !leaving & (entry.t > min);
         // In a box thinner than rounding, or at an edge, a ray that goes inward may start beyond
         // its exit. It leaves there at once.
-        let leaves = select(leaving & (exit.t <= 0.0), f64::MIN_POSITIVE, exit.t);
+        let leaves = select(spawned & (exit.t <= 0.0), f64::MIN_POSITIVE, exit.t);
         let t = select(enters, entry.t, leaves);
         let face = select(enters, first_face, exit.face);
         ShapeHit {
@@ -240,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn faces_are_numbered_and_bounds_are_exact() {
+    fn faces_are_numbered_and_bounds_are_tight() {
         for axis in 0..3 {
             for (face, sign) in [(2 * axis, -1.0), (2 * axis + 1, 1.0)] {
                 let mut outward = DVec3::ZERO;
@@ -253,13 +258,11 @@ mod tests {
                 );
             }
         }
-        assert_eq!(
-            cube().bounds(),
-            Aabb {
-                min: DVec3::NEG_ONE,
-                max: DVec3::ONE
-            }
-        );
+        let Aabb { min, max } = cube().bounds();
+        for (bound, exact) in [(-min, DVec3::ONE), (max, DVec3::ONE)] {
+            let beyond = bound - exact;
+            assert!(beyond.min_element() > 0.0 && beyond.max_element() < 16.0 * f64::EPSILON);
+        }
     }
 
     #[test]
@@ -307,9 +310,19 @@ mod tests {
             let hit = hit.of_shape(whitstone_core::InstanceId::TOP_LEVEL, 0);
             let point = pane.surface(&ray, &hit, SurfaceAttributes::NOTHING);
             let inner = Ray::new(point.spawn_origin(ray.direction), ray.direction);
+            // Otherwise an accelerator would not test the pane.
+            let Aabb { min, max } = pane.bounds();
+            assert!(inner.origin.cmpge(min).all() && inner.origin.cmple(max).all());
             let exit = pane.intersect(&inner, Interval::FORWARD, Some(5));
             assert_eq!(exit.map(|hit| hit.primitive), Some(4), "2^-{exponent}");
         }
+    }
+
+    #[test]
+    fn only_spawned_rays_leave_at_once() {
+        // Beyond the exit, and past the box.
+        assert_eq!(intersect([1.1, 0.0, 0.9], [0.5, 0.0, -1.0], Some(5)), None);
+        assert_eq!(intersect([-5.0, 0.0, 0.0], [1.0, 0.0, -1.0], Some(5)), None);
     }
 
     #[test]

@@ -102,6 +102,23 @@ impl Frame {
         (origin + (x + y + z), error)
     }
 
+    /// Half the extent, along each object axis, of a box that holds the origins of all rays spawned
+    /// on the faces of the cube from -1 to 1.
+    ///
+    /// A spawned ray starts at a point that [`Self::point`] rounds, moved along the normal by the
+    /// bound on the error there. Both are largest at a corner.
+    pub(crate) fn reach_of_spawned_rays(&self) -> DVec3 {
+        let inverse = &self.transform.object_from_world().matrix3;
+        let [x, y, z] = self.columns(DVec3::ONE).map(DVec3::abs);
+        let terms = self.transform.world_from_object().translation.abs() + x + y + z;
+        let rounding = inverse.abs() * (6.0 * UNIT * terms) + self.slant * DVec3::ONE;
+        let offset = |axis: usize| {
+            let (_, error) = self.point(DVec3::ONE, axis);
+            (inverse * self.normals[axis]).abs() * error
+        };
+        DVec3::ONE + rounding + offset(0).max(offset(1)).max(offset(2))
+    }
+
     /// Transforms a surface point `p` from object to world space, given its gradient: the point, a
     /// bound on its distance from the surface, and the unit normal. `slack` bounds the absolute
     /// value at `p` of the function that has this gradient.
