@@ -38,6 +38,12 @@ pub(crate) fn folder_of(key: &str) -> PathBuf {
     Path::new(place).join(names.collect::<PathBuf>())
 }
 
+/// The folder of the stored references of a scene. `root` is the folder of all scenes, `references`
+/// that of all references.
+pub fn stored_folder(path: &Path, root: &Path, references: &Path) -> PathBuf {
+    references.join(folder_of(&scene_key(path, root)))
+}
+
 /// All scene files at or below the given paths, sorted and unique. Folders named `assets` and
 /// `parts` contain no scenes. A scene in a folder named `scale` takes minutes and gigabytes, and
 /// one in a folder named `community` has no stored reference. These are found only by a path that

@@ -39,7 +39,7 @@ mod verdict;
 
 pub use decoded::decode_textures;
 pub use environment::{Installation, REFERENCES, TARGET};
-pub use key::{find_scenes, quoted, scene_key};
+pub use key::{find_scenes, quoted, scene_key, stored_folder};
 pub use live::{Live, LiveError, hash_sources};
 pub use noisy::Noisy;
 pub use opinion::{Ask, OraclePolicy};

@@ -17,6 +17,7 @@ pub(crate) mod tests;
 
 pub use changes::{Baseline, Change, Changes, Kind};
 pub use extras::{Diagram, Extras};
+pub use script::drawing;
 
 use crate::matrix::{Cell, Tally};
 use crate::{CaseResult, Results, Summary};

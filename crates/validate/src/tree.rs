@@ -195,11 +195,12 @@ fn difference(ours: &TreeNode, theirs: &Node) -> Option<String> {
 mod tests {
     use super::*;
     use serde_json::json;
-    use whitstone_core::{DVec3, Rgb};
+    use whitstone_core::{DVec3, Ray, Rgb};
 
     fn mine(path: &str, shape: i64) -> TreeNode {
         TreeNode {
             path: path.to_owned(),
+            ray: Ray::new(DVec3::ZERO, DVec3::Z),
             shape,
             primitive: if shape < 0 { -1 } else { 0 },
             instance: 0,

@@ -4,7 +4,7 @@ use crate::decoded::decode_textures;
 use crate::driver::DriverError;
 use crate::environment::Installation;
 use crate::judge::Judged;
-use crate::key::{folder_of, quoted, scene_key};
+use crate::key::{folder_of, quoted, scene_key, stored_folder};
 use crate::live::{Live, LiveError};
 use crate::opinion::OraclePolicy;
 use crate::protocol::SceneText;
@@ -513,8 +513,7 @@ impl<'a> Validator<'a> {
 
     /// The folder of a scene's stored references.
     pub fn stored_folder(&self, path: &Path) -> PathBuf {
-        let key = scene_key(path, &self.options.scenes);
-        self.options.references.join(folder_of(&key))
+        stored_folder(path, &self.options.scenes, &self.options.references)
     }
 
     fn reference(

@@ -26,6 +26,8 @@ pub mod sensitivity;
 #[cfg(feature = "stress")]
 pub mod stress;
 pub mod validate;
+#[cfg(feature = "view")]
+pub mod view;
 
 use crate::terminal::{self, Exit, Failure};
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -81,6 +83,8 @@ pub enum Command {
     Doctor(doctor::Arguments),
     Completions(completions::Arguments),
     Reference(reference::Arguments),
+    #[cfg(feature = "view")]
+    View(view::Arguments),
 }
 
 impl Command {
@@ -109,6 +113,8 @@ impl Command {
             Self::Doctor(arguments) => doctor::run(arguments, registry),
             Self::Completions(arguments) => completions::run(arguments, Arguments::command(), program),
             Self::Reference(arguments) => reference::run(arguments, registry, program),
+            #[cfg(feature = "view")]
+            Self::View(arguments) => view::run(arguments, registry),
         }
     }
 }

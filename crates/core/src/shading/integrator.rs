@@ -680,6 +680,7 @@ impl Scratch {
         let (hit, point) = found.unzip();
         nodes.push(TreeNode {
             path: name,
+            ray: path.ray,
             shape: hit.map_or(-1, |hit| i64::from(hit.shape)),
             primitive: hit.map_or(-1, |hit| i64::from(hit.primitive)),
             instance: hit.map_or(0, |hit| hit.instance.0),
@@ -701,6 +702,8 @@ pub struct TreeNode {
     /// "" for the camera ray, then a letter per branch: R for reflection, T for transmission. A ray
     /// of a glossy reflection is R and its number in two digits.
     pub path: String,
+    /// The ray itself, in world space, with unit direction.
+    pub ray: Ray,
     /// Number of the shape that was hit; -1 if none.
     pub shape: i64,
     /// Number of the primitive in the shape; -1 if none.

@@ -11,8 +11,9 @@ use whitstone_metrics::ColorMap;
 const ABSOLUTE: [f64; 2] = [1e-7, 1e-1];
 const SIGNED: [f64; 2] = [1e-7, 1e-1];
 
-/// The tables and numbers that `viewer.js` needs.
-pub(super) fn drawing() -> String {
+/// The tables and numbers that scripts need to draw error pictures in the colours of the report, as
+/// JSON.
+pub fn drawing() -> String {
     let table = |map: ColorMap| map.table().concat();
     serde_json::json!({
         "turbo": table(ColorMap::Turbo),

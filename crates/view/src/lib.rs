@@ -1,0 +1,235 @@
+//! The live view of a scene: one page on the loopback interface, on which the scene is seen while
+//! it is edited.
+//!
+//! | module | contents |
+//! |---|---|
+//! | `scene` | the built scene, and the camera, size and sampler of a picture |
+//! | `renderer` | pictures of the scene that become better |
+//! | `state` | what all threads share: the wish of the page, and the last picture |
+//! | `http` | requests that are answered, and those that are refused |
+//! | `watch` | changes of files |
+//! | `pixel` | value, layers and ray tree of a pixel |
+//! | `heat` | numbers of work per pixel |
+//! | `reference` | a live Mitsuba, and the comparison with it |
+//! | `tev` | the viewer tev |
+//! | `camera` | where a camera is and looks |
+//!
+//! The page, its script and its style are in `src/page`, and part of the program.
+
+#![forbid(unsafe_code)]
+
+mod camera;
+mod heat;
+mod http;
+mod pixel;
+mod reference;
+mod renderer;
+mod scene;
+mod state;
+mod tev;
+mod watch;
+
+use scene::Origin;
+use state::Shared;
+use std::fmt::Write as _;
+use std::net::{Ipv4Addr, TcpListener};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+use thiserror::Error;
+use tiny_http::Server;
+use whitstone_core::Registry;
+use whitstone_validate::{Installation, Stop};
+
+/// Threads that answer requests: one waits for news, and others must not wait for it.
+const THREADS: usize = 4;
+
+/// Time between two attempts to reach tev.
+const TEV_INTERVAL: Duration = Duration::from_secs(2);
+
+/// What is viewed, and how.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// The scene file.
+    pub scene: PathBuf,
+    /// Changes of the scene, as `PATH=VALUE`.
+    pub overrides: Vec<String>,
+    /// Camera of a file of another format, by name or index; by default the first.
+    pub camera: Option<String>,
+    /// Memory limit in bytes; by default the available memory.
+    pub max_memory: Option<u64>,
+    /// The port on the loopback interface; 0 for any free one.
+    pub port: u16,
+    /// `HOST:PORT` of a running tev, which also gets the pictures.
+    pub tev: Option<String>,
+    /// Folder of the stored references.
+    pub references: PathBuf,
+    /// Folder for temporary files and the answers of a live Mitsuba.
+    pub target: PathBuf,
+    /// Where the drivers and the Python environment of Mitsuba are.
+    pub installation: Installation,
+}
+
+/// Why a view does not start.
+#[derive(Debug, Error)]
+pub enum StartError {
+    /// The port cannot be used.
+    #[error(
+        "port {port} of 127.0.0.1 cannot be used: {error}; choose another one with --port, or 0 for any free one"
+    )]
+    Port {
+        /// The port.
+        port: u16,
+        /// What the system says.
+        error: std::io::Error,
+    },
+    /// The address of tev has a wrong form.
+    #[error("--tev {0}")]
+    Tev(String),
+    /// The server cannot be started.
+    #[error("cannot start the server: {0}")]
+    Server(String),
+}
+
+/// A view whose port is open.
+pub struct View<'r> {
+    options: Options,
+    registry: &'r Registry,
+    server: Server,
+    port: u16,
+    token: String,
+}
+
+impl<'r> View<'r> {
+    /// Opens the port. Nothing is answered before [`Self::run`].
+    ///
+    /// # Errors
+    /// If the port is in use, or an option is wrong.
+    pub fn open(options: Options, registry: &'r Registry) -> Result<Self, StartError> {
+        if let Some(address) = &options.tev {
+            tev::check(address).map_err(StartError::Tev)?;
+        }
+        let port = options.port;
+        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port))
+            .map_err(|error| StartError::Port { port, error })?;
+        let address = listener
+            .local_addr()
+            .map_err(|error| StartError::Port { port, error })?;
+        let server =
+            Server::from_listener(listener, None).map_err(|error| StartError::Server(error.to_string()))?;
+        let mut bytes = [0; 16];
+        getrandom::fill(&mut bytes)
+            .map_err(|error| StartError::Server(format!("no random numbers: {error}")))?;
+        let token = bytes.iter().fold(String::new(), |mut text, byte| {
+            let _ = write!(text, "{byte:02x}");
+            text
+        });
+        Ok(Self {
+            options,
+            registry,
+            server,
+            port: address.port(),
+            token,
+        })
+    }
+
+    /// The address of the page. Whoever knows it can see the scene.
+    pub fn url(&self) -> String {
+        format!("http://127.0.0.1:{}/{}/", self.port, self.token)
+    }
+
+    /// Serves the page until `stop` is requested. `say` receives the problems of the scene, for a
+    /// terminal.
+    pub fn run(&self, stop: &Stop, say: &(dyn Fn(&str) + Sync)) {
+        let shared = Shared::default();
+        let options = &self.options;
+        let origin = Origin {
+            path: options.scene.clone(),
+            overrides: options.overrides.clone(),
+            camera: options.camera.clone(),
+            max_memory: options.max_memory,
+        };
+        let name = options.scene.display().to_string();
+        let site = http::Site {
+            shared: &shared,
+            registry: self.registry,
+            token: &self.token,
+            port: self.port,
+            name: &name,
+        };
+        let source = reference::Source {
+            shared: &shared,
+            registry: self.registry,
+            origin: &origin,
+            installation: &options.installation,
+            target: &options.target,
+            stop: stop.clone(),
+        };
+        shared.change(|state| state.watched.push(options.scene.clone()));
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                renderer::Renderer::new(&shared, self.registry, &origin, &options.references, say).run();
+            });
+            scope.spawn(|| watch::run(&shared));
+            scope.spawn(|| source.run());
+            if let Some(address) = &options.tev {
+                scope.spawn(|| send_to_tev(address, &name, &shared, say));
+            }
+            for _ in 0..THREADS {
+                scope.spawn(|| site.serve(&self.server));
+            }
+            while !stop.is_requested() {
+                std::thread::sleep(Duration::from_millis(50));
+            }
+            shared.change(|state| state.ended = true);
+        });
+    }
+}
+
+/// Sends every picture of full size to tev, until the view ends.
+fn send_to_tev(address: &str, name: &str, shared: &Shared, say: &(dyn Fn(&str) + Sync)) {
+    let mut tev = tev::Tev::new(address);
+    let mut sent = 0;
+    let mut failed: Option<Instant> = None;
+    loop {
+        let (frame, number) = {
+            let state = shared.wait(TEV_INTERVAL, |state| state.frame_number != sent);
+            if state.ended {
+                return;
+            }
+            (state.frame.clone(), state.frame_number)
+        };
+        let may_try = failed.is_none_or(|at| at.elapsed() >= TEV_INTERVAL);
+        let Some(frame) = frame.filter(|_| number != sent && may_try) else {
+            // A condition that holds does not wait.
+            std::thread::sleep(Duration::from_millis(20));
+            continue;
+        };
+        let full = &frame.facts["full"];
+        let is_full = full[0] == frame.size[0] && full[1] == frame.size[1];
+        if frame.rgb.is_empty() || !is_full {
+            sent = number;
+            continue;
+        }
+        let remark = match tev.show(name, frame.size, &frame.rgb) {
+            Ok(()) => {
+                sent = number;
+                failed = None;
+                format!("pictures are sent to tev at {address}")
+            }
+            Err(error) => {
+                let remark = format!("tev at {address} cannot be reached, and is tried again: {error}");
+                if failed.is_none() {
+                    say(&format!("warning: {remark}"));
+                }
+                failed = Some(Instant::now());
+                remark
+            }
+        };
+        shared.change(|state| {
+            if state.tev.as_ref() != Some(&remark) {
+                state.tev = Some(remark);
+                state.news += 1;
+            }
+        });
+    }
+}

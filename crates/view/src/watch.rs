@@ -1,0 +1,53 @@
+//! Watches the files of the scene.
+//!
+//! By their times and sizes, many times a second: a scene has few files, and this also sees files
+//! that do not exist yet, files on network drives, and editors that write a new file and rename it.
+
+use crate::state::Shared;
+use std::path::PathBuf;
+use std::thread;
+use std::time::{Duration, SystemTime};
+
+/// Time between two looks.
+const INTERVAL: Duration = Duration::from_millis(25);
+
+/// What identifies a version of a file; `None` if there is none.
+type Mark = Option<(SystemTime, u64)>;
+
+fn marks(files: &[PathBuf]) -> Vec<(PathBuf, Mark)> {
+    let mark = |file: &PathBuf| -> Mark {
+        let found = std::fs::metadata(file).ok()?;
+        Some((found.modified().ok()?, found.len()))
+    };
+    files.iter().map(|file| (file.clone(), mark(file))).collect()
+}
+
+/// Wishes for a new version of the scene whenever a file has changed, until the view ends.
+pub(crate) fn run(shared: &Shared) {
+    let mut before: Vec<(PathBuf, Mark)> = Vec::new();
+    let mut is_changing = false;
+    loop {
+        let files = {
+            let state = shared.state();
+            if state.ended {
+                return;
+            }
+            state.watched.clone()
+        };
+        let now = marks(&files);
+        // Files that are watched from now on have not changed.
+        let differs = now.iter().any(|(file, mark)| {
+            let known = before.iter().find(|(other, _)| other == file);
+            known.is_some_and(|(_, known)| known != mark)
+        });
+        if differs {
+            // It may still be written: wait until it is the same twice.
+            is_changing = true;
+        } else if is_changing {
+            is_changing = false;
+            shared.change(|state| state.wish(|wish| wish.files += 1));
+        }
+        before = now;
+        thread::sleep(INTERVAL);
+    }
+}
