@@ -63,8 +63,11 @@ pub struct Options {
     pub tev: Option<String>,
     /// Folder of the stored references.
     pub references: PathBuf,
-    /// Folder for temporary files and the answers of a live Mitsuba.
+    /// Folder for temporary files, data that takes long to compute, and the answers of a live
+    /// Mitsuba.
     pub target: PathBuf,
+    /// Whether data of earlier runs is computed again.
+    pub fresh: bool,
     /// Where the drivers and the Python environment of Mitsuba are.
     pub installation: Installation,
 }
@@ -111,6 +114,7 @@ impl<'r> View<'r> {
         let port = options.port;
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port))
             .map_err(|error| StartError::Port { port, error })?;
+        send_at_once(&listener);
         let address = listener
             .local_addr()
             .map_err(|error| StartError::Port { port, error })?;
@@ -147,6 +151,7 @@ impl<'r> View<'r> {
             overrides: options.overrides.clone(),
             camera: options.camera.clone(),
             max_memory: options.max_memory,
+            cache: (options.target.join("kept"), !options.fresh),
         };
         let name = options.scene.display().to_string();
         let site = http::Site {
@@ -183,6 +188,13 @@ impl<'r> View<'r> {
             shared.change(|state| state.ended = true);
         });
     }
+}
+
+/// Makes connections send the end of an answer at once. Otherwise it waits for the browser to
+/// acknowledge the part before, which the browser delays by 40 ms (Nagle's algorithm). Connections
+/// inherit the option of the socket that accepts them. Without it, the view is only slower.
+fn send_at_once(listener: &TcpListener) {
+    let _ = socket2::SockRef::from(listener).set_tcp_nodelay(true);
 }
 
 /// Sends every picture of full size to tev, until the view ends.

@@ -176,14 +176,19 @@ impl<'a> Renderer<'a> {
         // Twice if only the build shows that it depends on the camera.
         for _ in 0..2 {
             let version = wish.version(depends);
-            if self
-                .shared
-                .scene()
-                .as_ref()
-                .is_some_and(|scene| scene.version == version)
-            {
+            let scene = self.shared.scene();
+            if scene.as_ref().is_some_and(|scene| scene.version == version) {
+                drop(scene);
+                // Those of another accelerator or view, which is no longer wanted.
+                self.shared.change(|state| {
+                    if !state.problems.is_empty() {
+                        state.problems.clear();
+                        state.news += 1;
+                    }
+                });
                 return true;
             }
+            drop(scene);
             if self.failed.as_ref() == Some(&version) {
                 return false;
             }
@@ -234,7 +239,10 @@ impl<'a> Renderer<'a> {
             return vec![(1, false)];
         }
         let previews = scene.has_previews();
-        let samples = if previews { 1 } else { scene.own_samples() };
+        let samples = match previews {
+            true => scene.pipeline.camera.lens_points(),
+            false => scene.own_samples(),
+        };
         let samples = if matches!(shown, Shown::Steps | Shown::Tests) {
             1
         } else {

@@ -9,7 +9,7 @@ use toml::{Table, Value};
 use whitstone_core::{
     Camera, FamilyName, FilmSize, ImportOptions, Registry, Sampler, SceneError, SceneErrors,
 };
-use whitstone_render::{BuildOptions, Pipeline, Shared};
+use whitstone_render::{BuildOptions, Cache, Pipeline, Shared};
 use whitstone_scene::{Aov, Description, Flattened, Plan, Sources};
 
 /// The layers that a click shows. The scene is built for all of them.
@@ -62,6 +62,8 @@ pub(crate) struct Origin {
     pub(crate) overrides: Vec<String>,
     pub(crate) camera: Option<String>,
     pub(crate) max_memory: Option<u64>,
+    /// Folder for data that takes long to compute, and whether that of earlier runs is used.
+    pub(crate) cache: (PathBuf, bool),
 }
 
 /// A scene that could not be built.
@@ -175,6 +177,10 @@ impl Origin {
         let options = BuildOptions {
             max_memory: self.max_memory,
             shared: Some(shared),
+            cache: Some(Cache {
+                folder: &self.cache.0,
+                reuse: self.cache.1,
+            }),
             ..BuildOptions::default()
         };
         let note = |plan: &Plan<'_, '_>| -> Vec<String> {

@@ -68,6 +68,15 @@ impl Browser {
     /// # Errors
     /// There is no Chromium, or it does not open the page.
     pub fn open(driver: &Driver, page: &Path, name: &str, pictures: &Path) -> Result<Self, Problem> {
+        let url = format!("file://{}", std::path::absolute(page)?.display());
+        Self::visit(driver, &url, name, pictures)
+    }
+
+    /// [`Self::open`] of an address.
+    ///
+    /// # Errors
+    /// There is no Chromium, or it does not open the page.
+    pub fn visit(driver: &Driver, address: &str, name: &str, pictures: &Path) -> Result<Self, Problem> {
         let runtime = Builder::new_current_thread().enable_all().build()?;
         let mut wanted = DesiredCapabilities::chrome();
         // Only a page of our own is opened, and containers have no other sandbox inside them.
@@ -88,8 +97,7 @@ impl Browser {
             name: name.to_owned(),
             pictures: pictures.to_owned(),
         };
-        let url = format!("file://{}", std::path::absolute(page)?.display());
-        browser.runtime.block_on(browser.window()?.goto(url))?;
+        browser.runtime.block_on(browser.window()?.goto(address))?;
         Ok(browser)
     }
 
@@ -168,6 +176,24 @@ impl Browser {
         Ok(self
             .runtime
             .block_on(chain.move_to_element_with_offset(&element, x, y).perform())?)
+    }
+
+    /// Presses the pointer in the middle of an element, moves it in steps of this size, and releases
+    /// it.
+    ///
+    /// # Errors
+    /// There is none.
+    pub fn drag(&self, selector: &str, [x, y]: [i64; 2], steps: usize) -> Result<(), Problem> {
+        let element = self.find(selector)?;
+        let mut chain = self
+            .window()?
+            .action_chain()
+            .move_to_element_center(&element)
+            .click_and_hold();
+        for _ in 0..steps {
+            chain = chain.move_by_offset(x, y);
+        }
+        Ok(self.runtime.block_on(chain.release().perform())?)
     }
 
     fn find(&self, selector: &str) -> Result<WebElement, Problem> {

@@ -28,14 +28,20 @@
   // For each half float the code on the screen.
   const codes = new Uint8Array(65536);
   const encoded = (linear) => (linear <= 0.0031308 ? 12.92 * linear : 1.055 * linear ** (1 / 2.4) - 0.055);
+  // Half floats are in the order of their bits: from 0 on up to the value that is white, which is
+  // all that has to be computed. Negative ones are black.
   const half = (bits) => {
-    const [power, fraction] = [(bits >> 10) & 31, bits & 1023];
-    const size = power === 0 ? fraction * 2 ** -24 : power === 31 ? (fraction ? NaN : Infinity) : (1024 + fraction) * 2 ** (power - 25);
-    return bits & 32768 ? -size : size;
+    const [power, fraction] = [bits >> 10, bits & 1023];
+    return power === 0 ? fraction * 2 ** -24 : (1024 + fraction) * 2 ** (power - 25);
   };
-  const halves = Float32Array.from({ length: 65536 }, (_, bits) => half(bits));
   const expose = () => {
-    for (let bits = 0; bits < 65536; bits++) codes[bits] = Math.floor(255 * encoded(Math.min(1, Math.max(0, halves[bits] * 2 ** exposure || 0))) + 0.5);
+    const scale = 2 ** exposure;
+    codes.fill(255, 0, 32768);
+    for (let bits = 0; bits < 31744; bits++) {
+      const value = half(bits) * scale;
+      if (value >= 1) break;
+      codes[bits] = Math.floor(255 * encoded(value) + 0.5);
+    }
   };
 
   const sized = (canvas, width, height) => {
@@ -82,7 +88,7 @@
     if (!frame) return;
     const { width, height } = frame;
     if (frame.shown === "picture") drawHalves(at("ours"), values, width, height);
-    else {
+    else if (state.drawing) {
       const most = values.reduce((most, value) => Math.max(most, value), 1);
       const { turbo } = state.drawing;
       drawColors(at("ours"), width, height, (pixel) => colorAt(turbo, values[pixel] / most));
@@ -121,9 +127,8 @@
     if (state.frame?.shown === "picture") at("caption").textContent = shown === 100 ? "ours" : shown === 0 ? "reference, in place of ours" : "ours, then the reference";
   };
   const drawError = () => {
-    const shown = Boolean(fits() && compared.errors && state.frame.is_final);
+    const shown = Boolean(fits() && compared.errors && state.drawing && state.frame.is_final);
     at("errors").hidden = at("error").disabled = !shown;
-    at("error").disabled = !shown;
     if (!shown) return;
     const { plane, caption, colors, ends } = ERRORS[compared.error];
     const table = state.drawing[colors];
@@ -275,7 +280,12 @@
   const open = async (takes_over) => {
     let answer;
     try {
-      [answer, state.drawing] = await Promise.all([post("open", { takes_over }), state.drawing ?? fetch("drawing.json").then((found) => found.json())]);
+      answer = await post("open", { takes_over });
+      if (answer.status === 409) {
+        // After a reload, the page before may not have closed yet.
+        await new Promise((resolve) => setTimeout(resolve, 300));
+        answer = await post("open", { takes_over });
+      }
     } catch (problem) {
       return notice(`The view does not answer: ${problem.message}. Is the command still running?`, false);
     }
@@ -285,6 +295,10 @@
     notice("", false);
     state.number = state.news = 0;
     follow();
+    // Not needed for the first picture.
+    state.drawing ??= await fetch("drawing.json").then((found) => found.json());
+    draw();
+    drawError();
   };
   addEventListener("pagehide", () => state.page && navigator.sendBeacon("close", JSON.stringify({ page: state.page })));
   // A page that comes back from the history has been closed.

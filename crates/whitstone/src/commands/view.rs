@@ -62,6 +62,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         tev: arguments.tev.clone(),
         references: arguments.references.clone(),
         target: scene.target.folder().to_owned(),
+        fresh: scene.fresh,
         installation: arguments.drivers.installation(&scene.target),
     };
     let view = View::open(options, registry).map_err(|error| match error {
