@@ -178,8 +178,8 @@ impl Browser {
             .block_on(chain.move_to_element_with_offset(&element, x, y).perform())?)
     }
 
-    /// Presses the pointer in the middle of an element, moves it in steps of this size, and releases
-    /// it.
+    /// Presses the pointer in the middle of an element, moves it in steps of this size, and
+    /// releases it.
     ///
     /// # Errors
     /// There is none.

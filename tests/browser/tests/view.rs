@@ -1,5 +1,5 @@
-//! What a user of the live view does: first picture, orbit, changed file, errors, pixels, heat maps,
-//! accelerators, comparison. `numbers` prints the times that docs/view.md reports.
+//! What a user of the live view does: first picture, orbit, changed file, errors, pixels, heat
+//! maps, accelerators, comparison. `numbers` prints the times that docs/view.md reports.
 
 use libtest_mimic::{Arguments, Failed, Trial};
 use serde_json::Value;

@@ -19,9 +19,9 @@ use whitstone_view::{Options, StartError, View};
 /// The picture appears at low resolution first and becomes the one that `render` writes. When any
 /// file of the scene changes, it is built again; errors are shown at their line, also those that
 /// the scene has at the start. Drag to orbit, drag with Shift or the right button to pan, turn the
-/// wheel to dolly. A click shows the value, layers and ray tree of a pixel, draws its rays and steps
-/// through them. Other choices of the page: a heat map of traversal steps, element tests or rays,
-/// another accelerator, and a comparison with the stored reference or a live Mitsuba.
+/// wheel to dolly. A click shows the value, layers and ray tree of a pixel, draws its rays and
+/// steps through them. Other choices of the page: a heat map of traversal steps, element tests or
+/// rays, another accelerator, and a comparison with the stored reference or a live Mitsuba.
 ///
 /// Exit code 2 for a wrong command line or a scene file that does not exist, 3 if the port is in
 /// use, 130 after Ctrl-C.
