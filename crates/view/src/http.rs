@@ -29,9 +29,22 @@ pub(crate) const MAX_BODY: usize = 16 << 10;
 /// How long a request for news waits for some.
 const PATIENCE: Duration = Duration::from_secs(4);
 
-/// What the pages may load: their own files, and nothing from elsewhere.
-const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; \
-                      img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+/// What the page may load: what it contains, and answers of this server.
+fn policy(token: &str) -> String {
+    format!(
+        "default-src 'none'; script-src 'nonce-{token}'; style-src 'nonce-{token}'; connect-src 'self'; \
+         img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    )
+}
+
+/// The page with its style and script: one request less before the first picture.
+pub(crate) fn page(name: &str, token: &str) -> String {
+    // The name last, so that nothing in it is replaced.
+    PAGE.replace("TOKEN", token)
+        .replace("STYLE", STYLE)
+        .replace("SCRIPT", SCRIPT)
+        .replace("SCENE", &escaped(name))
+}
 
 /// An answer before it is sent.
 struct Answer {
@@ -68,7 +81,8 @@ pub(crate) struct Site<'a> {
     pub(crate) registry: &'a Registry,
     pub(crate) token: &'a str,
     pub(crate) port: u16,
-    pub(crate) name: &'a str,
+    /// The page.
+    pub(crate) page: &'a str,
 }
 
 #[derive(Deserialize)]
@@ -116,9 +130,10 @@ impl Site<'_> {
 
     fn respond(&self, mut request: Request) {
         let answer = self.answer(&mut request).unwrap_or_else(|refusal| refusal);
+        let policy = policy(self.token);
         let fixed = [
             ("Content-Type", answer.kind),
-            ("Content-Security-Policy", POLICY),
+            ("Content-Security-Policy", policy.as_str()),
             ("X-Content-Type-Options", "nosniff"),
             ("Referrer-Policy", "no-referrer"),
             ("Cross-Origin-Resource-Policy", "same-origin"),
@@ -150,12 +165,7 @@ impl Site<'_> {
             return Err(Answer::refusal(405, "expected GET or POST"));
         }
         match (path, is_post) {
-            ("", false) => Ok(Answer::new(
-                "text/html; charset=utf-8",
-                PAGE.replace("SCENE", &escaped(self.name)),
-            )),
-            ("view.js", false) => Ok(Answer::new("text/javascript; charset=utf-8", SCRIPT)),
-            ("view.css", false) => Ok(Answer::new("text/css; charset=utf-8", STYLE)),
+            ("", false) => Ok(Answer::new("text/html; charset=utf-8", self.page)),
             ("drawing.json", false) => Ok(Answer::new(
                 "application/json",
                 whitstone_validate::report::drawing(),
@@ -189,7 +199,7 @@ impl Site<'_> {
                 });
                 Ok(Answer::json(&json!({})))
             }
-            ("" | "view.js" | "view.css" | "drawing.json" | "frame" | "reference" | "errors", true) => {
+            ("" | "drawing.json" | "frame" | "reference" | "errors", true) => {
                 Err(Answer::refusal(405, "expected GET"))
             }
             ("open" | "close" | "wish" | "pixel" | "live", false) => {
@@ -410,6 +420,17 @@ mod tests {
         for other in ["", "ab", "abcd", "abd", "Abc"] {
             assert!(!equal(other, "abc"), "{other}");
         }
+    }
+
+    #[test]
+    fn the_page_is_complete() {
+        let page = page("SCRIPT <b>.toml", "f00d");
+        assert!(page.contains("<title>SCRIPT &lt;b&gt;.toml"));
+        assert_eq!(page.matches("nonce=\"f00d\"").count(), 2);
+        // Else the browser would see the end of the script in it.
+        assert_eq!(page.matches("</script>").count(), 1);
+        assert_eq!(page.matches("</style>").count(), 1);
+        assert!(page.contains("\"use strict\";") && page.contains("color-scheme"));
     }
 
     #[test]

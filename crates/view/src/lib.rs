@@ -154,12 +154,13 @@ impl<'r> View<'r> {
             cache: (options.target.join("kept"), !options.fresh),
         };
         let name = options.scene.display().to_string();
+        let page = http::page(&name, &self.token);
         let site = http::Site {
             shared: &shared,
             registry: self.registry,
             token: &self.token,
             port: self.port,
-            name: &name,
+            page: &page,
         };
         let source = reference::Source {
             shared: &shared,

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 use whitstone_core::Registry;
 use whitstone_render::{Region, RenderOptions};
 use whitstone_validate::stored::Stored;
@@ -195,6 +195,7 @@ impl<'a> Renderer<'a> {
             if self.contents.0 != version.files {
                 self.contents = (version.files, Arc::default());
             }
+            let read_at = Some(SystemTime::now());
             match self.origin.load(version.clone(), self.registry, &self.contents.1) {
                 Ok(scene) => {
                     self.failed = None;
@@ -205,6 +206,7 @@ impl<'a> Renderer<'a> {
                     self.shared.change(|state| {
                         state.scene = facts;
                         state.watched = files;
+                        state.read_at = read_at;
                         state.problems = Vec::new();
                         state.news += 1;
                     });
@@ -218,6 +220,7 @@ impl<'a> Renderer<'a> {
                     self.failed = Some(version);
                     self.shared.change(|state| {
                         state.problems = failed.problems;
+                        state.read_at = read_at;
                         for file in failed.files {
                             if !state.watched.contains(&file) {
                                 state.watched.push(file);

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 use whitstone_image::Image;
 
 /// A page that has not asked for anything for this long is gone.
@@ -96,6 +96,8 @@ pub(crate) struct State {
     pub(crate) tev: Option<String>,
     /// The files whose changes matter.
     pub(crate) watched: Vec<PathBuf>,
+    /// When they began to be read.
+    pub(crate) read_at: Option<SystemTime>,
     /// The page that is served, and when it asked last.
     page: Option<(u64, Instant)>,
     pages: u64,

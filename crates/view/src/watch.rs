@@ -27,18 +27,22 @@ pub(crate) fn run(shared: &Shared) {
     let mut before: Vec<(PathBuf, Mark)> = Vec::new();
     let mut is_changing = false;
     loop {
-        let files = {
+        let (files, read_at) = {
             let state = shared.state();
             if state.ended {
                 return;
             }
-            state.watched.clone()
+            (state.watched.clone(), state.read_at)
         };
         let now = marks(&files);
-        // Files that are watched from now on have not changed.
         let differs = now.iter().any(|(file, mark)| {
-            let known = before.iter().find(|(other, _)| other == file);
-            known.is_some_and(|(_, known)| known != mark)
+            match before.iter().find(|(other, _)| other == file) {
+                Some((_, known)) => known != mark,
+                // Watched from now on: it may have changed since it was read.
+                None => mark
+                    .zip(read_at)
+                    .is_some_and(|((modified, _), read_at)| modified > read_at),
+            }
         });
         if differs {
             // It may still be written: wait until it is the same twice.

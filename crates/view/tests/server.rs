@@ -258,9 +258,9 @@ fn requests_of_others_are_refused() {
         let other = "0".repeat(token.len());
         for target in [
             "/",
-            "/view.js",
+            "/drawing.json",
             &format!("/{other}/"),
-            &format!("/{other}/view.js"),
+            &format!("/{other}/drawing.json"),
             &format!("/{token}"),
         ] {
             let answer = get(target, &own);
@@ -276,12 +276,7 @@ fn requests_of_others_are_refused() {
 #[test]
 fn only_its_own_files_are_served() {
     with_view(SCENE, |client, _| {
-        for (path, kind) in [
-            ("", "text/html"),
-            ("view.js", "text/javascript"),
-            ("view.css", "text/css"),
-            ("drawing.json", "application/json"),
-        ] {
+        for (path, kind) in [("", "text/html"), ("drawing.json", "application/json")] {
             let answer = client.get(path);
             assert_eq!(answer.status, 200, "{path}");
             let head = answer.head.to_lowercase();
@@ -300,17 +295,18 @@ fn only_its_own_files_are_served() {
             "..%2f..%2fetc/passwd",
             "/etc/passwd",
             "scene.toml",
-            "view.js/",
-            "./view.js",
+            "drawing.json/",
+            "./drawing.json",
             "view.html",
+            "view.js",
             "%2e%2e/",
         ] {
             assert_eq!(client.get(path).status, 404, "{path}");
         }
         assert_eq!(client.get("wish").status, 405);
-        assert_eq!(client.post("view.js", &json!({})).status, 405);
+        assert_eq!(client.post("drawing.json", &json!({})).status, 405);
         let put = format!(
-            "PUT /{}/view.js HTTP/1.1\r\nHost: {}\r\nConnection: close\r\nContent-Length: 0\r\n\r\n",
+            "PUT /{}/drawing.json HTTP/1.1\r\nHost: {}\r\nConnection: close\r\nContent-Length: 0\r\n\r\n",
             client.token,
             client.host()
         );

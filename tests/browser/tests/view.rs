@@ -86,7 +86,10 @@ fn first_picture(test: &Test<'_>) -> Result<(), Problem> {
     )?;
     // The red ball in the middle, below.
     let [r, g, b] = test.color("ours", [0.5, 0.72])?;
-    check(r > 60 && r > 2 * g && r > 2 * b, format!("not red: {r} {g} {b}"))?;
+    check(
+        r > 60 && 2 * r > 3 * g && 2 * r > 3 * b,
+        format!("not red: {r} {g} {b}"),
+    )?;
     check(test.browser.text("h1")?.ends_with("scene.toml"), "no name")
 }
 
@@ -123,7 +126,7 @@ fn changed_file(test: &Test<'_>) -> Result<(), Problem> {
     test.change("[0.8, 0.2, 0.2]", "[0.2, 0.2, 0.8]")?;
     test.another(&key)?;
     let [r, _, b] = test.color("ours", [0.5, 0.72])?;
-    check(b > 2 * r, format!("not blue: {r} {b}"))
+    check(2 * b > 3 * r, format!("not blue: {r} {b}"))
 }
 
 fn error_at_its_line(test: &Test<'_>) -> Result<(), Problem> {

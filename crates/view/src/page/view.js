@@ -545,6 +545,7 @@
   at("back").addEventListener("click", () => next(-1));
   at("all").addEventListener("click", () => picked.report && toStep(null));
 
-  expose();
+  // The first answer arrives while the codes are computed.
   open(false);
+  expose();
 })();
