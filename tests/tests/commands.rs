@@ -634,7 +634,10 @@ fn init_writes_a_project_and_keeps_what_is_there() {
     assert_eq!(code(&output), Some(0), "{}", stderr(&output));
     // The settings are valid, and what they show becomes so without its comment signs.
     let settings = folder.path().join("images/whitstone.toml");
-    let shown = fs::read_to_string(&settings).unwrap().replace("# ", "").replace('#', "");
+    let shown = fs::read_to_string(&settings)
+        .unwrap()
+        .replace("# ", "")
+        .replace('#', "");
     let table = &shown[shown.find("[subject").unwrap()..];
     let subject = |text: &str| {
         fs::write(&settings, text).unwrap();

@@ -3,7 +3,7 @@
 use super::super::junit::{self, Case, Outcome};
 use super::measure::Comparison;
 use super::{Arguments, pair, write_trio};
-use crate::terminal::{Exit, Failure, progress, write_json};
+use crate::terminal::{Exit, Failure, progress, set_message, write_json};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -34,7 +34,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Failure> {
     let mut rows = Vec::new();
     for path in all {
         let name = name(path);
-        bar.set_message(name.clone());
+        set_message(&bar, &name);
         let found = match (ours.contains(path), reference.contains(path)) {
             (true, true) => compare(arguments, path),
             (true, false) => Err(format!("missing in {}", arguments.reference.display())),
