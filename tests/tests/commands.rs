@@ -632,6 +632,22 @@ fn init_writes_a_project_and_keeps_what_is_there() {
     assert_eq!(code(&output), Some(0), "{}", stderr(&output));
     let output = whitstone(&["render", "images/scenes/first.toml", "--set", "film.width=16"]);
     assert_eq!(code(&output), Some(0), "{}", stderr(&output));
+    // The settings are valid, and what they show becomes so without its comment signs.
+    let settings = folder.path().join("images/whitstone.toml");
+    let shown = fs::read_to_string(&settings)
+        .unwrap()
+        .replace("# ", "")
+        .replace('#', "");
+    let table = &shown[shown.find("[subject").unwrap()..];
+    let subject = |text: &str| {
+        fs::write(&settings, text).unwrap();
+        let arguments = ["validate", "scenes/first.toml", "--subject", "mytracer"];
+        let folder = folder.path().join("images");
+        let output = program!().current_dir(folder).args(arguments).output().unwrap();
+        stderr(&output) + &stdout(&output)
+    };
+    assert!(subject(table).contains("./mytracer"), "{}", subject(table));
+    assert!(subject("").contains("[subject.mytracer]"), "{}", subject(""));
     let workflow = folder.path().join("images/.github/workflows/images.yml");
     let text = fs::read_to_string(&workflow).unwrap();
     assert!(

@@ -133,6 +133,74 @@ fn folders_are_matched_by_path_and_what_is_missing_is_an_error() {
 /// 8-bit codes are compared exactly, however small the difference of the light is, and not with
 /// floating-point numbers.
 #[test]
+fn masked_pixels_and_other_references_are_accepted() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let put = |name: &str, image: &Image| put(path, name, image);
+    let dot = |x: usize, y: usize| x == 3 && y == 4;
+    let reference = put("reference/a.exr", &wall(|_, _| 0.0));
+    let ours = put("ours/a.exr", &wall(|x, y| if dot(x, y) { f32::NAN } else { 0.0 }));
+    let mask = |around: fn(usize, usize) -> bool| {
+        Image::from_fn(16, 16, |x, y| [if around(x, y) { 0.0 } else { 1.0 }; 3]).unwrap()
+    };
+    let right = put(
+        "masks/a.exr",
+        &mask(|x, y| (2..5).contains(&x) && (3..6).contains(&y)),
+    );
+    let wrong = put("wrong.exr", &mask(|x, _| x > 8));
+    check(&["compare", &ours, &reference], 1, &["not finite"]);
+    check(
+        &["compare", &ours, &reference, "--mask", &right],
+        0,
+        &["0 of 256"],
+    );
+    check(
+        &["compare", &ours, &reference, "--mask", &wrong],
+        1,
+        &["not finite"],
+    );
+    let small = put("small.exr", &Image::from_fn(2, 2, |_, _| [0.0; 3]).unwrap());
+    let text = ["the mask has 2 x 2 pixels", "16 x 16"];
+    check(&["compare", &ours, &reference, "--mask", &small], 2, &text);
+
+    let darker = put("other/a.exr", &wall(|x, _| if x < 8 { -0.1 } else { 0.0 }));
+    let also = put("also/a.exr", &wall(|x, _| if x < 8 { -0.1 } else { 0.0 }));
+    check(
+        &["compare", &darker, &reference],
+        1,
+        &["128 pixels are over tolerance"],
+    );
+    check(
+        &["compare", &darker, &reference, "--or", &also],
+        0,
+        &["compared with", "also"],
+    );
+    // If none passes, the nearest one is shown.
+    let far = put("far.exr", &wall(|_, _| 5.0));
+    let text = ["128 pixels are over tolerance", "reference/a.exr"];
+    check(&["compare", &darker, &far, "--or", &reference], 1, &text);
+
+    let at = |name: &str| path.join(name).to_str().unwrap().to_owned();
+    let folders = |more: &[&str], code| {
+        let (ours, reference) = (at("ours"), at("reference"));
+        check(&[&["compare", &ours, &reference], more].concat(), code, &[]);
+    };
+    folders(&[], 1);
+    folders(&["--mask", &at("masks")], 0);
+    fs::create_dir(path.join("empty")).unwrap();
+    folders(&["--mask", &at("empty")], 1);
+    fs::copy(&darker, path.join("ours/a.exr")).unwrap();
+    folders(&["--or", &at("empty")], 1);
+    folders(&["--or", &at("empty"), "--or", &at("also")], 0);
+    let text = ["should be a folder"];
+    check(
+        &["compare", &at("ours"), &at("reference"), "--mask", &right],
+        2,
+        &text,
+    );
+}
+
+#[test]
 fn codes_are_compared_exactly() {
     let folder = tempfile::tempdir().unwrap();
     let png = |name: &str, image: &Image| {

@@ -2,6 +2,8 @@
 //! references and a warning where it was not.
 #![cfg(unix)]
 
+use std::fs;
+use std::path::Path;
 use std::process::Output;
 use whitstone_tests::{MITSUBA, fake_python, program, root};
 
@@ -9,13 +11,18 @@ const SCENE: &str = "scenes/shapes/sphere.toml";
 
 fn validate(version: &str, behaviour: &str, reference: &str) -> (Output, String) {
     let folder = tempfile::tempdir().unwrap();
-    fake_python(folder.path(), version, behaviour).unwrap();
+    validate_in(folder.path(), version, behaviour, reference)
+}
+
+/// The same with the fake and the results in a folder.
+fn validate_in(folder: &Path, version: &str, behaviour: &str, reference: &str) -> (Output, String) {
+    fake_python(folder, version, behaviour).unwrap();
     let output = program!()
         .current_dir(root())
-        .env("WHITSTONE_PYTHON", folder.path().join("python"))
+        .env("WHITSTONE_PYTHON", folder.join("python"))
         .args(["validate", SCENE, "--time-limit", "2", "--reference", reference])
         .arg("--target")
-        .arg(folder.path().join("target"))
+        .arg(folder.join("target"))
         .output()
         .unwrap();
     let text = String::from_utf8_lossy(&[&output.stdout[..], &output.stderr[..]].concat()).into_owned();
@@ -69,4 +76,22 @@ fn another_version_is_refused() {
     let (output, text) = validate("3.10.0", "exit 9", "live");
     assert_eq!(output.status.code(), Some(3), "{text}");
     assert!(text.contains("3.10.0 is installed, 3.9.1 is pinned"), "{text}");
+}
+
+#[test]
+fn links_in_the_cache_are_not_followed() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_, text) = validate_in(folder.path(), MITSUBA, "exit 9", "live");
+    let cache = folder.path().join("target/live");
+    let entries = fs::read_dir(&cache).unwrap_or_else(|error| panic!("{error}: {text}"));
+    let kept = entries.map(|entry| entry.unwrap().path());
+    let hello = kept.filter(|path| path.extension().is_some_and(|extension| extension == "json"));
+    let [hello] = hello.collect::<Vec<_>>().try_into().unwrap();
+    let victim = folder.path().join("victim");
+    fs::write(&victim, "precious").unwrap();
+    fs::remove_file(&hello).unwrap();
+    std::os::unix::fs::symlink(&victim, &hello).unwrap();
+    validate_in(folder.path(), MITSUBA, "exit 9", "live");
+    assert_eq!(fs::read_to_string(&victim).unwrap(), "precious");
+    assert!(hello.symlink_metadata().unwrap().is_file());
 }

@@ -76,6 +76,35 @@ fn pipes_and_files_of_the_system_are_refused() {
     }
 }
 
+/// It sets the title of a window and clears the screen.
+#[test]
+fn control_characters_of_a_name_do_not_reach_the_terminal() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = "\u{1b}]0;title\u{7}\u{1b}[2J.toml";
+    for exists in [false, true] {
+        if exists {
+            fs::write(
+                folder.path().join(name),
+                format!("camera = {{ type = \"{}\" }}", "\\u001b[2J"),
+            )
+            .unwrap();
+        }
+        for arguments in [&["render", name][..], &["validate", name], &["explain", name]] {
+            let output = program!()
+                .current_dir(folder.path())
+                .args(arguments)
+                .output()
+                .unwrap();
+            let text = [output.stdout, output.stderr].concat();
+            assert!(!text.contains(&0x1b) && !text.contains(&7), "{arguments:?}");
+            assert!(
+                String::from_utf8_lossy(&text).contains("\\u{1b}]0;title"),
+                "{arguments:?}"
+            );
+        }
+    }
+}
+
 /// 20 GB of nothing: its size is looked at before it is read.
 #[test]
 fn a_large_sparse_file_is_refused_by_its_size() {

@@ -345,6 +345,39 @@ fn a_region_has_the_pixels_of_the_whole_image() {
 }
 
 #[test]
+fn a_film_serves_again() {
+    let registry = whitstone::registry();
+    let scene = root().join("scenes/showcase/classic.toml");
+    let load = |changes: &[&str]| {
+        let changes: Vec<String> = changes.iter().map(|change| (*change).to_owned()).collect();
+        load(&scene, &changes, &registry).unwrap()
+    };
+    let large = load(&["film.aovs=['depth','normal']"]);
+    let small = load(&["film.width=40", "film.aovs=['shape_id']"]);
+    let mut film = large.render(RenderOptions::default());
+    let memory = film.rgb.as_ptr();
+    for pipeline in [&small, &large, &small] {
+        pipeline.render_into(RenderOptions::default(), &mut film);
+        let fresh = pipeline.render(RenderOptions::default());
+        let whole = |film: &Film| {
+            let all = Region {
+                x: 0,
+                y: 0,
+                width: film.width,
+                height: film.height,
+            };
+            bits_of(film, all, film.width)
+        };
+        assert_eq!(whole(&film), whole(&fresh));
+        assert_eq!(film.counters.closest, fresh.counters.closest);
+        let names =
+            |film: &Film| -> Vec<String> { film.layers.iter().map(|(name, _)| name.clone()).collect() };
+        assert_eq!(names(&film), names(&fresh));
+        assert_eq!(film.rgb.as_ptr(), memory, "the buffer serves again");
+    }
+}
+
+#[test]
 fn progress_can_stop_a_rendering() {
     let registry = whitstone::registry();
     for scene in ["showcase/classic.toml", "samplers/adaptive.toml"] {

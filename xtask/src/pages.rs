@@ -78,7 +78,8 @@ fn documents() -> Vec<(String, String)> {
             (Path::new(SUMMARY) != file.path()).then_some((title, name))
         })
         .collect();
-    documents.sort_by(|a, b| a.1.cmp(&b.1));
+    // The first page of the site.
+    documents.sort_by_key(|(_, file)| (file != "quick-start.md", file.clone()));
     documents
 }
 

@@ -173,6 +173,19 @@ pub fn sweep(folder: &Path) {
     }
 }
 
+/// Removes a symbolic link, so that the next [`write()`] to its path does not replace the file that
+/// it points to. Anything else stays. Call it for the program's own files, in caches, where a link
+/// can only come from someone else.
+///
+/// # Errors
+/// If the link cannot be removed.
+pub fn remove_link(path: &Path) -> io::Result<()> {
+    match path.symlink_metadata() {
+        Ok(found) if found.is_symlink() => fs::remove_file(path),
+        _ => Ok(()),
+    }
+}
+
 /// Checks whether [`write()`] could begin. Call it before long work whose result is a file. Leaves
 /// no files behind.
 ///

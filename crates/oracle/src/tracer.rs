@@ -87,6 +87,24 @@ pub enum Value {
     Unknown(String),
 }
 
+/// The first surface on a ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum FirstHit {
+    /// The ray certainly hits a surface.
+    Hit {
+        /// The ray parameter: the double nearest to the exact value.
+        t: f64,
+        /// The double vector nearest to the exact point.
+        point: DVec3,
+        /// The geometric normal, of unit length.
+        normal: DVec3,
+    },
+    /// The ray certainly hits nothing.
+    Miss,
+    /// The ray touches a surface, or meets two surfaces at one point.
+    Unknown,
+}
+
 /// Why a ray has no value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Unsure {
@@ -294,6 +312,15 @@ impl Tracer {
             apart,
             size: [description.film.size.width, description.film.size.height],
         })
+    }
+
+    /// The first hit of a ray, in front of its origin. Every shape is tested.
+    pub fn first_hit(&self, ray: &Ray) -> FirstHit {
+        match self.scene.nearest(ray, None, f64::INFINITY) {
+            Ok(Some(Hit { t, point, normal, .. })) => FirstHit::Hit { t, point, normal },
+            Ok(None) => FirstHit::Miss,
+            Err(_) => FirstHit::Unknown,
+        }
     }
 
     /// The value of a pixel, given as column and row from the top left.

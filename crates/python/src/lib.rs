@@ -5,6 +5,8 @@ mod images;
 #[cfg(feature = "module")]
 mod interruptible;
 #[cfg(feature = "module")]
+mod oracle;
+#[cfg(feature = "module")]
 mod scene;
 
 /// The module.
@@ -13,6 +15,8 @@ mod scene;
 mod _native {
     #[pymodule_export]
     use super::images::{compare, difference_png, png, read_image, write_image};
+    #[pymodule_export]
+    use super::oracle::Oracle;
     #[pymodule_export]
     use super::scene::Scene;
 

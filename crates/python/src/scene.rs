@@ -16,7 +16,7 @@ use whitstone::{Change, Error, SceneOptions};
 
 /// A scene that is built.
 #[pyclass(frozen, module = "whitstone._native")]
-pub(crate) struct Scene(whitstone::Scene);
+pub(crate) struct Scene(pub(crate) whitstone::Scene);
 
 /// Columns of hits: parameter, shape, primitive, instance, surface parameters.
 type Columns<'py> = (
@@ -28,7 +28,7 @@ type Columns<'py> = (
 );
 
 /// The exception for a scene with errors: `whitstone.SceneError(report, problems)`.
-fn scene_error(py: Python<'_>, error: &Error) -> PyErr {
+pub(crate) fn scene_error(py: Python<'_>, error: &Error) -> PyErr {
     let problems: Vec<_> = error
         .problems
         .iter()
@@ -112,7 +112,7 @@ impl Scene {
 
     /// Width and height in pixels.
     #[getter]
-    fn size(&self) -> (u32, u32) {
+    pub(crate) fn size(&self) -> (u32, u32) {
         let size = self.0.pipeline().film.size;
         (size.width, size.height)
     }
@@ -196,14 +196,7 @@ impl Scene {
         origins: PyReadonlyArray2<'py, f64>,
         directions: PyReadonlyArray2<'py, f64>,
     ) -> PyResult<Columns<'py>> {
-        let count = origins.shape()[0];
-        if origins.shape() != [count, 3] || directions.shape() != [count, 3] {
-            return Err(PyValueError::new_err(format!(
-                "expected origins and directions of shape (n, 3), found {:?} and {:?}",
-                origins.shape(),
-                directions.shape()
-            )));
-        }
+        let count = check_shapes(&origins, &directions)?;
         let (origins, directions) = (origins.as_slice()?, directions.as_slice()?);
         let columns = interruptible::run(py, None, |_| self.columns(origins, directions))?;
         let Hits {
@@ -212,11 +205,7 @@ impl Scene {
             primitive,
             instance,
             uv,
-        } = columns.map_err(|ray| {
-            PyValueError::new_err(format!(
-                "ray {ray}: the origin and the direction must be finite, and the direction not zero"
-            ))
-        })?;
+        } = columns.map_err(invalid_ray)?;
         Ok((
             t.into_pyarray(py),
             shape.into_pyarray(py),
@@ -225,6 +214,53 @@ impl Scene {
             uv.into_pyarray(py).reshape([count, 2])?,
         ))
     }
+}
+
+/// The number of rays, if the arrays have the shape (n, 3).
+fn check_shapes(
+    origins: &PyReadonlyArray2<'_, f64>,
+    directions: &PyReadonlyArray2<'_, f64>,
+) -> PyResult<usize> {
+    let count = origins.shape()[0];
+    if origins.shape() == [count, 3] && directions.shape() == [count, 3] {
+        return Ok(count);
+    }
+    Err(PyValueError::new_err(format!(
+        "expected origins and directions of shape (n, 3), found {:?} and {:?}",
+        origins.shape(),
+        directions.shape()
+    )))
+}
+
+/// The ray with a direction of unit length, if its numbers allow it.
+fn unit_ray(origin: &[f64], direction: &[f64]) -> Option<Ray> {
+    let (origin, unit) = (
+        DVec3::from_slice(origin),
+        DVec3::from_slice(direction).normalize(),
+    );
+    (origin.is_finite() && unit.is_finite()).then(|| Ray::new(origin, unit))
+}
+
+fn invalid_ray(number: usize) -> PyErr {
+    PyValueError::new_err(format!(
+        "ray {number}: the origin and the direction must be finite, and the direction not zero"
+    ))
+}
+
+/// All rays, with directions of unit length.
+pub(crate) fn rays(
+    origins: &PyReadonlyArray2<'_, f64>,
+    directions: &PyReadonlyArray2<'_, f64>,
+) -> PyResult<Vec<Ray>> {
+    check_shapes(origins, directions)?;
+    let pairs = origins
+        .as_slice()?
+        .chunks_exact(3)
+        .zip(directions.as_slice()?.chunks_exact(3));
+    pairs
+        .enumerate()
+        .map(|(number, (origin, direction))| unit_ray(origin, direction).ok_or_else(|| invalid_ray(number)))
+        .collect()
 }
 
 /// Hits as columns. A miss has an infinite parameter and the shape -1.
@@ -268,17 +304,10 @@ impl Scene {
                 rays.len = t.len();
                 let pairs = origins.chunks_exact(3).zip(directions.chunks_exact(3));
                 for (lane, (origin, direction)) in pairs.enumerate() {
-                    let (origin, direction) = (DVec3::from_slice(origin), DVec3::from_slice(direction));
-                    let unit = direction.normalize();
-                    if !origin.is_finite() || !unit.is_finite() {
+                    let Some(ray) = unit_ray(origin, direction) else {
                         return Some(chunk * LANES + lane);
-                    }
-                    rays.set(
-                        lane,
-                        Ray::new(origin, unit),
-                        f64::INFINITY,
-                        SelfHitFilter::NOTHING,
-                    );
+                    };
+                    rays.set(lane, ray, f64::INFINITY, SelfHitFilter::NOTHING);
                 }
                 accelerator.intersect_stream(rays, found);
                 for lane in 0..t.len() {

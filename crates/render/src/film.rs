@@ -1,11 +1,13 @@
 //! The rendered image.
 
+use std::mem;
 use std::ops::ControlFlow;
 use whitstone_core::Counters;
 use whitstone_image::planes::RGB;
 use whitstone_image::{Image, ImageError};
 
 /// A rendered image.
+#[derive(Clone, Debug, Default)]
 pub struct Film {
     /// Columns.
     pub width: u32,
@@ -25,11 +27,43 @@ pub struct Film {
     pub is_complete: bool,
 }
 
+/// So many zeros, in the memory of `old` if it is large enough.
+fn zeros<T: Clone + Default>(mut old: Vec<T>, count: usize) -> Vec<T> {
+    if old.capacity() < count {
+        // Memory that the system provides is zero: it is not written here.
+        return vec![T::default(); count];
+    }
+    old.clear();
+    old.resize(count, T::default());
+    old
+}
+
 /// Called with the number of finished pixels and the total, from any thread. `Break` stops the
 /// rendering.
 pub type Progress<'a> = &'a (dyn Fn(u64, u64) -> ControlFlow<()> + Sync);
 
 impl Film {
+    /// Makes it a black, complete image of this size with these layers.
+    pub(crate) fn prepare<'a>(&mut self, [width, height]: [u32; 2], layers: impl Iterator<Item = &'a str>) {
+        let count = width as usize * height as usize;
+        let mut old = mem::take(&mut self.layers).into_iter();
+        let layer = |name: &str| {
+            let (mut own_name, values) = old.next().unwrap_or_default();
+            name.clone_into(&mut own_name);
+            (own_name, zeros(values, count))
+        };
+        *self = Self {
+            width,
+            height,
+            rgb: zeros(mem::take(&mut self.rgb), count),
+            layers: layers.map(layer).collect(),
+            samples: 0,
+            counters: Counters::default(),
+            render_seconds: 0.0,
+            is_complete: true,
+        };
+    }
+
     /// Number of pixels whose radiance the image cannot represent: it overflows `f32`, or is NaN.
     pub fn not_finite(&self) -> usize {
         let unfit = |rgb: &&[f32; 3]| !rgb.iter().all(|value| value.is_finite());
@@ -52,7 +86,7 @@ impl Film {
         for (name, plane) in RGB.into_iter().zip(planes) {
             image.add_channel(name, plane)?;
         }
-        for (name, values) in std::mem::take(&mut self.layers) {
+        for (name, values) in mem::take(&mut self.layers) {
             image.add_channel(name, values)?;
         }
         self.describe(image, scene_hash)

@@ -8,8 +8,7 @@ use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 use whitstone_core::stream::LANES;
 use whitstone_core::{
-    Counters, DVec2, DVec3, FilmSize, PreliminaryIntersection, Rgb, Scratch, SurfaceAttributes,
-    SurfaceInteraction,
+    DVec2, DVec3, FilmSize, PreliminaryIntersection, Rgb, Scratch, SurfaceAttributes, SurfaceInteraction,
 };
 use whitstone_scene::Aov;
 
@@ -175,20 +174,30 @@ impl Pipeline {
     /// Renders the image. The result does not depend on the number of threads, because a pixel
     /// depends only on the scene.
     pub fn render(&self, options: RenderOptions<'_>) -> Film {
+        let mut film = Film::default();
+        self.render_into(options, &mut film);
+        film
+    }
+
+    /// Renders the image into a film, whose buffers serve again if they are large enough. All that
+    /// it contained is replaced.
+    pub fn render_into(&self, options: RenderOptions<'_>, film: &mut Film) {
         if options.threads == 0 {
-            return self.render_on_current_pool(options);
+            return self.render_on_current_pool(options, film);
         }
-        match rayon::ThreadPoolBuilder::new()
-            .num_threads(options.threads)
-            .build()
-        {
-            Ok(pool) => pool.install(|| self.render_on_current_pool(options)),
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads);
+        match pool.build() {
+            Ok(pool) => pool.install(|| self.render_on_current_pool(options, film)),
             // Threads only affect the speed, so the existing ones are used instead.
-            Err(_) => self.render_on_current_pool(options),
+            Err(_) => self.render_on_current_pool(options, film),
         }
     }
 
-    fn render_on_current_pool(&self, RenderOptions { region, progress, .. }: RenderOptions<'_>) -> Film {
+    fn render_on_current_pool(
+        &self,
+        RenderOptions { region, progress, .. }: RenderOptions<'_>,
+        film: &mut Film,
+    ) {
         let start = Instant::now();
         let size = self.film.size;
         let all = Region {
@@ -213,29 +222,16 @@ impl Pipeline {
                 height: TILE.min(region.height - y),
             })
             .collect();
-        let mut film = Film {
-            width: region.width,
-            height: region.height,
-            rgb: vec![[0.0; 3]; total as usize],
-            layers: self
-                .film
-                .aovs
-                .iter()
-                .flat_map(|aov| aov.channels())
-                .map(|name| ((*name).to_owned(), vec![0.0; total as usize]))
-                .collect(),
-            samples: self.samples(),
-            counters: Counters::default(),
-            render_seconds: 0.0,
-            is_complete: true,
-        };
+        let names = self.film.aovs.iter().flat_map(|aov| aov.channels()).copied();
+        film.prepare([region.width, region.height], names);
+        film.samples = self.samples();
         let adaptive = self.sampler.refinement().map(|rule| Adaptive::new(rule, size));
         let first = adaptive.as_ref().map_or(self.sampler.count(), Adaptive::first);
         // Each thread takes the next tile when it finishes one, because a fixed division of the
         // image would take unequal times.
         let next = AtomicUsize::new(0);
         let stopped = AtomicBool::new(false);
-        let bands = Band::all(&mut film);
+        let bands = Band::all(film);
         let counters = rayon::broadcast(|_| {
             let mut scratch = TileScratch::default();
             while !stopped.load(Ordering::Relaxed)
@@ -275,10 +271,9 @@ impl Pipeline {
                 scratch.enter(tile);
                 scratch.pixels.clone()
             });
-            adaptive.refine(self, pixels.collect(), region, &mut film, progress);
+            adaptive.refine(self, pixels.collect(), region, film, progress);
         }
         film.render_seconds = start.elapsed().as_secs_f64();
-        film
     }
 
     /// Renders a tile with the first `positions` of each pixel.

@@ -1,13 +1,14 @@
 //! Laws of accelerators.
 
 use crate::broken::Broken;
-use crate::instances::{Naive, instance_geometries, instance_triangles};
+use crate::instances::{Naive, Shapes, instance_geometries, instance_triangles};
 use crate::random::Random;
 use crate::shapes::same_bits;
-use crate::streams::accelerator_streams;
+use crate::streams::{Query, accelerator_streams};
 use crate::test_shapes::{ball, grid, mesh_of, random_mesh, slivers, soup};
 use crate::{Wall, build};
-use std::sync::Arc;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
 use whitstone_core::triangle::ShearedRay;
 use whitstone_core::{
     Accelerator, Accelerators, DVec3, Geometry, Interval, LoweredShape, Plugin, PreliminaryIntersection, Ray,
@@ -65,23 +66,75 @@ pub fn random_rays(geometry: &Geometry, count: u64, seed: u64) -> impl Iterator<
     (0..count).map(move |number| aim.ray((number % 7) as u32, &mut random))
 }
 
+/// A ray with all its hits, and what is asked about it.
+struct Question {
+    ray: Ray,
+    skip: SelfHitFilter,
+    intervals: [Interval; 3],
+    hits: Vec<PreliminaryIntersection>,
+}
+
+/// Questions about a geometry, with the answers of testing every element.
+struct Questions {
+    single: Vec<Question>,
+    /// Those of streams: of the same rays, and of bundles.
+    streams: [Vec<Query>; 2],
+}
+
+/// The geometries of the laws with their questions.
+struct Known {
+    plain: Vec<(&'static str, Arc<Geometry>, Questions)>,
+    instances: Vec<(&'static str, Shapes, Questions)>,
+}
+
+impl Known {
+    /// For one of `part` rays of each geometry. Many accelerators are asked the same: testing every
+    /// element takes most of the time, and happens once.
+    fn of(part: u32) -> Arc<Self> {
+        static KNOWN: Mutex<BTreeMap<u32, Arc<Known>>> = Mutex::new(BTreeMap::new());
+        let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
+        known
+            .entry(part)
+            .or_insert_with(|| Arc::new(Self::new(part)))
+            .clone()
+    }
+
+    fn new(part: u32) -> Self {
+        let plain = geometries().into_iter().map(|(name, shapes, rays)| {
+            let geometry = Arc::new(Geometry::new(shapes));
+            let questions = Questions::new(&geometry, rays.div_ceil(part));
+            (name, geometry, questions)
+        });
+        let instances = instance_geometries().into_iter().map(|(name, shapes, rays)| {
+            let truth = Geometry::new(shapes(&naive));
+            (name, shapes, Questions::new(&truth, rays.div_ceil(part)))
+        });
+        Self {
+            plain: plain.collect(),
+            instances: instances.collect(),
+        }
+    }
+}
+
+fn naive(geometry: Arc<Geometry>) -> Box<dyn Accelerator> {
+    Box::new(Naive::new(geometry))
+}
+
 /// The first difference, for one of `part` rays of each geometry.
 fn first_broken(build: impl Fn(Arc<Geometry>) -> Box<dyn Accelerator>, part: u32) -> Result<(), Broken> {
-    for (name, shapes, rays) in geometries() {
-        let rays = rays.div_ceil(part);
-        let geometry = Arc::new(Geometry::new(shapes));
+    let known = Known::of(part);
+    for (name, geometry, questions) in &known.plain {
         let accelerator = build(geometry.clone());
-        compare(&geometry, &*accelerator, rays).map_err(|broken| broken.within(&format!("over {name}")))?;
+        let asked = questions.ask(&*accelerator);
+        asked.map_err(|broken| broken.within(&format!("over {name}")))?;
     }
-    for (name, shapes, rays) in instance_geometries() {
-        let rays = rays.div_ceil(part);
-        let naive = |geometry| Box::new(Naive::new(geometry)) as Box<dyn Accelerator>;
-        let truth = Geometry::new(shapes(&naive));
+    for (name, shapes, questions) in &known.instances {
         // The accelerator under test on both levels: over the instances and inside the groups. Then
         // only inside the groups, with instances that are queried one by one, by streams.
         let geometry = || Arc::new(Geometry::new(shapes(&build)));
         for accelerator in [build(geometry()), naive(geometry())] {
-            compare(&truth, &*accelerator, rays).map_err(|broken| broken.within(&format!("over {name}")))?;
+            let asked = questions.ask(&*accelerator);
+            asked.map_err(|broken| broken.within(&format!("over {name}")))?;
         }
     }
     Ok(())
@@ -89,32 +142,77 @@ fn first_broken(build: impl Fn(Arc<Geometry>) -> Box<dyn Accelerator>, part: u32
 
 /// Compares the two for `rays` rays; the error names the first ray for which they differ.
 pub(crate) fn compare(geometry: &Geometry, accelerator: &dyn Accelerator, rays: u32) -> Result<(), Broken> {
-    let mut random = Random::new(u64::from(rays));
-    let aim = Aim::new(geometry);
-    let mut skip = SelfHitFilter::NOTHING;
-    let (mut queries, mut bundles) = (Vec::new(), Vec::new());
-    for number in 0..rays {
-        let ray = aim.ray(number, &mut random);
-        let hits = everything(geometry, &ray, skip);
-        let nearest = |interval: Interval| {
-            let inside = hits.iter().filter(|hit| interval.contains(hit.t)).copied();
-            inside.reduce(|best, hit| if hit.is_nearer_than(&best) { hit } else { best })
-        };
-        // An interval that ends exactly at a hit distinguishes open from closed intervals.
-        let ends = match hits.len() {
-            0 => [random.unit(), f64::INFINITY],
-            n => [hits[random.below(n)].t, hits[random.below(n)].t],
-        };
-        for interval in [
-            Interval::FORWARD,
-            Interval::up_to(ends[0].abs()),
-            Interval {
-                min: ends[1].max(0.0),
-                max: f64::INFINITY,
-            },
-        ] {
-            let expected = nearest(interval);
-            let found = accelerator.intersect(&ray, interval, skip);
+    Questions::new(geometry, rays).ask(accelerator)
+}
+
+impl Questions {
+    fn new(geometry: &Geometry, rays: u32) -> Self {
+        let mut random = Random::new(u64::from(rays));
+        let aim = Aim::new(geometry);
+        let mut skip = SelfHitFilter::NOTHING;
+        let (mut single, mut queries, mut bundles) = (Vec::new(), Vec::new(), Vec::new());
+        for number in 0..rays {
+            let ray = aim.ray(number, &mut random);
+            let hits = everything(geometry, &ray, skip);
+            // An interval that ends exactly at a hit distinguishes open from closed intervals.
+            let ends = match hits.len() {
+                0 => [random.unit(), f64::INFINITY],
+                n => [hits[random.below(n)].t, hits[random.below(n)].t],
+            };
+            queries.extend([f64::INFINITY, ends[0].abs()].map(|limit| (ray, limit, skip)));
+            if number.is_multiple_of(BUNDLE as u32 / 4) {
+                for limit in [f64::INFINITY, 1.5 * ends[0].abs()] {
+                    bundles.extend(aim.bundle(&ray, &mut random).map(|ray| (ray, limit, skip)));
+                }
+            }
+            let question = Question {
+                ray,
+                skip,
+                intervals: [
+                    Interval::FORWARD,
+                    Interval::up_to(ends[0].abs()),
+                    Interval {
+                        min: ends[1].max(0.0),
+                        max: f64::INFINITY,
+                    },
+                ],
+                hits,
+            };
+            skip = match question.nearest(Interval::FORWARD) {
+                Some(hit) if number.is_multiple_of(3) => SelfHitFilter::leaving(&hit),
+                _ => SelfHitFilter::NOTHING,
+            };
+            single.push(question);
+        }
+        Self {
+            single,
+            streams: [queries, bundles],
+        }
+    }
+
+    /// The first ray for which an accelerator has another answer.
+    fn ask(&self, accelerator: &dyn Accelerator) -> Result<(), Broken> {
+        for question in &self.single {
+            question.ask(accelerator)?;
+        }
+        for queries in &self.streams {
+            accelerator_streams(accelerator, queries)?;
+        }
+        Ok(())
+    }
+}
+
+impl Question {
+    fn nearest(&self, interval: Interval) -> Option<PreliminaryIntersection> {
+        let inside = self.hits.iter().filter(|hit| interval.contains(hit.t)).copied();
+        inside.reduce(|best, hit| if hit.is_nearer_than(&best) { hit } else { best })
+    }
+
+    fn ask(&self, accelerator: &dyn Accelerator) -> Result<(), Broken> {
+        let Self { ray, skip, .. } = self;
+        for interval in self.intervals {
+            let expected = self.nearest(interval);
+            let found = accelerator.intersect(ray, interval, *skip);
             let same = match (&expected, &found) {
                 (None, None) => true,
                 (Some(a), Some(b)) => same_bits(a, b),
@@ -122,27 +220,16 @@ pub(crate) fn compare(geometry: &Geometry, accelerator: &dyn Accelerator, rays: 
             };
             if !same {
                 let law = format!("{ray:?}, {interval:?}, {skip:?}: expected {expected:?}, found {found:?}");
-                return Err(Broken::at(&ray, law));
+                return Err(Broken::at(ray, law));
             }
-            let occluded = accelerator.occluded(&ray, interval, skip);
+            let occluded = accelerator.occluded(ray, interval, *skip);
             if occluded != expected.is_some() {
                 let law = format!("{ray:?}, {interval:?}, {skip:?}: occluded is {occluded}");
-                return Err(Broken::at(&ray, law));
+                return Err(Broken::at(ray, law));
             }
         }
-        queries.extend([f64::INFINITY, ends[0].abs()].map(|limit| (ray, limit, skip)));
-        if number.is_multiple_of(BUNDLE as u32 / 4) {
-            for limit in [f64::INFINITY, 1.5 * ends[0].abs()] {
-                bundles.extend(aim.bundle(&ray, &mut random).map(|ray| (ray, limit, skip)));
-            }
-        }
-        skip = match nearest(Interval::FORWARD) {
-            Some(hit) if number.is_multiple_of(3) => SelfHitFilter::leaving(&hit),
-            _ => SelfHitFilter::NOTHING,
-        };
+        Ok(())
     }
-    accelerator_streams(accelerator, &queries)?;
-    Ok(accelerator_streams(accelerator, &bundles)?)
 }
 
 /// Number of rays in a bundle of similar rays: enough that whole lane groups are similar, wherever

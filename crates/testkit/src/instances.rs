@@ -109,7 +109,7 @@ fn anywhere(random: &mut Random, size: f64) -> Transform {
         .expect("the transform is invertible")
 }
 
-type Shapes = fn(Build<'_>) -> Vec<LoweredShape>;
+pub(crate) type Shapes = fn(Build<'_>) -> Vec<LoweredShape>;
 
 /// Geometries with instances of groups, each with its name and its number of rays. Each is built
 /// twice: for the reference result and for the accelerator under test.

@@ -272,7 +272,16 @@ impl Live {
                 notes: rendered.coincident.iter().filter_map(Coincident::note).collect(),
             },
         };
-        stored.write(&folder, self.renderer())?;
+        let renderer = self.renderer();
+        remove_link(&folder)?;
+        for name in [
+            renderer.image_file(),
+            renderer.variants_file(),
+            renderer.meta_file(),
+        ] {
+            remove_link(&folder.join(name))?;
+        }
+        stored.write(&folder, renderer)?;
         Ok(stored)
     }
 
@@ -410,7 +419,14 @@ fn finite(value: f64) -> Option<f64> {
     value.is_finite().then_some(value)
 }
 
+/// A link in the cache must not lead to other files, which would be overwritten.
+fn remove_link(path: &Path) -> Result<(), LiveError> {
+    atomic::remove_link(path).map_err(|error| LiveError::Driver(DriverError::Io(error)))
+}
+
+/// Writes a file of the cache.
 fn write(path: &Path, bytes: &[u8]) -> Result<(), LiveError> {
+    remove_link(path)?;
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder).map_err(DriverError::Io)?;
     }

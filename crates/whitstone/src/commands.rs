@@ -298,7 +298,7 @@ pub fn build_with<T>(
         tell_losses(path, notes);
     }
     let bar = terminal::spinner("building");
-    let progress = |what: &str| bar.set_message(format!("building {what}"));
+    let progress = |what: &str| terminal::set_message(&bar, &format!("building {what}"));
     let kept = arguments.target.folder().join("kept");
     let options = BuildOptions {
         max_memory: arguments.max_memory,

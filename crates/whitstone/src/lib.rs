@@ -28,6 +28,8 @@ pub use whitstone_core as core;
 pub use whitstone_image as image;
 #[cfg(feature = "cli")]
 pub use whitstone_metrics as metrics;
+#[cfg(feature = "stress")]
+pub use whitstone_oracle as oracle;
 pub use whitstone_render as render;
 pub use whitstone_scene as scene;
 #[cfg(feature = "cli")]

@@ -58,6 +58,23 @@ enum Origin {
     Text { text: Arc<str>, base: PathBuf },
 }
 
+impl Origin {
+    fn read(&self, changes: &[Change], options: &SceneOptions) -> Result<Sources, Error> {
+        let overrides: Vec<String> = changes.iter().map(|change| change.0.clone()).collect();
+        let sources = match self {
+            Self::File(path) => {
+                let import = ImportOptions {
+                    camera: options.camera.clone(),
+                    ..ImportOptions::all()
+                };
+                Sources::load_with(path, &overrides, &options.registry, &import)?
+            }
+            Self::Text { text, base } => Sources::from_text("scene", text, base, &overrides)?,
+        };
+        Ok(sources)
+    }
+}
+
 /// Options of reading and building a scene.
 #[derive(Clone)]
 pub struct SceneOptions {
@@ -226,17 +243,7 @@ impl Scene {
         options: SceneOptions,
         shared: Arc<Shared>,
     ) -> Result<Self, Error> {
-        let overrides: Vec<String> = changes.iter().map(|change| change.0.clone()).collect();
-        let sources = match &origin {
-            Origin::File(path) => {
-                let import = ImportOptions {
-                    camera: options.camera.clone(),
-                    ..ImportOptions::all()
-                };
-                Sources::load_with(path, &overrides, &options.registry, &import)?
-            }
-            Origin::Text { text, base } => Sources::from_text("scene", text, base, &overrides)?,
-        };
+        let sources = origin.read(&changes, &options)?;
         let build = BuildOptions {
             max_memory: options.max_memory,
             shared: Some(&shared),
@@ -281,12 +288,37 @@ impl Scene {
         self.0.pipeline.render(options)
     }
 
+    /// [`Self::render_with`] into a film of the caller, whose buffers serve again: for the frames of
+    /// an animation.
+    pub fn render_into(&self, options: RenderOptions<'_>, film: &mut Film) {
+        self.0.pipeline.render_into(options, film);
+    }
+
     /// The nearest hit of each ray, traced on all threads of the current pool. Directions need not
     /// be of unit length; the parameter of a hit is its distance in metres.
     pub fn trace(&self, rays: &[Ray]) -> Vec<Option<PreliminaryIntersection>> {
         let unit = |ray: &Ray| Ray::new(ray.origin, ray.direction.normalize());
         let rays: Vec<Ray> = rays.iter().map(unit).collect();
         self.0.pipeline.trace(&rays)
+    }
+
+    /// The oracle for this scene: first hits of rays and values of pixels in arbitrary precision,
+    /// by code of its own.
+    ///
+    /// # Errors
+    /// Every part of the scene that the oracle does not support.
+    #[cfg(feature = "stress")]
+    pub fn oracle(&self) -> Result<whitstone_oracle::tracer::Tracer, Error> {
+        let Built {
+            origin,
+            changes,
+            options,
+            ..
+        } = &*self.0;
+        let sources = origin.read(changes, options)?;
+        let description = whitstone_scene::Description::parse(&sources).into_result();
+        let tracer = description.and_then(|description| whitstone_oracle::tracer::Tracer::new(&description));
+        tracer.map_err(|errors| Error::new(&sources, &errors))
     }
 
     /// The built scene.

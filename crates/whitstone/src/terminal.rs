@@ -2,6 +2,7 @@
 
 #[cfg(feature = "cli")]
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::borrow::Cow;
 use std::fmt::{Arguments, Display};
 use std::io::{ErrorKind, IsTerminal, Write};
 #[cfg(feature = "cli")]
@@ -39,7 +40,8 @@ pub(crate) fn out(text: Arguments<'_>) {
 }
 
 fn stdout(text: Arguments<'_>) {
-    if let Err(error) = std::io::stdout().lock().write_fmt(text)
+    let text = text.to_string();
+    if let Err(error) = std::io::stdout().lock().write_all(visible(&text).as_bytes())
         && error.kind() != ErrorKind::BrokenPipe
     {
         OUTPUT_LOST.store(true, Ordering::Relaxed);
@@ -63,7 +65,49 @@ fn json_on_stdout() -> bool {
 
 /// Writes to standard error. Ignores failures, because there is nowhere to report them.
 pub(crate) fn err(text: Arguments<'_>) {
-    let _ = std::io::stderr().lock().write_fmt(text);
+    let text = text.to_string();
+    let _ = std::io::stderr().lock().write_all(visible(&text).as_bytes());
+}
+
+/// The text with its control characters written out, as in Rust: file names and scenes of strangers
+/// must not move the cursor or change the title of the window. Line breaks, tabs and colours stay.
+pub(crate) fn visible(text: &str) -> Cow<'_, str> {
+    let is_hostile = |c: char| c.is_control() && !matches!(c, '\n' | '\t');
+    if !text.contains(is_hostile) {
+        return Cow::Borrowed(text);
+    }
+    let mut safe = String::with_capacity(text.len() + 16);
+    let mut rest = text;
+    while let Some(place) = rest.find(is_hostile) {
+        safe.push_str(&rest[..place]);
+        rest = &rest[place..];
+        let length = match color_sequence(rest) {
+            Some(sequence) => {
+                safe.push_str(sequence);
+                sequence.len()
+            }
+            None => {
+                let hostile = rest.chars().next().unwrap_or_default();
+                safe.extend(hostile.escape_default());
+                hostile.len_utf8()
+            }
+        };
+        rest = &rest[length..];
+    }
+    safe.push_str(rest);
+    Cow::Owned(safe)
+}
+
+/// The control sequence that the text begins with, if it changes only colour or weight: a sequence
+/// "select graphic rendition" of ECMA-48, without 8, which hides text.
+fn color_sequence(text: &str) -> Option<&str> {
+    let codes = text.strip_prefix("\u{1b}[")?;
+    let end = codes.find('m')?;
+    let is_color = |code: &str| code.len() <= 3 && code.bytes().all(|b| b.is_ascii_digit()) && code != "8";
+    codes[..end]
+        .split(';')
+        .all(is_color)
+        .then(|| &text[..text.len() - codes.len() + end + 1])
 }
 
 /// How a command ended. Scripts rely on these numbers.
@@ -208,8 +252,14 @@ pub fn progress(total: u64, what: &str) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr());
     let style = ProgressStyle::with_template("{msg} {wide_bar} {percent}% {elapsed} (eta {eta})");
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-    bar.set_message(what.to_owned());
+    set_message(&bar, what);
     bar
+}
+
+#[cfg(feature = "cli")]
+/// Changes the text of a progress bar, which may contain names of files.
+pub(crate) fn set_message(bar: &ProgressBar, text: &str) {
+    bar.set_message(visible(text).into_owned());
 }
 
 #[cfg(feature = "cli")]
@@ -218,7 +268,7 @@ pub(crate) fn spinner(what: &str) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
     let style = ProgressStyle::with_template("{spinner} {msg} {elapsed}");
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()));
-    bar.set_message(what.to_owned());
+    set_message(&bar, what);
     // The spinner appears after a delay, because most scenes are built before anyone could read it.
     bar.enable_steady_tick(std::time::Duration::from_millis(250));
     bar
@@ -226,7 +276,23 @@ pub(crate) fn spinner(what: &str) -> ProgressBar {
 
 #[cfg(test)]
 mod tests {
-    use super::with_prefix;
+    use super::{visible, with_prefix};
+
+    #[test]
+    fn control_characters_are_written_out() {
+        let colored = "\u{1b}[1m\u{1b}[91merror\u{1b}[0m: a\tb\n";
+        assert_eq!(visible(colored), colored);
+        for (hostile, seen) in [
+            ("\u{1b}]0;title\u{7}", "\\u{1b}]0;title\\u{7}"),
+            ("a\u{1b}[2J\u{1b}[32mb", "a\\u{1b}[2J\u{1b}[32mb"),
+            ("\u{1b}[8mhidden\u{9b}31m", "\\u{1b}[8mhidden\\u{9b}31m"),
+            ("line\rover it", "line\\rover it"),
+            ("\u{1b}", "\\u{1b}"),
+            ("\u{1b}[", "\\u{1b}["),
+        ] {
+            assert_eq!(visible(hostile), seen);
+        }
+    }
 
     #[test]
     fn failures_have_one_prefix() {

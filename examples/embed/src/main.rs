@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use std::ops::ControlFlow;
 use whitstone::core::{DuplicateType, Registry};
 use whitstone::image::exr_io;
-use whitstone::render::{Region, RenderOptions};
+use whitstone::render::{Film, Region, RenderOptions};
 use whitstone::{Change, Scene, SceneOptions};
 
 const SCENE: &str = r#"
@@ -41,11 +41,13 @@ fn plugins() -> Result<Registry, DuplicateType> {
 fn main() -> Result<(), Box<dyn Error>> {
     let options = SceneOptions::with_registry(plugins()?);
     let scene = Scene::parse_with(SCENE, ".", &[], options)?;
+    // Its buffers serve for every frame.
+    let mut film = Film::default();
     for frame in 0..FRAMES {
         let (sin, cos) = (TAU * f64::from(frame) / f64::from(FRAMES)).sin_cos();
         let origin = vec![6.0 * sin, 2.0, 6.0 * cos];
         let turned = scene.with(&[Change::new("camera.look_at.origin", origin)])?;
-        let film = turned.render_with(RenderOptions {
+        let options = RenderOptions {
             progress: Some(&|done, total| {
                 if done == total {
                     eprintln!("frame {frame}: {total} pixels");
@@ -53,7 +55,8 @@ fn main() -> Result<(), Box<dyn Error>> {
                 ControlFlow::Continue(())
             }),
             ..RenderOptions::default()
-        });
+        };
+        turned.render_into(options, &mut film);
         exr_io::write(format!("frame-{frame}.exr"), &film.to_image("")?)?;
     }
 

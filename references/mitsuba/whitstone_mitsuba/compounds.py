@@ -156,6 +156,31 @@ def values(part: Any, si: Any, place: Any) -> np.ndarray:
     return np.array(mi.Color3f(part.eval(si)), dtype=np.float64).reshape(3, -1).T
 
 
+class Still:
+    """A texture that counts as constant around a point."""
+
+    def __init__(self, part: Any) -> None:
+        self.part = part
+
+    def values(self, si: Any, place: Any) -> np.ndarray:
+        """(n, 3) colours at `si`, whatever the place."""
+        return values(self.part, si, si)
+
+
+def smooth(texture: Any) -> Any:
+    """A built texture whose `values` have double precision, so that derivatives can be measured by
+    differences: Mitsuba's own textures have single precision.
+    """
+    if isinstance(texture, Compound):
+        combined = Combined(texture)
+        combined.parts = [smooth(part) for part in texture.parts]
+        return combined
+    if hasattr(texture, "smooth"):
+        return texture.smooth()
+    built = texture.build()
+    return built if hasattr(built, "values") else Still(built)
+
+
 @dataclass(frozen=True)
 class VertexColor:
     """The colour of the vertices of a mesh, or their alpha."""

@@ -21,7 +21,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from . import footprints, gouraud, shadows, spawn
+from . import footprints, gouraud, shaders, shadows, spawn
 from .lanes import Counts, Sums, TooDeep, branch_name, mix, pad
 from .levels import Hits, Level, Rays
 from .runtime import ULP, dr, mi
@@ -601,8 +601,17 @@ class Tracer:
         spawned = Rays(o, direction, throughput, medium, key, path, setting, left.shape, left.facet, left.within, left.push, inside)
         dr.eval(spawned.arrays(), weight, keep)
         if level.footprint is not None:
-            spawned.differentials = footprints.branch(level, lanes.numpy(), letter, found)
+            spawned.differentials = footprints.branch(level, lanes.numpy(), letter, found, self._bent(level, number, letter, si, lanes.numpy()))
         return spawned, weight, keep
+
+    def _bent(self, level: Level, number: int, letter: str, si: Any, lanes: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+        """The normals by which a branch of a material is bent, with their changes along the steps."""
+        normal, change = footprints.normals(level, lanes)
+        if not self.document.materials[number].normal_mapped:
+            return normal, change
+        steps = shaders.Steps(level.footprint.position[lanes], level.footprint.uv[lanes], normal, change)
+        found = self.built.shaders[number].steps(letter, si, steps)
+        return found.normal, found.change
 
     # ---- numbers
     # ----------------------------------------------------------------------------------------------

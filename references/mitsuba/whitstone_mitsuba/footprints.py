@@ -70,6 +70,14 @@ def _by_uv(materials: Sequence[Any], number: int) -> bool:
     return (height is not None and compounds.by_uv(height)) or any(_by_uv(materials, part) for part in material.parts)
 
 
+def _second(materials: Sequence[Any], number: int) -> bool:
+    """Whether a material, or a part of it, has a normal by the second texture coordinates."""
+    material = materials[number]
+    maps = [material.textures[key] for key in ("map", "vectors") if key in material.textures and material.type in ("normal_map", "bump")]
+    own = any(leaf.mapping.uv_set == 1 for map_ in maps for leaf in compounds.leaves(map_) if hasattr(leaf, "mapping"))
+    return own or any(_second(materials, part) for part in material.parts)
+
+
 def gradients_used(materials: Sequence[Any], shapes: Sequence[Any]) -> bool:
     """Whether a surface has a bump map that needs the gradients of (u, v)."""
     return any(_by_uv(materials, number) for number in {shape.material for shape in shapes})
@@ -96,8 +104,10 @@ def unsupported(materials: Sequence[Any], shapes: Sequence[Any]) -> List[str]:
             continue
         if shape.type not in SHAPES or shape.surface is not None:
             found.append(f"shape {shape.number}: no twin for footprints on a shape of type {shape.type!r}: the driver lacks its derivatives")
-        if material.normal_mapped and material.branches:
-            found.append(f"shape {shape.number}: no twin for footprints behind a normal_map or bump: the driver lacks the derivatives of their normals")
+        if material.normal_mapped and material.branches and material.priority is not None:
+            found.append(f"shape {shape.number}: no twin for footprints behind a normal_map or bump with a priority: the driver lacks the derivatives of their normals")
+        if material.branches and _second(materials, shape.material):
+            found.append(f"shape {shape.number}: no twin for footprints behind a normal_map or bump by the second texture coordinates: the driver lacks their derivatives")
     return sorted(set(found))
 
 
@@ -306,13 +316,20 @@ def sphere_step(q: np.ndarray, step: np.ndarray) -> np.ndarray:
 # --------------------------------------------------------------------------------------------------
 
 
-def branch(level: Any, lanes: np.ndarray, letter: str, specular: Any) -> np.ndarray:
-    """(n, 2, 2, 3): the differentials of a branch at some lanes."""
+def normals(level: Any, lanes: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """n_s at some lanes, and its changes along the steps."""
+    return _rows(level.hits.n_s)[lanes], level.footprint.normal[lanes]
+
+
+def branch(level: Any, lanes: np.ndarray, letter: str, specular: Any, bent: Tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """(n, 2, 2, 3): the differentials of a branch at some lanes; `bent` are the normals by which it
+    is bent, with their changes.
+    """
     rays, hits, footprint = level.rays, level.hits, level.footprint
-    v, n_g, n = -_rows(rays.d)[lanes], _rows(hits.n_g)[lanes], _rows(hits.n_s)[lanes]
+    v, n_g, (n, change_of_n) = -_rows(rays.d)[lanes], _rows(hits.n_g)[lanes], bent
     inside = _dot(v, n_g) < 0
     n = np.where(inside, -n, n)[:, None]
-    normal = np.where(inside[:, :, None], -footprint.normal[lanes], footprint.normal[lanes])
+    normal = np.where(inside[:, :, None], -change_of_n, change_of_n)
     view, v = -rays.differentials[lanes, :, 1], v[:, None]
     cosine, change = _dot(n, v), _dot(normal, v) + _dot(n, view)
     if letter == "R":

@@ -201,9 +201,10 @@ def project_step(projection: str, q: np.ndarray, step: np.ndarray) -> np.ndarray
 class Filtered(mi.Texture):
     """An image with a footprint filter as a Mitsuba texture."""
 
-    def __init__(self, image: Any) -> None:
+    def __init__(self, image: Any, whole: bool = False) -> None:
         mi.Texture.__init__(self, mi.Properties())
-        self.image = image
+        # With `whole`, the footprint does not count, and the full resolution is looked up.
+        self.image, self.whole = image, whole
         self.pyramid = Pyramid(image.pixels, image.wrap)
 
     def _over(self, points: np.ndarray, steps: np.ndarray) -> np.ndarray:
@@ -232,6 +233,8 @@ class Filtered(mi.Texture):
         uv = mapping.projection == "uv"
         source, steps = (rows(place.uv), (si.duv_dx, si.duv_dy)) if uv else (rows(place.p), (si.dp_du, si.dp_dv))
         steps = np.stack([rows(step) for step in steps], axis=1)
+        if self.whole:
+            steps = np.zeros_like(steps)
         if mapping.uv_set == 1:
             # The second texture coordinates have no footprint.
             source, steps = np.broadcast_to(mappings.second_uv(place), (width, 2)), np.zeros_like(steps)

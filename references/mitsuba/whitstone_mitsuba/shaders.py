@@ -12,7 +12,7 @@ from typing import Any, Optional, Sequence, Tuple
 import numpy as np
 
 from .cameras import Lens
-from .compounds import by_uv, leaves, values
+from .compounds import by_uv, leaves, smooth, values
 from .runtime import dr, mi
 
 FLAGS = {
@@ -48,6 +48,22 @@ def _black() -> Any:
     return mi.Color3f(0)
 
 
+# The part of a step by which the derivative of a normal is measured, in double precision.
+SMALL = 1e-6
+
+
+@dataclass
+class Steps:
+    """Steps of points, and the normals by which branches are bent with their changes along them, as
+    rows in float64: (n, 2, 3), (n, 2, 2), (n, 3) and (n, 2, 3).
+    """
+
+    position: np.ndarray
+    uv: np.ndarray
+    normal: np.ndarray
+    change: np.ndarray
+
+
 class Shader:
     """The default shader, which reflects and emits nothing."""
 
@@ -76,6 +92,14 @@ class Shader:
     def passes(self, filtered: bool) -> bool:
         """Whether `shadow` can be other than black."""
         return False
+
+    def bends(self, letter: str) -> bool:
+        """Whether there is a delta branch of a kind that does not go straight on."""
+        return False
+
+    def steps(self, letter: str, si: Any, steps: Steps) -> Steps:
+        """The same steps with the normals of a delta branch of a kind."""
+        return steps
 
 
 class Leaf(Shader):
@@ -126,6 +150,9 @@ class Leaf(Shader):
 
     def passes(self, filtered: bool) -> bool:
         return filtered and "T" in self.material.branches
+
+    def bends(self, letter: str) -> bool:
+        return letter in self.material.branches and not (letter == "T" and self.material.type == "thin_dielectric")
 
 
 # The frame that is rotated to the normal and the mirror direction: an axis and a vector
@@ -200,6 +227,12 @@ class Emissive(Shader):
     def passes(self, filtered: bool) -> bool:
         return self.under.passes(filtered)
 
+    def bends(self, letter: str) -> bool:
+        return self.under.bends(letter)
+
+    def steps(self, letter: str, si: Any, steps: Steps) -> Steps:
+        return self.under.steps(letter, si, steps)
+
 
 def _straight(si: Any, weight: Any) -> Branch:
     return Branch(weight, -si.wi)
@@ -236,6 +269,12 @@ class Mask(Shader):
 
     def passes(self, filtered: bool) -> bool:
         return True
+
+    def bends(self, letter: str) -> bool:
+        return letter == "R" and self.inner.bends(letter)
+
+    def steps(self, letter: str, si: Any, steps: Steps) -> Steps:
+        return self.inner.steps(letter, si, steps)
 
 
 class Mix(Shader):
@@ -277,6 +316,14 @@ class Mix(Shader):
 
     def passes(self, filtered: bool) -> bool:
         return any(part.passes(filtered) for part in self.parts)
+
+    def bends(self, letter: str) -> bool:
+        return any(part.bends(letter) for part in self.parts)
+
+    def steps(self, letter: str, si: Any, steps: Steps) -> Steps:
+        # If one part has a normal of its own, the other one bends no rays.
+        bent = [part for part in self.parts if part.bends(letter)]
+        return bent[0].steps(letter, si, steps) if bent else steps
 
 
 class TwoSided(Shader):
@@ -325,6 +372,18 @@ class TwoSided(Shader):
     def passes(self, filtered: bool) -> bool:
         return any(part.passes(filtered) for part in self.parts)
 
+    def bends(self, letter: str) -> bool:
+        return any(part.bends(letter) for part in self.parts)
+
+    def steps(self, letter: str, si: Any, steps: Steps) -> Steps:
+        front, back = (part.steps(letter, si, steps) for part in self.parts)
+        outside = np.array(dr.dot(mi.Vector3f(si.n), si.to_world(si.wi)) > 0)
+        return replace(
+            steps,
+            normal=np.where(outside[:, None], front.normal, back.normal),
+            change=np.where(outside[:, None, None], front.change, back.change),
+        )
+
 
 class NormalMapped(Shader):
     """A material in a frame about another normal."""
@@ -336,7 +395,15 @@ class NormalMapped(Shader):
         """The normal that replaces `n`; zero if there is none."""
         raise NotImplementedError
 
+    def precisely(self, si: Any, place: Any, n: np.ndarray) -> np.ndarray:
+        """The same as `normal` at a place near that of `si`, (3, n) in double precision."""
+        raise NotImplementedError
+
     def _turned(self, si: Any) -> Any:
+        return self._turn(si)[0]
+
+    def _turn(self, si: Any) -> Tuple[Any, Any]:
+        """The interaction with the other normal, and where it has one."""
         v, n = si.to_world(si.wi), mi.Vector3f(si.sh_frame.n)
         found = self.normal(si, n)
         length = dr.norm(found)
@@ -345,7 +412,7 @@ class NormalMapped(Shader):
         turned = mi.SurfaceInteraction3f(si)
         turned.sh_frame = mi.Frame3f(dr.select(good, found, n))
         turned.wi = turned.to_local(v)
-        return turned
+        return turned, good
 
     def ambient(self, si: Any) -> Any:
         return self.inner.ambient(self._turned(si))
@@ -370,6 +437,32 @@ class NormalMapped(Shader):
     def passes(self, filtered: bool) -> bool:
         return self.inner.passes(filtered)
 
+    def bends(self, letter: str) -> bool:
+        return self.inner.bends(letter)
+
+    def steps(self, letter: str, si: Any, steps: Steps) -> Steps:
+        turned, good = self._turn(si)
+        p, uv, normal = (np.array(array, dtype=np.float64) for array in (si.p, si.uv, turned.sh_frame.n))
+
+        def beside(side: int, part: float) -> np.ndarray:
+            n = (steps.normal + part * steps.change[:, side]).T
+            n = n / np.linalg.norm(n, axis=0)
+            place = _Place(p + part * steps.position[:, side].T, uv + part * steps.uv[:, side].T, _Frame(n))
+            found = self.precisely(si, place, n)
+            return (found / np.linalg.norm(found, axis=0)).T
+
+        with np.errstate(all="ignore"):
+            change = np.stack([(beside(side, SMALL) - beside(side, -SMALL)) / (2 * SMALL) for side in (0, 1)], axis=1)
+        taken = np.array(good)[:, None]
+        return self.inner.steps(
+            letter, turned,
+            replace(
+                steps,
+                normal=np.where(taken, normal.T, steps.normal),
+                change=np.where(taken[:, :, None], change, steps.change),
+            ),
+        )  # fmt: skip
+
 
 class NormalMap(NormalMapped):
     """Normals encoded as colours."""
@@ -381,6 +474,7 @@ class NormalMap(NormalMapped):
         # The attributes of vertices, if the tangent is that of the mesh.
         self.table = table if material.mesh_tangent else None
         self.strength = dr.opaque(mi.Float, float(material.numbers.get("strength", 1.0)))
+        self.smooth, self.numbers = smooth(map_), (np.array(material.direction, dtype=np.float64), float(material.numbers.get("strength", 1.0)))
 
     def normal(self, si: Any, n: Any) -> Any:
         x, h = (self.direction, mi.Float(1)) if self.table is None else self.table.tangents(si)
@@ -391,6 +485,16 @@ class NormalMap(NormalMapped):
         found = self.strength * (m.x * t + m.y * h * dr.cross(n, t)) + m.z * n
         return dr.select(dr.norm(t) > 0, found, mi.Vector3f(0))
 
+    def precisely(self, si: Any, place: Any, n: np.ndarray) -> np.ndarray:
+        (x, strength), h = self.numbers, np.ones(1)
+        x = np.broadcast_to(x[:, None], n.shape)
+        if self.table is not None:
+            x, h = (np.array(array, dtype=np.float64) for array in self.table.tangents(si))
+        t = np.cross(x, n, axis=0) if self.around else x - np.sum(x * n, axis=0) * n
+        t = t / np.linalg.norm(t, axis=0)
+        m = 2 * values(self.smooth, si, place).T - 1
+        return strength * (m[0] * t + m[1] * h * np.cross(n, t, axis=0)) + m[2] * n
+
 
 class BumpVectors(NormalMap):
     """Vectors encoded as colours, added to the normal: in world space, or in the frame of a normal
@@ -400,12 +504,24 @@ class BumpVectors(NormalMap):
     def __init__(self, material: Any, table: Any, inner: Shader) -> None:
         NormalMap.__init__(self, material.textures["vectors"], material, table, inner)
         self.tangent = material.tangent
-        self.scale = dr.opaque(mi.Float, float(material.numbers["scale"]))
+        self.factor = float(material.numbers["scale"])
+        self.scale = dr.opaque(mi.Float, self.factor)
 
     def normal(self, si: Any, n: Any) -> Any:
         if self.tangent:
             return n + self.scale * NormalMap.normal(self, si, n)
         return n + self.scale * mi.Vector3f(2 * mi.Color3f(self.map.eval(si)) - 1)
+
+    def precisely(self, si: Any, place: Any, n: np.ndarray) -> np.ndarray:
+        vector = NormalMap.precisely(self, si, place, n) if self.tangent else 2 * values(self.smooth, si, place).T - 1
+        return n + self.factor * vector
+
+
+@dataclass
+class _Frame:
+    """A shading frame of which only the normal is known."""
+
+    n: Any
 
 
 @dataclass
@@ -422,7 +538,7 @@ class Bump(NormalMapped):
 
     def __init__(self, height: Any, scale: float, step: float, inner: Shader) -> None:
         NormalMapped.__init__(self, inner)
-        self.height = height.build()
+        self.height, self.smooth = height.build(), smooth(height)
         # Constants and vertex colours have no slope and no mapping.
         self.flat = not any(hasattr(leaf, "mapping") for leaf in leaves(height))
         self.by_uv = by_uv(height)
@@ -431,28 +547,32 @@ class Bump(NormalMapped):
     def normal(self, si: Any, n: Any) -> Any:
         if self.flat:
             return n
-        p = np.array(si.p, dtype=np.float64)
+        raised = self._raised(self.height, si, si, np.array(n, dtype=np.float64))
+        return mi.Vector3f(np.ascontiguousarray(raised.astype(np.float32)))
+
+    def precisely(self, si: Any, place: Any, n: np.ndarray) -> np.ndarray:
+        return n if self.flat else self._raised(self.smooth, si, place, n)
+
+    def _raised(self, height: Any, si: Any, place: Any, normal: np.ndarray) -> np.ndarray:
+        p = np.array(place.p, dtype=np.float64)
         gradient = np.zeros_like(p)
         for axis in range(3):
             for sign in (1, -1):
                 beside = p.copy()
                 beside[axis] += sign * self.step
-                place = _Place(beside, si.uv, si.sh_frame)
-                gradient[axis] += sign * values(self.height, si, place)[:, 0]
+                gradient[axis] += sign * values(height, si, _Place(beside, place.uv, place.sh_frame))[:, 0]
         if self.by_uv:
-            uv = np.array(si.uv, dtype=np.float64)
+            uv = np.array(place.uv, dtype=np.float64)
             # The gradients of u and of v: see `footprints`.
             for axis, along in enumerate((si.dp_du, si.dp_dv)):
                 difference = np.zeros(uv.shape[1])
                 for sign in (1, -1):
                     beside = uv.copy()
                     beside[axis] += sign * self.step
-                    difference += sign * values(self.height, si, _Place(si.p, beside, si.sh_frame))[:, 0]
+                    difference += sign * values(height, si, _Place(place.p, beside, place.sh_frame))[:, 0]
                 gradient += difference * np.array(along, dtype=np.float64)
         gradient = gradient * (self.scale / (2 * self.step))
-        normal = np.array(n, dtype=np.float64)
-        raised = normal - (gradient - np.sum(gradient * normal, axis=0) * normal)
-        return mi.Vector3f(np.ascontiguousarray(raised.astype(np.float32)))
+        return normal - (gradient - np.sum(gradient * normal, axis=0) * normal)
 
 
 def build(materials: Sequence[Any], bsdfs: Sequence[Any], table: Any) -> Tuple[Shader, ...]:

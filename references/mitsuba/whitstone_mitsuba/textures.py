@@ -8,7 +8,7 @@ bitmaps) go into the twin's `to_uv`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Callable, Dict, List, Tuple
 
 import numpy as np
@@ -125,6 +125,14 @@ class Image:
             upper = (1 - s) * texels(i, j) + s * texels(i + 1, j)
             found = (1 - t) * upper + t * ((1 - s) * texels(i, j + 1) + s * texels(i + 1, j + 1))
         return np.broadcast_to(found, (len(uv), 3))
+
+    def smooth(self) -> Any:
+        """See `compounds.smooth`."""
+        if self.covers:
+            return self.build()
+        if self.filter == "nearest":
+            return compounds.Still(self.build())
+        return pyramid.Filtered(replace(self, filter="trilinear"), whole=True)
 
     def build(self) -> "mi.Texture":
         if self.covers:

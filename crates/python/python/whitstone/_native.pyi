@@ -66,3 +66,18 @@ class Scene:
         npt.NDArray[np.uint32],
         npt.NDArray[np.float64],
     ]: ...
+
+class Oracle:
+    def __init__(self, scene: Scene) -> None: ...
+    def trace(
+        self,
+        origins: npt.NDArray[np.float64],
+        directions: npt.NDArray[np.float64],
+        progress: Optional[Progress] = None,
+    ) -> Tuple[
+        npt.NDArray[np.bool_],
+        npt.NDArray[np.float64],
+        npt.NDArray[np.float64],
+        npt.NDArray[np.float64],
+    ]: ...
+    def pixel(self, x: int, y: int) -> Tuple[Tuple[float, float, float], Tuple[float, float, float]]: ...

@@ -42,6 +42,25 @@ class Hits(NamedTuple):
     uv: "npt.NDArray[np.float64]"
 
 
+def _rays(
+    origins: "npt.ArrayLike", directions: "npt.ArrayLike"
+) -> Tuple["npt.NDArray[np.float64]", "npt.NDArray[np.float64]"]:
+    """Checks arrays of rays."""
+    import numpy as np
+
+    origin = np.ascontiguousarray(origins, dtype=np.float64)
+    direction = np.ascontiguousarray(directions, dtype=np.float64)
+    for name, array in (("origins", origin), ("directions", direction)):
+        if array.ndim != 2 or array.shape[1] != 3:
+            raise ValueError(f"expected {name} of shape (n, 3), found {array.shape}")
+    if origin.shape != direction.shape:
+        raise ValueError(
+            f"expected as many directions as origins, found {origin.shape[0]} origins "
+            f"and {direction.shape[0]} directions"
+        )
+    return origin, direction
+
+
 def _changes(changes: Mapping[str, Any]) -> List[str]:
     return [f"{path}={_toml.value(item)}" for path, item in changes.items()]
 
@@ -153,19 +172,7 @@ class Scene:
         >>> scene.trace([[0, 0, 4], [0, 3, 4]], [[0, 0, -1], [0, 0, -2]]).t
         array([ 3., inf])
         """
-        import numpy as np
-
-        origin = np.ascontiguousarray(origins, dtype=np.float64)
-        direction = np.ascontiguousarray(directions, dtype=np.float64)
-        for name, array in (("origins", origin), ("directions", direction)):
-            if array.ndim != 2 or array.shape[1] != 3:
-                raise ValueError(f"expected {name} of shape (n, 3), found {array.shape}")
-        if origin.shape != direction.shape:
-            raise ValueError(
-                f"expected as many directions as origins, found {origin.shape[0]} origins "
-                f"and {direction.shape[0]} directions"
-            )
-        return Hits(*self._native.trace(origin, direction))
+        return Hits(*self._native.trace(*_rays(origins, directions)))
 
     def __repr__(self) -> str:
         width, height = self.size
@@ -188,16 +195,16 @@ def render(source: Union[Source, Scene], changes: Optional[Mapping[str, Any]] = 
     return scene.render(**options)
 
 
-def _bar(what: str) -> Any:
+def _bar(what: str, unit: str = "px") -> Any:
     """A progress bar, if `tqdm` is installed."""
     try:
-        from tqdm.auto import tqdm
+        from tqdm.auto import tqdm  # type: ignore[import-untyped]
     except ImportError:
         return None
 
-    class Bar(tqdm):  # type: ignore[misc,type-arg]
+    class Bar(tqdm):  # type: ignore[misc]
         def update_to(self, done: int, total: int) -> None:
             self.total = total
             self.update(done - self.n)
 
-    return Bar(desc=what, unit="px", leave=False)
+    return Bar(desc=what, unit=unit, leave=False)

@@ -50,6 +50,14 @@ pub struct Arguments {
     /// Reference image, or a folder of images
     #[arg(value_name = "REFERENCE")]
     reference: PathBuf,
+    /// Another reference that is accepted; can be repeated. The comparison passes if it passes with
+    /// one of them. For two folders, a folder of references; those that it lacks are no error
+    #[arg(long, value_name = "PATH")]
+    or: Vec<PathBuf>,
+    /// Image that is black where the images need not agree; such pixels count as equal. For two
+    /// folders, a folder of masks; images without a mask are compared whole
+    #[arg(long, value_name = "PATH")]
+    mask: Option<PathBuf>,
     /// Colours to compare in EXR files: LAYER.R, LAYER.G and LAYER.B, or a single channel [default:
     /// R, G, B]
     #[arg(long, value_name = "LAYER")]
@@ -165,6 +173,13 @@ fn edge_layer(text: &str) -> Result<EdgeLayer, String> {
 }
 
 impl Arguments {
+    /// All references.
+    fn references(&self) -> impl Iterator<Item = &Path> {
+        std::iter::once(&self.reference)
+            .chain(&self.or)
+            .map(PathBuf::as_path)
+    }
+
     fn tolerance(&self) -> Tolerance {
         Tolerance {
             relative: self.relative,
@@ -194,7 +209,17 @@ impl Arguments {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<Exit, Failure> {
-    match [&arguments.ours, &arguments.reference].map(|path| path.is_dir()) {
+    let folder = arguments.ours.is_dir();
+    let others = arguments.or.iter().chain(&arguments.mask);
+    for other in others.filter(|other| other.is_dir() != folder) {
+        return Err(Failure::usage(format!(
+            "{} should be {}, like {}",
+            other.display(),
+            if folder { "a folder" } else { "a file" },
+            arguments.ours.display()
+        )));
+    }
+    match [folder, arguments.reference.is_dir()] {
         [true, true] => folders::run(arguments),
         [false, false] => run_files(arguments),
         [ours, _] => {
@@ -212,28 +237,74 @@ pub fn run(arguments: &Arguments) -> Result<Exit, Failure> {
 }
 
 fn run_files(arguments: &Arguments) -> Result<Exit, Failure> {
-    let (comparison, [ours, reference]) = pair(arguments, &arguments.ours, &arguments.reference)?;
-    comparison.print(&ours, &reference);
+    let references: Vec<&Path> = arguments.references().collect();
+    let found = best(arguments, &arguments.ours, &references, arguments.mask.as_deref())?;
+    let [ours, reference] = &found.images;
+    found.comparison.print(ours, reference);
+    if references.len() > 1 {
+        println!("{:<22} {}", "compared with", found.reference.display());
+    }
     if let Some(path) = &arguments.png {
-        write_trio(arguments, &ours, &reference, path)?;
+        write_trio(arguments, ours, reference, path)?;
     }
     if let Some(path) = &arguments.json {
         write_json(
             path,
-            &comparison.json(arguments, &arguments.ours, &arguments.reference),
+            &found
+                .comparison
+                .json(arguments, &arguments.ours, &found.reference),
         )?;
     }
     if let Some(path) = &arguments.junit {
         let name = arguments.ours.display().to_string();
-        junit::write(path, "whitstone compare", &[comparison.junit(name)])?;
+        junit::write(path, "whitstone compare", &[found.comparison.junit(name)])?;
     }
-    Ok(comparison.exit())
+    Ok(found.comparison.exit())
 }
 
-/// Compares two files; also returns their contents.
-fn pair(arguments: &Arguments, ours: &Path, reference: &Path) -> Result<(Comparison, [Image; 2]), Failure> {
+/// A comparison of two files.
+struct Compared {
+    comparison: Comparison,
+    /// Ours, and the reference.
+    images: [Image; 2],
+    reference: PathBuf,
+}
+
+/// Compares with the first reference that passes; if none does, with the one that has the fewest
+/// pixels over tolerance.
+fn best(
+    arguments: &Arguments,
+    ours: &Path,
+    references: &[&Path],
+    mask: Option<&Path>,
+) -> Result<Compared, Failure> {
+    let mut best: Option<Compared> = None;
+    for reference in references {
+        let found = pair(arguments, ours, reference, mask)?;
+        if found.comparison.broken.is_empty() {
+            return Ok(found);
+        }
+        if best
+            .as_ref()
+            .is_none_or(|best| found.comparison.over < best.comparison.over)
+        {
+            best = Some(found);
+        }
+    }
+    best.ok_or_else(|| Failure::usage("there is no reference"))
+}
+
+fn pair(
+    arguments: &Arguments,
+    ours: &Path,
+    reference: &Path,
+    mask: Option<&Path>,
+) -> Result<Compared, Failure> {
     let read = |path: &Path| input::read(path, arguments.layer.as_deref(), arguments.transfer);
-    let inputs = [read(ours)?, read(reference)?];
+    let mut inputs = [read(ours)?, read(reference)?];
+    if let Some(mask) = mask {
+        input::hide(&mut inputs, mask).map_err(Failure::usage)?;
+    }
     let codes =
         input::codes(&inputs[0], &inputs[1], arguments.max_code_difference).map_err(Failure::usage)?;
     let images = inputs.map(|input| input.image);
@@ -241,10 +312,11 @@ fn pair(arguments: &Arguments, ours: &Path, reference: &Path) -> Result<(Compari
         Some(_) => read_variants(&variants_of(reference)).map_err(Failure::usage)?,
         None => Variants::default(),
     };
-    Ok((
-        measure(arguments, &images[0], &images[1], &variants, codes)?,
+    Ok(Compared {
+        comparison: measure(arguments, &images[0], &images[1], &variants, codes)?,
         images,
-    ))
+        reference: reference.to_owned(),
+    })
 }
 
 /// The file of the values that a stored reference takes, next to its image.

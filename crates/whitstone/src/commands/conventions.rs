@@ -2,7 +2,7 @@
 
 use super::Target;
 use crate::interrupt;
-use crate::terminal::{Exit, Failure, spinner, write_json};
+use crate::terminal::{Exit, Failure, set_message, spinner, write_json};
 use clap::Args;
 use serde_json::json;
 use std::path::PathBuf;
@@ -44,7 +44,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     let subject = Subject::find(&arguments.subject, arguments.config.as_deref(), registry);
     let subject = subject.map_err(Failure::usage)?;
     let bar = spinner(&subject.name);
-    let stage = |text: &str| bar.set_message(text.to_owned());
+    let stage = |text: &str| set_message(&bar, text);
     let _watching = interrupt::Watching::new();
     let target = arguments.target.folder();
     let found = conventions::find(&subject, registry, target, &stage, interrupt::stop());

@@ -2,7 +2,7 @@
 
 use super::page::{self, Marks};
 use super::{Drivers, Target};
-use crate::terminal::{Exit, Failure, make_folder, progress, write_json};
+use crate::terminal::{Exit, Failure, make_folder, progress, set_message, write_json};
 use clap::Args;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -119,13 +119,13 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     let sessions = if arguments.quick { 1 } else { 2 };
     let bar = progress(sessions * studies.len() as u64, "converge");
     for study in studies.iter().filter(|_| !arguments.quick) {
-        let stage = |what: &str| bar.set_message(format!("first session, {}: {what}", study.name));
+        let stage = |what: &str| set_message(&bar, &format!("first session, {}: {what}", study.name));
         lab.measure_first_session(study, &stage).map_err(Failure::usage)?;
         bar.inc(1);
     }
     let mut reports: Vec<StudyReport> = Vec::new();
     for study in &studies {
-        let stage = |what: &str| bar.set_message(format!("{}: {what}", study.name));
+        let stage = |what: &str| set_message(&bar, &format!("{}: {what}", study.name));
         let report = lab.measure(study, &stage).map_err(Failure::usage)?;
         bar.inc(1);
         bar.suspend(|| {

@@ -5,7 +5,7 @@ use clap::Args;
 use std::path::PathBuf;
 use whitstone_image::atomic;
 
-/// Write a project to start from: a scene, a CI workflow, and a .gitignore
+/// Write a project to start from: a scene, settings, a CI workflow, and a .gitignore
 ///
 /// Existing files are never changed: if one of them exists, nothing is written.
 #[derive(Args, Debug)]
@@ -21,8 +21,9 @@ pub struct Arguments {
 
 const SCENE: &str = "scenes/first.toml";
 
-const FILES: [(&str, &str); 3] = [
+const FILES: [(&str, &str); 4] = [
     (SCENE, include_str!("init/first.toml")),
+    ("whitstone.toml", include_str!("init/whitstone.toml")),
     (".github/workflows/images.yml", include_str!("init/workflow.yml")),
     (".gitignore", include_str!("init/gitignore")),
 ];

@@ -3,7 +3,7 @@
 use super::report;
 use super::validate::ReferenceMode;
 use super::{Drivers, Target};
-use crate::terminal::{Exit, Failure, progress, write_json};
+use crate::terminal::{Exit, Failure, progress, set_message, write_json};
 use clap::Args;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -81,7 +81,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     let advance = |index: usize, all: usize, name: &str| {
         bar.set_length(all as u64);
         bar.set_position(index as u64);
-        bar.set_message(name.to_owned());
+        set_message(&bar, name);
     };
     let found = validator.sensitivity(&arguments.scene, &advance);
     bar.finish_and_clear();

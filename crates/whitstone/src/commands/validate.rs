@@ -4,7 +4,7 @@ use super::junit::{self, Case, Outcome};
 use super::report;
 use super::{Drivers, Target};
 use crate::interrupt;
-use crate::terminal::{Exit, Failure, progress, verdict_word};
+use crate::terminal::{Exit, Failure, progress, set_message, verdict_word};
 use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -286,7 +286,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     print_header();
     for path in &scenes {
         let (name, stage_bar) = (path.display().to_string(), bar.clone());
-        validator.on_stage(move |stage| stage_bar.set_message(format!("{name}: {stage}")));
+        validator.on_stage(move |stage| set_message(&stage_bar, &format!("{name}: {stage}")));
         let mut case = validator.validate(path);
         if interrupt::signal().is_some() {
             break;

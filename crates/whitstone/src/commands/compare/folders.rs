@@ -2,8 +2,8 @@
 
 use super::super::junit::{self, Case, Outcome};
 use super::measure::Comparison;
-use super::{Arguments, pair, write_trio};
-use crate::terminal::{Exit, Failure, progress, write_json};
+use super::{Arguments, Compared, best, write_trio};
+use crate::terminal::{Exit, Failure, progress, set_message, write_json};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -34,17 +34,20 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Failure> {
     let mut rows = Vec::new();
     for path in all {
         let name = name(path);
-        bar.set_message(name.clone());
+        set_message(&bar, &name);
         let found = match (ours.contains(path), reference.contains(path)) {
             (true, true) => compare(arguments, path),
             (true, false) => Err(format!("missing in {}", arguments.reference.display())),
             _ => Err(format!("missing in {}", arguments.ours.display())),
         };
-        let [ours, reference] = [&arguments.ours, &arguments.reference].map(|folder| folder.join(path));
         let json = match &found {
-            Ok(comparison) => comparison.json(arguments, &ours, &reference),
+            Ok(found) => {
+                let ours = arguments.ours.join(path);
+                found.comparison.json(arguments, &ours, &found.reference)
+            }
             Err(problem) => json!({ "status": "error", "problems": [problem] }),
         };
+        let found = found.map(|found| found.comparison);
         rows.push(Row { name, found, json });
         bar.inc(1);
     }
@@ -54,17 +57,24 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Failure> {
     end(&rows)
 }
 
-fn compare(arguments: &Arguments, path: &Path) -> Result<Comparison, String> {
+fn compare(arguments: &Arguments, path: &Path) -> Result<Compared, String> {
     let message = Failure::problem;
-    let [ours, reference] = [&arguments.ours, &arguments.reference].map(|folder| folder.join(path));
-    let (comparison, [ours, reference]) = pair(arguments, &ours, &reference).map_err(message)?;
+    let mut references = vec![arguments.reference.join(path)];
+    let others = arguments.or.iter().map(|folder| folder.join(path));
+    references.extend(others.filter(|other| other.exists()));
+    let references: Vec<&Path> = references.iter().map(PathBuf::as_path).collect();
+    let mask = arguments.mask.as_ref().map(|folder| folder.join(path));
+    let mask = mask.filter(|mask| mask.exists());
+    let ours = arguments.ours.join(path);
+    let found = best(arguments, &ours, &references, mask.as_deref()).map_err(message)?;
     if let Some(folder) = &arguments.png {
         let picture = folder.join(path).with_extension("png");
         let parent = picture.parent().unwrap_or(folder);
         std::fs::create_dir_all(parent).map_err(|error| format!("{}: {error}", parent.display()))?;
-        write_trio(arguments, &ours, &reference, &picture).map_err(message)?;
+        let [ours, reference] = &found.images;
+        write_trio(arguments, ours, reference, &picture).map_err(message)?;
     }
-    Ok(comparison)
+    Ok(found)
 }
 
 /// All images with these extensions below a folder, by their relative paths, without the variants

@@ -64,6 +64,45 @@ fn choose(image: &mut Image, layer: &str) -> Result<(), String> {
     Ok(())
 }
 
+/// Makes ours equal to the reference where all colours of the image `mask` are 0. Values of the
+/// reference that are not finite become 0 there.
+pub(super) fn hide(inputs: &mut [Input; 2], mask: &Path) -> Result<(), String> {
+    let read = picture::read(mask, Limits::IMAGE).map_err(|error| error.to_string())?;
+    let of_mask = |problem: String| format!("{}: {problem}", mask.display());
+    let colors = read.image.rgb().map_err(|error| of_mask(error.to_string()))?;
+    let hidden: Vec<usize> = (0..read.image.pixel_count())
+        .filter(|&index| colors.iter().all(|plane| plane[index] == 0.0))
+        .collect();
+    let [ours, reference] = inputs;
+    let size = |image: &Image| [image.width(), image.height()];
+    if size(&read.image) != size(&reference.image) {
+        let ([width, height], [of_mask_x, of_mask_y]) = (size(&reference.image), size(&read.image));
+        return Err(of_mask(format!(
+            "the mask has {of_mask_x} x {of_mask_y} pixels, and the reference {width} x {height}"
+        )));
+    }
+    if size(&ours.image) != size(&reference.image) {
+        // The sizes are reported by the comparison.
+        return Ok(());
+    }
+    let codes = ours.codes.as_mut().zip(reference.codes.as_mut());
+    let codes = codes.map(|((ours, _), (reference, _))| (ours, reference));
+    for (ours, reference) in [(&mut ours.image, &mut reference.image)].into_iter().chain(codes) {
+        for name in ["R", "G", "B", "A"] {
+            let (Some(ours), Some(reference)) = (ours.channel_mut(name), reference.channel_mut(name)) else {
+                continue;
+            };
+            for &index in &hidden {
+                if !reference[index].is_finite() {
+                    reference[index] = 0.0;
+                }
+                ours[index] = reference[index];
+            }
+        }
+    }
+    Ok(())
+}
+
 /// How the codes of two images differ.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub(super) struct CodeDifference {
