@@ -634,10 +634,12 @@ fn init_writes_a_project_and_keeps_what_is_there() {
     assert_eq!(code(&output), Some(0), "{}", stderr(&output));
     // The settings are valid, and what they show becomes so without its comment signs.
     let settings = folder.path().join("images/whitstone.toml");
-    let shown = fs::read_to_string(&settings)
-        .unwrap()
-        .replace("# ", "")
-        .replace('#', "");
+    let shown = fs::read_to_string(&settings).unwrap();
+    let shown: Vec<&str> = shown
+        .lines()
+        .map(|line| line.trim_start_matches(['#', ' ']))
+        .collect();
+    let shown = shown.join("\n");
     let table = &shown[shown.find("[subject").unwrap()..];
     let subject = |text: &str| {
         fs::write(&settings, text).unwrap();

@@ -288,8 +288,8 @@ impl Scene {
         self.0.pipeline.render(options)
     }
 
-    /// [`Self::render_with`] into a film of the caller, whose buffers serve again: for the frames of
-    /// an animation.
+    /// [`Self::render_with`] into a film of the caller, whose buffers serve again, for the frames
+    /// of an animation.
     pub fn render_into(&self, options: RenderOptions<'_>, film: &mut Film) {
         self.0.pipeline.render_into(options, film);
     }

@@ -210,8 +210,8 @@ impl Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<Exit, Failure> {
     let folder = arguments.ours.is_dir();
-    let others = arguments.or.iter().chain(&arguments.mask);
-    for other in others.filter(|other| other.is_dir() != folder) {
+    let mut others = arguments.or.iter().chain(&arguments.mask);
+    if let Some(other) = others.find(|other| other.is_dir() != folder) {
         return Err(Failure::usage(format!(
             "{} should be {}, like {}",
             other.display(),

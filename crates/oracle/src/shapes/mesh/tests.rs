@@ -455,9 +455,14 @@ fn computed_tangents() {
     assert_eq!(found.tangents(2), Some(([[0.0; 3]; 3], 1.0)));
     let none = mesh("file = \"m.obj\"\ntangents = true\nuv_sets = []", &files).unwrap();
     assert_eq!(none.tangents(0), Some(([[0.0; 3]; 3], 1.0)));
-    // Texture coordinates in a line, up to rounding.
-    let line = b"v 0 0 0\nv 4 0 0\nv 4 4 0\nvt 0 0\nvt 0.1 0.3\nvt 0.2 0.6\nf 1/1 2/2 3/3\n";
-    assert!(mesh("file = \"m.obj\"\ntangents = true", &[("m.obj", line)]).is_err());
+    // Texture coordinates in a line, exactly and up to rounding.
+    let line = |coordinates: &str| {
+        let text = format!("v 0 0 0\nv 4 0 0\nv 4 4 0\n{coordinates}\nf 1/1 2/2 3/3\n");
+        mesh("file = \"m.obj\"\ntangents = true", &[("m.obj", text.as_bytes())])
+    };
+    let exact = line("vt 0 0\nvt 0.1 0.3\nvt 0.2 0.6").unwrap();
+    assert_eq!(exact.tangents(0), Some(([[0.0; 3]; 3], 1.0)));
+    assert!(line("vt 1e-17 1e-17\nvt 0.5 0.5\nvt 1 1").is_err());
 }
 
 /// Two triangles that fill a square from -1 to 1, with the colours red, green, blue and white with
