@@ -648,7 +648,7 @@ fn init_writes_a_project_and_keeps_what_is_there() {
         let output = program!().current_dir(folder).args(arguments).output().unwrap();
         stderr(&output) + &stdout(&output)
     };
-    assert!(subject(table).contains("./mytracer"), "{}", subject(table));
+    assert!(subject(table).contains("subject: mytracer"), "{}", subject(table));
     assert!(subject("").contains("[subject.mytracer]"), "{}", subject(""));
     let workflow = folder.path().join("images/.github/workflows/images.yml");
     let text = fs::read_to_string(&workflow).unwrap();

@@ -46,8 +46,10 @@ def test_pixels():
 
 
 def test_what_it_does_not_support_is_named():
-    with pytest.raises(whitstone.SceneError, match="oracle"):
-        whitstone.oracle.Oracle(SCENES / "shapes" / "implicit.toml")
+    camera = {"type": "perspective", "look_at": {"origin": [0, 0, 4], "target": [0, 0, 0]}}
+    terrain = {"type": "heightfield", "columns": 400, "rows": 400}
+    with pytest.raises(whitstone.SceneError, match="oracle does not support a height field"):
+        whitstone.oracle.Oracle({"camera": camera, "shape": [terrain]})
 
 
 def test_progress_and_bad_rays():

@@ -208,6 +208,7 @@ impl Subject {
         #[serde(deny_unknown_fields)]
         struct Config {
             #[expect(dead_code, reason = "each table is decoded by itself, with its positions")]
+            #[serde(default)]
             subject: BTreeMap<String, toml::Value>,
         }
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
@@ -220,12 +221,11 @@ impl Subject {
         })?;
         decode::<Config>(&table).map_err(report)?;
         let subjects = table.get_ref().get("subject");
-        let Some(subjects) = subjects.and_then(|subjects| subjects.get_ref().as_table()) else {
-            return Err(format!("{name}: there is no table [subject.NAME]"));
-        };
-        let names = subjects.keys().map(|key| key.get_ref().to_string()).collect();
+        let subjects = subjects.and_then(|subjects| subjects.get_ref().as_table());
+        let all = || subjects.into_iter().flatten();
+        let names = all().map(|(key, _)| key.get_ref().to_string()).collect();
         let chosen = choose(names).map_err(|problem| format!("{name}: {problem}"))?;
-        let found = subjects.iter().find(|(key, _)| *key.get_ref() == chosen);
+        let found = all().find(|(key, _)| *key.get_ref() == chosen);
         let Some((key, value)) = found else {
             return Err(format!("{name}: there is no subject \"{chosen}\""));
         };
