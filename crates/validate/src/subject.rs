@@ -444,7 +444,10 @@ mod tests {
 
     fn parsed(text: &str) -> Result<Subject, String> {
         Subject::parse("w.toml", text, Path::new("/c"), &registry(), |names| {
-            Ok(names[0].clone())
+            names
+                .first()
+                .cloned()
+                .ok_or_else(|| "there is no subject".to_owned())
         })
     }
 
