@@ -609,6 +609,7 @@ class Tracer:
         normal, change = footprints.normals(level, lanes)
         if not self.document.materials[number].normal_mapped:
             return normal, change
+        assert level.footprint is not None, "the document has footprints"
         steps = shaders.Steps(level.footprint.position[lanes], level.footprint.uv[lanes], normal, change)
         found = self.built.shaders[number].steps(letter, si, steps)
         return found.normal, found.change

@@ -38,7 +38,7 @@ class Validation:
     def passed(self) -> bool:
         """Whether every scene passes or is confirmed by the oracle."""
         summary = self.results["summary"]
-        return summary["cases"] > 0 and summary["failed"] == 0 and summary["undecided"] == 0
+        return bool(summary["cases"] > 0 and summary["failed"] == 0 and summary["undecided"] == 0)
 
     @property
     def cases(self) -> List[Dict[str, Any]]:
