@@ -104,8 +104,6 @@ def unsupported(materials: Sequence[Any], shapes: Sequence[Any]) -> List[str]:
             continue
         if shape.type not in SHAPES or shape.surface is not None:
             found.append(f"shape {shape.number}: no twin for footprints on a shape of type {shape.type!r}: the driver lacks its derivatives")
-        if material.normal_mapped and material.branches and material.priority is not None:
-            found.append(f"shape {shape.number}: no twin for footprints behind a normal_map or bump with a priority: the driver lacks the derivatives of their normals")
         if material.branches and _second(materials, shape.material):
             found.append(f"shape {shape.number}: no twin for footprints behind a normal_map or bump by the second texture coordinates: the driver lacks their derivatives")
     return sorted(set(found))
