@@ -27,7 +27,7 @@ pub struct Film {
     pub is_complete: bool,
 }
 
-/// So many zeros, in the memory of `old` if it is large enough.
+/// A vector of `count` zeros. It uses the memory of `old` if that is large enough.
 fn zeros<T: Clone + Default>(mut old: Vec<T>, count: usize) -> Vec<T> {
     if old.capacity() < count {
         // Memory that the system provides is zero: it is not written here.

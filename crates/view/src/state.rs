@@ -213,7 +213,7 @@ impl Shared {
         self.scene.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Does something with the scene, before the renderer goes on. `None` if there is no scene.
+    /// Calls `work` with the scene while the renderer waits. `None` if there is no scene.
     pub(crate) fn with_scene<T>(&self, work: impl FnOnce(&mut Loaded) -> T) -> Option<T> {
         self.waiting.fetch_add(1, Ordering::SeqCst);
         let mut scene = self.scene.lock().unwrap_or_else(PoisonError::into_inner);

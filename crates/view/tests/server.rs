@@ -369,7 +369,7 @@ fn a_second_page_is_refused_until_it_takes_over() {
         let first = client.page;
         let answer = client.post("open", &json!({ "takes_over": true }));
         assert_eq!(answer.status, 200);
-        // The first one is told, and can do nothing more.
+        // Requests of the first page are refused from now on.
         assert_eq!(
             client.get(&format!("frame?page={first}&news=0&frame=0")).status,
             409

@@ -159,17 +159,21 @@ class Shapes(Case):
             view = '[camera]\ntype = "orthographic"\nlook_at = { origin = [0.2, 0.15, 5], target = [0.2, 0.15, 0] }\nwidth = 0.003\n'
             picture = '{ type = "image", file = "t.png", filter = "trilinear" }'
             text = film(3, 3) + view + AMBIENT + f'[[shape]]\n{shape}\nmaterial = {{ type = "matte", reflectance = {picture} }}\n' + wall
-            with tempfile.TemporaryDirectory() as base:
-                mi.Bitmap(np.zeros((2, 2, 3), dtype=np.uint8)).write(os.path.join(base, "t.png"))
-                read = document.parse(text, base)
-                tracer = driver.Tracer(scene.Built(read, Setting()), [Setting()], record=True)
-                y, x = np.divmod(np.arange(9), 3)
-                tracer.trace(tracer.camera_rays(x, y, np.zeros(9, dtype=np.int64), read.samples), 0)
-            level = tracer.levels[0]
+            level = self.levels(text)[0]
             uv, normal = (np.array(array).T.astype(np.float64) for array in (level.hits.uv, level.hits.n_s))
             for side, (after, before) in enumerate(((5, 3), (7, 1))):
                 self.near(level.footprint.uv[4, side], (uv[after] - uv[before]) / 2, rel=1e-2, atol=1e-6)
                 self.near(level.footprint.normal[4, side], (normal[after] - normal[before]) / 2, rel=1e-2, atol=1e-6)
+
+    def levels(self, text):
+        """The levels of the ray trees of 3 x 3 pixels; `t.png` is an image."""
+        with tempfile.TemporaryDirectory() as base:
+            mi.Bitmap(np.zeros((2, 2, 3), dtype=np.uint8)).write(os.path.join(base, "t.png"))
+            read = document.parse(text, base)
+            tracer = driver.Tracer(scene.Built(read, Setting()), [Setting()], record=True)
+            y, x = np.divmod(np.arange(9), 3)
+            tracer.trace(tracer.camera_rays(x, y, np.zeros(9, dtype=np.int64), read.samples), 0)
+        return tracer.levels
 
     def test_branches_at_perturbed_normals(self):
         mirror = 'material = { type = "mirror" }'
@@ -184,13 +188,7 @@ class Shapes(Case):
             f'type = "bump", vector_map = {noise}, scale = 0.2',
         ):
             text = film(3, 3) + view + AMBIENT + f'[[shape]]\ntype = "sphere"\nmaterial = {{ {material}, {mirror} }}\n' + wall
-            with tempfile.TemporaryDirectory() as base:
-                mi.Bitmap(np.zeros((2, 2, 3), dtype=np.uint8)).write(os.path.join(base, "t.png"))
-                read = document.parse(text, base)
-                tracer = driver.Tracer(scene.Built(read, Setting()), [Setting()], record=True)
-                y, x = np.divmod(np.arange(9), 3)
-                tracer.trace(tracer.camera_rays(x, y, np.zeros(9, dtype=np.int64), read.samples), 0)
-            rays = tracer.levels[1].rays
+            rays = self.levels(text)[1].rays
             self.assertEqual(rays.real, 9)
             d = np.array(rays.d).T.astype(np.float64)
             for side, (after, before) in enumerate(((5, 3), (7, 1))):

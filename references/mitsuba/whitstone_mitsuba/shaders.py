@@ -444,7 +444,8 @@ class NormalMapped(Shader):
         turned, good = self._turn(si)
         p, uv, normal = (np.array(array, dtype=np.float64) for array in (si.p, si.uv, turned.sh_frame.n))
 
-        def beside(side: int, part: float) -> np.ndarray:
+        def displaced(side: int, part: float) -> np.ndarray:
+            """The unit normal at this part of the step."""
             n = (steps.normal + part * steps.change[:, side]).T
             n = n / np.linalg.norm(n, axis=0)
             place = _Place(p + part * steps.position[:, side].T, uv + part * steps.uv[:, side].T, _Frame(n))
@@ -452,7 +453,7 @@ class NormalMapped(Shader):
             return (found / np.linalg.norm(found, axis=0)).T
 
         with np.errstate(all="ignore"):
-            change = np.stack([(beside(side, SMALL) - beside(side, -SMALL)) / (2 * SMALL) for side in (0, 1)], axis=1)
+            change = np.stack([(displaced(side, SMALL) - displaced(side, -SMALL)) / (2 * SMALL) for side in (0, 1)], axis=1)
         taken = np.array(good)[:, None]
         return self.inner.steps(
             letter, turned,

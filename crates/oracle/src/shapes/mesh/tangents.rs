@@ -73,7 +73,7 @@ mod tests {
         // In a line, which rounded products do not tell.
         let (p, q, r) = (at(0.1, 0.1), at(0.4, 0.4), at(0.7, 0.7));
         assert_eq!(determinant(p, q, r), Some(0.0));
-        // Beside it by the last digit of single precision.
+        // Off the line by one unit in the last place of single precision.
         for (y, sign) in [(0.7_f32.next_up(), 1.0), (0.7_f32.next_down(), -1.0)] {
             let found = determinant(p, q, at(0.7, y)).unwrap();
             assert!(found != 0.0 && found.signum() == sign, "{found}");
