@@ -197,6 +197,38 @@ fn every_scene_has_a_twin_in_povray_or_a_reason() {
     assert!(twins > 50, "{twins}");
 }
 
+/// A near limit is exported where POV-Ray has one; of other cameras its loss is told.
+#[test]
+fn near_limits_are_exported_to_povray_or_their_loss_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    for (scene, dropped) in [
+        ("scenes/showcase/near_planar.toml", true),
+        ("scenes/showcase/near_orthographic.toml", false),
+    ] {
+        let convert = |strict: &[&str]| {
+            let output = program!()
+                .current_dir(root())
+                .args(["convert", scene])
+                .arg(folder.path().join("scene.pov"))
+                .args(strict)
+                .output()
+                .unwrap();
+            let text =
+                String::from_utf8_lossy(&[&output.stdout[..], &output.stderr[..]].concat()).into_owned();
+            (output.status.code(), text)
+        };
+        let (code, text) = convert(&[]);
+        assert_eq!(code, Some(0), "{scene}: {text}");
+        assert_eq!(
+            text.contains("[camera] near of perspective"),
+            dropped,
+            "{scene}: {text}"
+        );
+        let (code, text) = convert(&["--strict"]);
+        assert_eq!(code == Some(0), !dropped, "{scene}: {text}");
+    }
+}
+
 #[test]
 fn outside_of_the_repository_it_is_told_that_there_are_no_scenes() {
     let folder = tempfile::tempdir().unwrap();

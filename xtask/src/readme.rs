@@ -284,7 +284,7 @@ fn summary(cases: &[CaseResult]) -> String {
         format!(" The others are in scenes that the oracle does not support: {scenes}.")
     };
     run_time::wrapped(&format!(
-        "{} scenes have a stored Mitsuba image: {} pass, {} are confirmed by the oracle, {} fail, {} are undecided. Of {} pixels {explained} are explained by the reference's own variation, or ambiguous and confirmed by the oracle; {} are unexplained. With `--oracle` the oracle was asked about {asked} of the {explained}: it confirms Whitstone in {ours}, Mitsuba in {theirs}, and neither or both in {}.{others} The least independent [twin](docs/glossary.md) that a scene uses is native in {} scenes, hosted in {} and a formula in {}.",
+        "{} scenes have a stored Mitsuba image: {} pass, {} are confirmed by the oracle, {} fail, {} are undecided. Of {} pixels {explained} are explained by the reference's own variation, or ambiguous and confirmed by the oracle; {} are unexplained. With `--oracle`, which asks the oracle about explained pixels too, it was asked about {asked} of the {explained}: it confirms Whitstone in {ours}, Mitsuba in {theirs}, and neither or both in {}.{others} The least independent [twin](docs/glossary.md) that a scene uses is native in {} scenes, hosted in {} and a formula in {}.",
         cases.len(),
         with(Status::Pass),
         with(Status::Confirmed),

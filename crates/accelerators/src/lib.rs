@@ -3,6 +3,8 @@
 //! No accelerator changes an image: each returns, bit for bit, the result of testing every element
 //! in order. An element is a triangle of a mesh, or a whole shape of any other kind (also an
 //! instance).
+//!
+//! `docs/glossary.md` explains *twin*, *native*, *hosted*, *formula* and *lecture notes*.
 
 #![cfg_attr(
     not(feature = "all"),

@@ -8,8 +8,8 @@
 //! - Traversal: nearer child first, with an explicit stack. The ray is transformed into the frame
 //!   of each box: six dot products before the three interval tests.
 //! - Cost model: a step takes two to three times that of an axis-parallel box, so an oriented box
-//!   pays off only where it is hit less than a third as often. It saves a third of the steps on
-//!   slanted hairs and a sixth on compact meshes: neither pays off (figures in
+//!   pays off only where it is hit less than a half to a third as often. It saves a third of the
+//!   steps on slanted hairs and a sixth on compact meshes: neither pays off (figures in
 //!   `docs/accelerators.md`). Memory: 15 numbers a node, at most two nodes per element. Build: O(n
 //!   log n), as every level is fitted anew. A rigidly moving part would need no new fit, only a new
 //!   frame.
@@ -30,7 +30,8 @@ use whitstone_core::{
     Aabb, Accelerator, Accelerators, Context, DVec3, DebugBounds, Geometry, Plugin, SceneErrors, Statistics,
 };
 
-/// A BVH of oriented boxes: fewer but slower steps, for long, thin, slanted shapes.
+/// A BVH of oriented boxes: fewer but slower steps. Even on slanted hairs it is not faster than
+/// axis-parallel boxes.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {

@@ -1,6 +1,8 @@
 //! Cameras: each plugin is one file, one Cargo feature and one TOML `type`.
 //!
 //! Section 4 of `docs/whitted-model.md` specifies all of them.
+//!
+//! `docs/glossary.md` explains *twin*, *native*, *hosted*, *formula* and *lecture notes*.
 
 #![cfg_attr(
     not(feature = "all"),

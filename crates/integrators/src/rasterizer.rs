@@ -33,9 +33,9 @@ use whitstone_core::{
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// "opaque": surfaces block light, except at holes and on shapes with `casts_shadow = false`;
-    /// "filtered": transparent surfaces also let light pass straight through, attenuated; "none":
-    /// no shadows.
+    /// "opaque": surfaces block light, except in the holes of the material `mask` and on shapes
+    /// with `casts_shadow = false`; "filtered": transparent surfaces also let light pass straight
+    /// through, attenuated; "none": no shadows.
     #[serde(default)]
     shadows: ShadowMode,
     /// A light sample (a light, or a point of an area light) does not count where its irradiance is

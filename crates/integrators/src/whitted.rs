@@ -5,7 +5,7 @@
 //! depth first, reflection before transmission. The stack is explicit, because recursion over a
 //! hundred thousand bounces would exhaust the thread's stack. Of the two branches of a hit, one is
 //! traced next and the other is pushed. Without glossy surfaces the stack therefore never holds
-//! more than `max_depth + 1` rays; a hit on a glossy surface with n² reflection rays can push n².
+//! more than `max_depth` rays; a hit on a glossy surface with n² reflection rays can push n².
 //! `rules` traces single rays, `wave` traces streams.
 //!
 //! - Twin: the Mitsuba driver, which traverses the same tree level by level.
@@ -36,9 +36,9 @@ pub struct Config {
     /// Radiance of branches beyond `max_depth`: "background" or "black".
     #[serde(default)]
     at_max_depth: Beyond,
-    /// "opaque": surfaces block light, except at holes and on shapes with `casts_shadow = false`;
-    /// "filtered": transparent surfaces also let light pass straight through, attenuated; "none":
-    /// no shadows.
+    /// "opaque": surfaces block light, except in the holes of the material `mask` and on shapes
+    /// with `casts_shadow = false`; "filtered": transparent surfaces also let light pass straight
+    /// through, attenuated; "none": no shadows.
     #[serde(default)]
     shadows: ShadowMode,
     /// A light sample (a light, or a point of an area light) does not count where its irradiance is

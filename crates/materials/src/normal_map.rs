@@ -116,12 +116,12 @@ mod tests {
     #[test]
     fn colours_are_parts_of_the_normal() {
         // n_s = z. The projected tangent is y, so the bitangent is -x.
-        for frame in ["tangent = [0, 3, 7]", "axis = [2, 0, 0]"] {
+        for frame in ["tangent = [0, 3, 7]", "axis = [-1, 0, 0]"] {
             let normal = |map: [f64; 3]| {
                 let frame = if frame.starts_with('t') {
                     Frame::Along(DVec3::new(0.0, 3.0, 7.0))
                 } else {
-                    // The tangent around x is -y at z.
+                    // At z the tangent around x is -y, and around -x it is y.
                     Frame::Around(DVec3::NEG_X)
                 };
                 let map = ColorSource::Constant(Rgb::from(map));

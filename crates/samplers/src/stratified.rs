@@ -3,8 +3,8 @@
 //! The RMS error of n² such samples falls as n^-1.5 in a pixel with an edge, and as n^-2 in a
 //! smooth one (Mitchell 1996, *Consequences of stratified sampling in graphics*). The error of a
 //! regular grid falls only as n^-1 for edges parallel to its rows. The positions differ from pixel
-//! to pixel. They come from the hash m of the model (section 9), so they are the same in every
-//! renderer and every run.
+//! to pixel. They come from the hash m of `docs/whitted-model.md` (section 9), so they are the same
+//! in every renderer and every run.
 //!
 //! - Twin: the Mitsuba driver, which traces the same positions.
 //! - Example: `scenes/samplers/stratified.toml`.

@@ -1,6 +1,8 @@
 //! Shape plugins: one file, one Cargo feature and one TOML `type` per plugin.
 //!
 //! Section 9 of `docs/whitted-model.md` specifies all of them.
+//!
+//! `docs/glossary.md` explains *twin*, *native*, *hosted*, *formula* and *lecture notes*.
 
 #![cfg_attr(
     not(feature = "all"),

@@ -30,8 +30,8 @@ use whitstone_core::{
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// The 16 control points of one patch in object space, in metres: four rows along u, in order
-    /// of v. The normal is dP/du x dP/dv.
+    /// The 16 control points of one patch in object space, in metres: four rows in order of v;
+    /// each row runs along u. The normal is dP/du x dP/dv.
     #[serde(default)]
     #[schemars(with = "Vec<Vector3>", extend("x-default" = "none: this, or `vertices` and `patches`, is required", "minItems" = 16, "maxItems" = 16))]
     points: Option<Spanned<Vec<Vector3>>>,
@@ -48,12 +48,14 @@ pub struct Config {
 const MAX_PATCHES: usize = 4096;
 const MAX_VERTICES: usize = 65536;
 
-/// A point of a patch is a hit if it is this close to the ray, relative to the size of all patches.
+/// A point of a patch is a hit if the search finds it this close to the ray, relative to the size
+/// of all patches. A root that was polished after that may be twice as far.
 const NEAR: f64 = 1e-12;
 /// Below this length P_u x P_v has no reliable direction; relative to the squared size of the
 /// patch.
 const NO_NORMAL: f64 = 1e-13;
-/// A ray spawned on a patch ignores hits on it within this distance, relative to the size.
+/// A ray spawned on a patch ignores hits on it within this distance, relative to the size, plus
+/// 1024 error bounds of a point.
 const LEAVES: f64 = 1e-9;
 
 /// The patches in world space, relative to the origin of object space.
@@ -372,8 +374,9 @@ fn normal(net: &Net<DVec3>, at: DVec2) -> DVec3 {
     if let Some(inwards) = nearest_first.iter().find(says_something) {
         return inwards.normalize();
     }
-    // A higher-order limit: sample farther and farther inside. A patch has area somewhere.
-    let steps = (0..12).map(|k| 1e-6 * 4f64.powi(k));
+    // A higher-order limit: sample farther and farther inside, up to about the centre. A patch has
+    // area somewhere.
+    let steps = (0..11).map(|k| 1e-6 * 4f64.powi(k));
     let inside = steps.map(|step| {
         let Jet { u, v, .. } = net.at(at.x + step * (0.5 - at.x), at.y + step * (0.5 - at.y));
         u.cross(v)
@@ -383,8 +386,8 @@ fn normal(net: &Net<DVec3>, at: DVec2) -> DVec3 {
 }
 
 impl Patch {
-    /// Error bound of a point: 18 interpolation steps between points of at most this size, and the
-    /// sum with the origin.
+    /// Error bound of a point: six nested interpolations, each with three roundings, of coordinates
+    /// of at most `reach`, and the sum with the origin.
     fn error(&self) -> f64 {
         let reach = self.center.abs().max_element() + self.size;
         8.0 * f64::EPSILON * reach + f64::EPSILON * self.origin.abs().max_element()

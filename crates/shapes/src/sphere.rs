@@ -230,12 +230,12 @@ fn ascending([a, b, c]: [f64; 3], discriminant: f64) -> [f64; 2] {
     [select(ascending, one, other), select(ascending, other, one)]
 }
 
-/// The nearest hit beyond `min`. Its first parameter is 1 if the ray was spawned on the sphere, so
-/// that it has travelled along a chord, and 0 if not.
+/// The nearest hit beyond `min`. Its `prim_uv.x` is 1 if the ray was spawned on the sphere, so that
+/// it has travelled along a chord, and 0 if not.
 #[inline(always)]
 fn nearest([first, second]: [f64; 2], min: f64, origin_primitive: u32) -> ShapeHit {
     // For a ray spawned on the sphere, the root of smaller magnitude is the spawn point itself,
-    // moved off zero by rounding.
+    // moved off zero by the offset of the ray origin and by rounding.
     let origin_primitive = origin_primitive != NO_PRIMITIVE;
     let second_is_start = second.abs() < first.abs();
     let first_counts = (first > min) & !(origin_primitive & !second_is_start);

@@ -29,9 +29,9 @@ const DEFAULT_DISTORTION: f64 = 1.0;
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// "perlin": one octave; "fbm": a sum of octaves; "turbulence": a sum of their absolute values;
-    /// "marble": waves along x distorted by turbulence; "wood": rings around the z axis distorted
-    /// by fbm.
+    /// "perlin": one octave; "fbm": the mean of the octaves, weighted by amplitude; "turbulence":
+    /// the same mean of their absolute values; "marble": waves along x distorted by turbulence;
+    /// "wood": rings around the z axis distorted by fbm.
     #[serde(default)]
     kind: Kind,
     /// Colour at the minimum of the noise.
@@ -89,9 +89,9 @@ enum Kind {
     /// One octave.
     #[default]
     Perlin,
-    /// Fractional Brownian motion: a sum.
+    /// Fractional Brownian motion: a weighted mean.
     Fbm,
-    /// A sum of absolute values.
+    /// A weighted mean of absolute values.
     Turbulence,
     /// Waves along x, distorted by turbulence.
     Marble,
@@ -156,7 +156,7 @@ impl Plugin<Textures> for Noise {
             number(&config.gain, DEFAULT_GAIN),
             number(&config.lacunarity, DEFAULT_LACUNARITY),
         );
-        let strengths: f64 = (0..octaves).map(|k| gain.powi(k as i32)).sum();
+        let amplitudes: f64 = (0..octaves).map(|k| gain.powi(k as i32)).sum();
         // Neither coordinates nor sums may overflow.
         let finest = lacunarity.powi(octaves as i32 - 1);
         for (key, found, what) in [
@@ -165,7 +165,11 @@ impl Plugin<Textures> for Noise {
                 finest,
                 "`lacunarity` to the power of `octaves` - 1",
             ),
-            (&config.gain, strengths, "the sum of the strengths of all octaves"),
+            (
+                &config.gain,
+                amplitudes,
+                "the sum of the amplitudes of all octaves",
+            ),
         ] {
             if let Some(key) = key
                 && found > MAX
@@ -184,7 +188,7 @@ impl Plugin<Textures> for Noise {
             octaves,
             lacunarity,
             gain,
-            share: 1.0 / strengths,
+            share: 1.0 / amplitudes,
             distortion: config
                 .distortion
                 .map_or(DEFAULT_DISTORTION, |distortion| distortion.into_inner().get()),
@@ -201,11 +205,11 @@ impl Noise {
     /// The mean of all octaves weighted by amplitude, after applying `shape` to each.
     #[inline(always)]
     fn octaves(&self, q: DVec3, shape: impl Fn(f64) -> f64) -> f64 {
-        let (mut q, mut strength, mut sum) = (q, 1.0, 0.0);
+        let (mut q, mut amplitude, mut sum) = (q, 1.0, 0.0);
         for _ in 0..self.octaves {
-            sum += strength * shape(self.table.noise(q));
+            sum += amplitude * shape(self.table.noise(q));
             q *= self.lacunarity;
-            strength *= self.gain;
+            amplitude *= self.gain;
         }
         sum * self.share
     }

@@ -54,7 +54,7 @@ impl Texture for VertexColor {
     }
 
     fn value(&self, point: &SurfaceInteraction) -> Rgb {
-        // Interpolation between colours of zero may round to just below it.
+        // Where two of the three colours are zero, the value may round to just below zero.
         match self.channel {
             Channel::Color => point.vertex.color.map(|part| part.max(0.0)),
             Channel::Alpha => Rgb::splat(point.vertex.alpha.max(0.0)),

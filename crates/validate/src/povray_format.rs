@@ -24,6 +24,7 @@ pub struct PovRayFormat {
 const LIMIT: Duration = Duration::from_secs(600);
 
 const KEPT: &str = "[scene]";
+const NEAR: &str = "[camera] near of perspective";
 const AOVS: &str = "[film] aovs";
 const DEPTH: &str = "[integrator] at_max_depth";
 const CUTOFF: &str = "[integrator] min_contribution";
@@ -61,6 +62,11 @@ const FEATURES: &[Feature] = &[
         name: CHANNELS,
         treatment: Treatment::Approximated,
         how: "A file for each channel, such as scene-red.pov.",
+    },
+    Feature {
+        name: NEAR,
+        treatment: Treatment::Dropped,
+        how: "POV-Ray's perspective camera has no near limit.",
     },
     Feature {
         name: AOVS,
@@ -104,6 +110,9 @@ impl PovRayFormat {
         }
         if document.remove("sampler").is_some() {
             notes.add(FEATURES, SAMPLES, "sampler");
+        }
+        if let Some(near) = remove_near(&mut document) {
+            notes.add(FEATURES, NEAR, format!("camera.near={near}"));
         }
         let text = toml::to_string(&document).map_err(wrong)?;
         let texts = self.translate(&text, scene.base)?;
@@ -149,6 +158,18 @@ fn wrong(error: impl std::fmt::Display) -> FormatErrors {
 
 fn save(path: &Path, text: &str) -> Result<(), FormatErrors> {
     atomic::write_bytes(path, text.as_bytes()).map_err(wrong)
+}
+
+/// Removes the near limit of a perspective camera, unless rays start at the camera anyway.
+fn remove_near(document: &mut Table) -> Option<Value> {
+    let camera = document.get_mut("camera")?.as_table_mut()?;
+    if camera.get("type")?.as_str()? != "perspective" {
+        return None;
+    }
+    camera.remove("near_kind");
+    let near = camera.remove("near")?;
+    let zero = near.as_float() == Some(0.0) || near.as_integer() == Some(0);
+    (!zero).then_some(near)
 }
 
 /// Applies a change of the form `table.key=value` or `table=value`.

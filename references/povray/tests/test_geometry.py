@@ -52,10 +52,18 @@ class Cameras(Case):
         self.assertEqual(seen, {(2, 0): 0.25, (4, 0): 0.25, (2, 2): 0.25, (4, 2): 0.25})
         self.assertEqual(self.spot(lens.replace("= 2\n", "= 1\n"), -0.25, 0.25), [(3, 1)])
 
-    def test_near_limits_are_refused(self):
+    def test_near_limits_of_perspective_are_refused(self):
         look = 'look_at = { origin = [0, 0, 2], target = [0, 0, 0] }\nnear = 0.5\n'
-        for kind in ("perspective", "orthographic"):
-            self.refuse(film() + f'[camera]\ntype = "{kind}"\n{look}', "unsupported", "camera.near")
+        self.refuse(film() + f'[camera]\ntype = "perspective"\n{look}', "unsupported", "camera.near")
+
+    def test_near_limits_of_orthographic_move_the_origins(self):
+        look = 'look_at = { origin = [0, 0, 2], target = [0, 0, 0] }\nwidth = 4\n'
+        seen = {near: self.spot(f'[camera]\ntype = "orthographic"\n{look}near = {near}\n', 0.25, 0.25) for near in (0, 1.8, 2.2, -1)}
+        self.assertEqual(seen, {0: [(4, 1)], 1.8: [(4, 1)], 2.2: [], -1: [(4, 1)]})
+        # A ball behind the camera is seen if the rays start behind it.
+        behind = 'look_at = { origin = [0, 0, -1], target = [0, 0, -2] }\nwidth = 4\n'
+        for near, found in ((0, []), (-2, [(4, 1)])):
+            self.assertEqual(self.spot(f'[camera]\ntype = "orthographic"\n{behind}near = {near}\n', 0.25, 0.25), found)
 
     def test_shifts_are_in_pixels_to_the_right_and_down(self):
         ortho = '[camera]\ntype = "orthographic"\nlook_at = { origin = [0, 0, 5], target = [0, 0, 0] }\nwidth = 4\n'

@@ -99,12 +99,6 @@ def window_of(fields: Fields, other: str) -> Optional[Tuple[Window, float]]:
     return (left, right, bottom, top), distance
 
 
-def no_near(fields: Fields) -> None:
-    """Refuses a near limit, which POV-Ray lacks."""
-    if fields.number("near", 0.0) != 0:
-        fields.unsupported("POV-Ray has no near limit", "near")
-
-
 def placed(fields: Fields, kind: str, window: Window, distance: float, width: int, height: int) -> Camera:
     """The camera that `look_at` defines."""
     look = Fields(fields.take("look_at", REQUIRED), fields.where + ".look_at", fields.context)

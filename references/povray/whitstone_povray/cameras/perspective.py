@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 
-from . import Camera, Fields, no_near, placed, window_of
+from . import Camera, Fields, placed, window_of
 
 
 def twin(fields: Fields, width: int, height: int) -> Camera:
     """`fov` or `window`; no near limit."""
-    no_near(fields)
+    if fields.number("near", 0.0) != 0:
+        fields.unsupported("POV-Ray's perspective camera has no near limit", "near")
     fields.choice("near_kind", "planar", ("planar", "spherical"))
     return view(fields, width, height)
 
