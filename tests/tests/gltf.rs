@@ -278,6 +278,47 @@ fn photometric_lights_are_divided_by_683() {
     assert_ne!(part(""), part("photometric = true"));
 }
 
+/// Transmission is the factor times the red of its texture, where there is no metal.
+#[test]
+fn transmission_is_mixed_by_factor_texture_and_metalness() {
+    let registry = whitstone::registry();
+    let folder = tempfile::tempdir().unwrap();
+    let materials = |factor: f64, texture: bool, metal: Value| {
+        let mut document = rich();
+        let mut transmission = json!({ "transmissionFactor": factor });
+        if texture {
+            transmission["transmissionTexture"] = json!({ "index": 0 });
+        }
+        document["materials"] = json!([
+            { "pbrMetallicRoughness": metal, "extensions": { "KHR_materials_transmission": transmission } },
+            {},
+        ]);
+        let path = write(folder.path(), "glass.gltf", &document);
+        let scene = imported(&path, &ImportOptions::all(), &registry);
+        load(&path, &[], &registry).unwrap();
+        toml::to_string(&scene["material"]).unwrap()
+    };
+    let (none, half, image) = (
+        json!({ "metallicFactor": 0.0 }),
+        json!({ "metallicFactor": 0.5 }),
+        json!({ "metallicFactor": 1.0, "metallicRoughnessTexture": { "index": 0 } }),
+    );
+    assert!(!materials(1.0, false, none.clone()).contains("mix"));
+    assert!(materials(0.5, false, half).contains("weight = 0.25"));
+    let by_texture = materials(0.5, true, none);
+    assert!(
+        by_texture.contains("channel = \"red\"") && by_texture.contains("factors = [0.5, "),
+        "{by_texture}"
+    );
+    let by_metal = materials(1.0, false, image);
+    assert!(
+        by_metal.contains("channel = \"blue\"") && by_metal.contains("thin_dielectric"),
+        "{by_metal}"
+    );
+    // All metal: nothing is transmitted.
+    assert!(!materials(1.0, true, json!({})).contains("thin_dielectric"));
+}
+
 #[test]
 fn nodes_that_are_not_visible_are_left_out() {
     let registry = whitstone::registry();

@@ -1,11 +1,12 @@
-//! Files that never end, or that nobody writes: refused by name, in a moment.
+//! Files that never end, or that nobody writes, ray trees without end, and systems without threads.
 #![cfg(target_os = "linux")]
 
 use std::fs;
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
-use whitstone_tests::program;
+use whitstone_tests::{program, root};
 
 /// Runs the program, which must refuse the file quickly.
 fn refused(folder: &Path, arguments: &[&str], name: &str) {
@@ -123,4 +124,178 @@ fn a_large_sparse_file_is_refused_by_its_size() {
         &["render", "scene.toml", "--max-memory", "1"],
         "limit: 1.000 GiB",
     );
+}
+
+/// Each surface reflects and transmits, so a tree of depth d has up to 2^d rays.
+#[test]
+fn ray_trees_without_end_are_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    for scene in ["showcase/nested_dielectrics", "showcase/priorities"] {
+        let scene = root().join("scenes").join(scene).with_extension("toml");
+        let render = |more: &[&str]| {
+            let start = Instant::now();
+            let output = program!()
+                .current_dir(folder.path())
+                .arg("render")
+                .arg(&scene)
+                .args(["-o", "x.exr", "--set", "film.width=8", "--set", "film.height=6"])
+                .args([
+                    "--set",
+                    "sampler.type=center",
+                    "--set",
+                    "integrator.max_depth=200",
+                ])
+                .args(more)
+                .timeout(Duration::from_secs(60))
+                .output()
+                .unwrap();
+            let text = String::from_utf8_lossy(&output.stderr).into_owned();
+            (output.status.code(), text, start.elapsed())
+        };
+        let image = folder.path().join("x.exr");
+        let _ = fs::remove_file(&image);
+        let (code, text, time) = render(&["--max-tree-rays", "1000"]);
+        assert_eq!(code, Some(2), "{text}");
+        assert!(
+            text.contains("more than 1000 rays: decrease `max_depth` of the integrator, or increase its `min_contribution`, or set another limit with `--max-tree-rays`"),
+            "{text}"
+        );
+        assert!(time < Duration::from_secs(5), "{time:?}");
+        assert!(!image.exists());
+        // With the default limit it ends as well.
+        let (code, text, _) = render(&[]);
+        assert!(
+            code == Some(0) || text.contains("more than 1048576 rays"),
+            "{text}"
+        );
+        let (code, text, _) = render(&[
+            "--max-tree-rays",
+            "1000",
+            "--set",
+            "integrator.min_contribution=0.01",
+        ]);
+        assert_eq!(code, Some(0), "{text}");
+    }
+}
+
+/// A user who may start no further thread or process. Needs another user than root, whom the limit
+/// does not hold.
+#[test]
+fn without_threads_one_thread_renders() {
+    let is_root = fs::metadata("/proc/self").is_ok_and(|own| own.uid() == 0);
+    let has = |tool: &str| Command::new(tool).arg("--version").output().is_ok();
+    if !is_root || !has("setpriv") || !has("prlimit") {
+        eprintln!("skipped: this test starts the program as another user, with setpriv and prlimit");
+        return;
+    }
+    // In a folder that the other user may read and write.
+    let folder = tempfile::Builder::new()
+        .permissions(fs::Permissions::from_mode(0o777))
+        .tempdir_in("/tmp")
+        .unwrap();
+    let program = folder.path().join("whitstone");
+    fs::copy(program!().get_program(), &program).unwrap();
+    let ball = "film = { width = 40, height = 30 }\n\
+        camera = { type = \"perspective\", look_at = { origin = [0, 0, 4], target = [0, 0, 0] } }\n\
+        light = [{ type = \"ambient\", radiance = 1 }]\n\
+        shape = [{ type = \"sphere\" }]\n";
+    fs::write(folder.path().join("ball.toml"), ball).unwrap();
+    let render = |processes: &str, name: &str| {
+        let output = Command::new("setpriv")
+            .args([
+                "--reuid",
+                "54321",
+                "--regid",
+                "54321",
+                "--clear-groups",
+                "prlimit",
+            ])
+            .arg(format!("--nproc={processes}"))
+            .arg(&program)
+            .args(["render", "ball.toml", "-o", name])
+            .current_dir(folder.path())
+            .env("RUST_BACKTRACE", "0")
+            .output()
+            .unwrap();
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(0), "{processes}: {text}");
+        fs::read(folder.path().join(name)).unwrap()
+    };
+    assert_eq!(render("1", "one.exr"), render("1000", "many.exr"));
+}
+
+/// With `--root`, no file outside of it is read, whatever names it.
+#[test]
+fn files_outside_of_the_root_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path().join("root");
+    fs::create_dir_all(root.join("scenes")).unwrap();
+    let secret = "secret = [\"of this line nothing is shown\"\n";
+    for name in ["secret.toml", "secret.obj", "secret.mtl", "secret.png"] {
+        fs::write(folder.path().join(name), secret).unwrap();
+    }
+    std::os::unix::fs::symlink(folder.path().join("secret.png"), root.join("link.png")).unwrap();
+    fs::write(root.join("inside.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    fs::write(
+        root.join("scenes/outside.obj"),
+        "mtllib ../../secret.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+    )
+    .unwrap();
+    let camera = r#"camera = { type = "perspective", look_at = { origin = [0, 0, 4], target = [0, 0, 0] } }"#;
+    let shape = |file: &str| format!("{camera}\n[[shape]]\ntype = \"mesh\"\nfile = \"{file}\"\n");
+    let texture = |file: &str| {
+        format!(
+            "{camera}\n[[shape]]\ntype = \"sphere\"\nmaterial = {{ type = \"matte\", reflectance = {{ type = \"image\", file = \"{file}\" }} }}\n"
+        )
+    };
+    for (name, text, is_inside) in [
+        ("inside", shape("../inside.obj"), true),
+        (
+            "include",
+            format!("include = [\"../../secret.toml\"]\n{camera}\n"),
+            false,
+        ),
+        (
+            "absolute",
+            format!("include = [\"/etc/passwd\"]\n{camera}\n"),
+            false,
+        ),
+        ("mesh", shape("../../secret.obj"), false),
+        ("texture", texture("../../secret.png"), false),
+        ("link", texture("../link.png"), false),
+        (
+            "import",
+            format!("{camera}\n[[import]]\nfile = \"../../secret.obj\"\n"),
+            false,
+        ),
+        (
+            "companion",
+            format!("{camera}\n[[import]]\nfile = \"outside.obj\"\nallow_outside = true\n"),
+            false,
+        ),
+    ] {
+        let scene = root.join("scenes").join(name).with_extension("toml");
+        fs::write(&scene, text).unwrap();
+        for command in ["render", "validate", "convert"] {
+            let mut run = program!();
+            run.current_dir(folder.path()).arg(command).arg(&scene);
+            match command {
+                "render" => run.args(["-o", "x.exr", "--set", "film={width=8,height=6}"]),
+                "validate" => run.args(["--reference", "stored"]),
+                _ => run.arg("x.toml"),
+            };
+            let output = run.arg("--root").arg(&root).output().unwrap();
+            let text = String::from_utf8_lossy(&output.stderr);
+            let refused = text.contains("(`--root`)") || text.contains("is outside of the folder");
+            assert_eq!(refused, !is_inside, "{command} {name}: {text}");
+            assert!(!text.contains("of this line"), "{command} {name}: {text}");
+            if command != "validate" {
+                assert_eq!(
+                    output.status.code(),
+                    Some(if is_inside { 0 } else { 2 }),
+                    "{command} {name}: {text}"
+                );
+            }
+        }
+    }
 }

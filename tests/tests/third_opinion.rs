@@ -89,6 +89,33 @@ fn pixels_are_those_of_the_oracle() {
 }
 
 /// A fault of a millionth in one number is seen.
+/// The transmitted ray of `whitted` with `k_refr = 0` has its own index of refraction and no
+/// weight: it must not replace that of the glass it is mixed with.
+#[test]
+fn a_mix_has_the_directions_of_the_rays_with_weight() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("mix.toml");
+    let text = r#"
+film = { width = 60, height = 60 }
+light = [{ type = "background", radiance = 0.18 }]
+[camera]
+type = "perspective"
+look_at = { origin = [0, 1, 6], target = [0, 1, 0] }
+fov = 24
+[[shape]]
+type = "sphere"
+center = [0, 1, 0]
+material = { type = "mix", a = { type = "whitted", k_a = 0.5 }, b = { type = "dielectric", interior_ior = 1.55 }, weight = 0.75 }
+[[shape]]
+type = "rectangle"
+transform = [{ scale = 9 }, { translate = [0, 0, -4] }]
+material = { type = "emissive", radiance = { type = "checker", a = 1, b = 0.2, scale = 9 } }
+"#;
+    std::fs::write(&scene, text).unwrap();
+    let [agree, differ, _] = counts(&scene, &[]).unwrap();
+    assert!(agree > 20 && differ == 0, "{agree} agree, {differ} differ");
+}
+
 #[test]
 fn the_comparison_bites() {
     let scene = whitstone_tests::root().join("scenes/showcase/classic.toml");

@@ -17,6 +17,7 @@ mod parameters;
 mod places;
 mod plugins;
 mod readme;
+mod reliability;
 mod run_time;
 mod slim;
 mod tidy;
@@ -53,6 +54,7 @@ enum Verb {
     Gallery(gallery::Arguments),
     Oracle(oracle::Arguments),
     Readme(readme::Arguments),
+    Reliability(reliability::Arguments),
     Slim(slim::Arguments),
 }
 
@@ -78,6 +80,7 @@ fn main() -> ExitCode {
         Verb::Oracle(arguments) => oracle::run(arguments, &registry),
         Verb::Slim(arguments) => slim::run(arguments, &registry),
         Verb::Readme(arguments) => readme::run(arguments, &registry),
+        Verb::Reliability(arguments) => reliability::run(arguments),
     })
     .into()
 }

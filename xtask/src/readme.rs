@@ -1,7 +1,7 @@
 //! `readme`: generates the pictures and the table of numbers in README.md from the stored
 //! references.
 
-use crate::{formats, growth, licences, pages, plugins, run_time, verdict, worst_cases};
+use crate::{formats, growth, licences, pages, plugins, reliability, run_time, verdict, worst_cases};
 use clap::Args;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -93,6 +93,10 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
             page(VALIDATION, &[((BEGIN, END), table(&cases))])?,
         ),
         (PathBuf::from(run_time::PAGE), run_time::page(&times).into_bytes()),
+        (
+            PathBuf::from(reliability::PAGE),
+            reliability::page(&stored(reliability::RESULT)?).into_bytes(),
+        ),
         (
             PathBuf::from(growth::PAGE),
             growth::page(

@@ -41,7 +41,9 @@ pub use plugin::scene_format::{
 pub use shading::camera::{Camera, FilmSize};
 pub use shading::color::Rgb;
 pub use shading::glossy_lobe::GlossyLobe;
-pub use shading::integrator::{Counters, Integrator, LightMemory, Scene, Scratch, TreeNode};
+pub use shading::integrator::{
+    Counters, Integrator, LightMemory, Scene, Scratch, TooLarge, TreeLimits, TreeNode,
+};
 pub use shading::light::{Light, LightFlags, LightSample};
 pub use shading::light_tree::LightBounds;
 pub use shading::material::{

@@ -32,7 +32,7 @@ impl Folder {
     pub(crate) fn of(file: &Path, options: &ImportOptions) -> Self {
         Self {
             path: file.parent().unwrap_or(Path::new("")).to_owned(),
-            allow_outside: options.allow_outside,
+            allow_outside: options.allow_outside && options.root.is_none(),
         }
     }
 

@@ -30,9 +30,13 @@ pub fn local_transform(node: &json::Node) -> DAffine3 {
     DAffine3::from_mat3_translation(rotation * DMat3::from_diagonal(scale), translation)
 }
 
-/// The rotation of a quaternion (x, y, z, w), which need not have unit length.
+/// The rotation of a quaternion (x, y, z, w), which need not have unit length; the identity if its
+/// length is zero.
 pub fn rotation([x, y, z, w]: [f64; 4]) -> DMat3 {
     let length = (x * x + y * y + z * z + w * w).sqrt();
+    if length == 0.0 {
+        return DMat3::IDENTITY;
+    }
     let [x, y, z, w] = [x, y, z, w].map(|part| part / length);
     DMat3::from_cols(
         DVec3::new(

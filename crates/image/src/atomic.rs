@@ -152,24 +152,54 @@ impl TemporaryFolder {
     }
 }
 
-/// Removes temporary files and folders in `folder` that a process left behind when it was killed:
-/// those that are older than a day, because another process may still use younger ones.
+/// Removes temporary files and folders in `folder` that a process left behind when it was killed.
+/// A file is in use as long as its process holds its lock. Where there are no locks, and for
+/// folders, age decides: another process may still use those that are younger than a day.
 pub fn sweep(folder: &Path) {
     const AGE: Duration = Duration::from_secs(24 * 3600);
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let name = entry.file_name();
         let name = name.to_string_lossy();
-        let is_old = entry
-            .metadata()
-            .and_then(|data| data.modified())
-            .is_ok_and(|time| time.elapsed().is_ok_and(|age| age > AGE));
-        if name.starts_with(PREFIX) && name.ends_with(SUFFIX) && is_old {
-            let path = entry.path();
-            let _ = match entry.file_type().is_ok_and(|kind| kind.is_dir()) {
-                true => fs::remove_dir_all(path),
-                false => fs::remove_file(path),
-            };
+        if !(name.starts_with(PREFIX) && name.ends_with(SUFFIX)) {
+            continue;
         }
+        let is_old = || {
+            let modified = entry.metadata().and_then(|data| data.modified());
+            modified.is_ok_and(|time| time.elapsed().is_ok_and(|age| age > AGE))
+        };
+        let path = entry.path();
+        // A link is not followed.
+        let _ = match entry.file_type() {
+            Ok(kind) if kind.is_dir() && is_old() => fs::remove_dir_all(path),
+            Ok(kind) if kind.is_file() => match in_use(&path) {
+                // The lock is held until the file is removed: see `create_in`.
+                Some((false, _held)) => fs::remove_file(path),
+                Some((true, _)) => Ok(()),
+                None if is_old() => fs::remove_file(path),
+                None => Ok(()),
+            },
+            _ => Ok(()),
+        };
+    }
+}
+
+/// Whether a process holds the lock of a file; if not, it is now locked by the returned handle.
+/// `None` where locks are not supported.
+fn in_use(path: &Path) -> Option<(bool, File)> {
+    let file = File::open(path).ok()?;
+    match file.try_lock() {
+        Ok(()) => Some((false, file)),
+        Err(fs::TryLockError::WouldBlock) => Some((true, file)),
+        Err(fs::TryLockError::Error(_)) => None,
+    }
+}
+
+/// [`sweep()`], once in the life of the process.
+fn sweep_once(folder: &Path) {
+    static SWEPT: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+    let mut swept = SWEPT.lock().unwrap_or_else(PoisonError::into_inner);
+    if swept.insert(folder.to_owned()) {
+        sweep(folder);
     }
 }
 
@@ -198,6 +228,7 @@ pub fn check(path: impl AsRef<Path>) -> Result<(), WriteError> {
 /// The final path of a file, and a temporary file next to it.
 fn begin(path: &Path) -> Result<(PathBuf, tempfile::NamedTempFile), WriteError> {
     let target = resolve(path).map_err(|source| WriteError::new(path, Step::Inspect, source))?;
+    sweep_once(folder_of(&target));
     let temporary = create_in(folder_of(&target));
     Ok((
         target,
@@ -256,7 +287,17 @@ fn create_in(folder: &Path) -> io::Result<tempfile::NamedTempFile> {
         // applies the umask.
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
-    builder.tempfile_in(folder)
+    loop {
+        let temporary = builder.tempfile_in(folder)?;
+        // Tells `sweep` that the file is in use. Where there are no locks, its age does.
+        let locked = !cfg!(windows) && temporary.as_file().lock().is_ok();
+        // Another process may have swept it before it was locked.
+        let is_gone = fs::symlink_metadata(temporary.path())
+            .is_err_and(|error| error.kind() == io::ErrorKind::NotFound);
+        if !(locked && is_gone) {
+            return Ok(temporary);
+        }
+    }
 }
 
 #[cfg(unix)]
@@ -332,23 +373,38 @@ mod tests {
     }
 
     #[test]
-    fn old_temporaries_are_swept_and_young_ones_stay() {
+    fn temporaries_of_ended_processes_are_swept() {
         let folder = tempfile::tempdir().unwrap();
         let path = |name: &str| folder.path().join(name);
         let old = std::time::SystemTime::now() - Duration::from_secs(48 * 3600);
-        for name in [".whitstone-old.tmp", "other.tmp", ".whitstone-young.tmp"] {
-            let file = File::create(path(name)).unwrap();
-            if !name.contains("young") {
-                file.set_modified(old).unwrap();
-            }
+        let held = create_in(folder.path()).unwrap();
+        held.as_file().set_modified(old).unwrap();
+        for name in [".whitstone-left.tmp", "other.tmp"] {
+            File::create(path(name)).unwrap().set_modified(old).unwrap();
         }
-        fs::create_dir(path(".whitstone-folder.tmp")).unwrap();
-        File::open(path(".whitstone-folder.tmp"))
-            .unwrap()
-            .set_modified(old)
-            .unwrap();
+        for (name, time) in [("old", old), ("young", std::time::SystemTime::now())] {
+            let folder = path(&format!(".whitstone-{name}-folder.tmp"));
+            fs::create_dir(&folder).unwrap();
+            File::open(folder).unwrap().set_modified(time).unwrap();
+        }
         sweep(folder.path());
-        assert_eq!(entries(folder.path()), [".whitstone-young.tmp", "other.tmp"]);
+        let held = held.path().file_name().unwrap().to_string_lossy().into_owned();
+        let mut expected = [
+            held,
+            ".whitstone-young-folder.tmp".to_owned(),
+            "other.tmp".to_owned(),
+        ];
+        expected.sort();
+        assert_eq!(entries(folder.path()), expected);
+    }
+
+    /// What a killed process left is gone after the first file that the next one writes there.
+    #[test]
+    fn writing_sweeps() {
+        let folder = tempfile::tempdir().unwrap();
+        File::create(folder.path().join(".whitstone-left.tmp")).unwrap();
+        write_bytes(folder.path().join("file"), b"new").unwrap();
+        assert_eq!(entries(folder.path()), ["file"]);
     }
 
     #[test]

@@ -213,6 +213,11 @@ impl Default for Waiting {
 }
 
 impl Waiting {
+    /// Number of pending rays.
+    pub(crate) fn len(&self) -> usize {
+        self.count
+    }
+
     /// Pushes some branches; the arguments are those of [`Paths::append`].
     pub(crate) fn push(
         &mut self,

@@ -41,7 +41,8 @@ pub(crate) enum Beyond {
 }
 
 impl Rules {
-    /// Radiance along one camera ray. Its tree is traversed depth first.
+    /// Radiance along one camera ray. Its tree is traversed depth first, within the limits of
+    /// `scratch`.
     pub(crate) fn radiance(&self, scene: &Scene, ray: &Ray, scratch: &mut Scratch) -> Rgb {
         scratch.pending.clear();
         let mut sum = Rgb::BLACK;
@@ -49,7 +50,12 @@ impl Rules {
             differential: scratch.differential.take(),
             ..PathState::camera(*ray)
         });
+        let mut rays = 0;
         while let Some(path) = next.take().or_else(|| scratch.pending.pop()) {
+            rays += 1;
+            if !scratch.allows(0, rays, scratch.pending.len()) {
+                break;
+            }
             sum += self.trace(scene, &path, scratch, &mut next);
         }
         sum

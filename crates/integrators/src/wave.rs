@@ -72,6 +72,10 @@ impl Rules {
             for lane in 0..rays.len {
                 scratch.differential = rays.differential(lane);
                 out.set(lane, self.radiance(scene, &rays.ray(lane), scratch));
+                if let Some(tree) = &mut scratch.too_large {
+                    tree.lane = lane;
+                    break;
+                }
             }
             return;
         }
@@ -104,7 +108,14 @@ impl Rules {
 
     /// Traces waves until no pixel has a pending ray. The hits of the current rays must be known.
     fn waves(&self, scene: &Scene, m: &mut Memory, scratch: &mut Scratch, out: &mut Colors) {
+        // Each wave has a ray of every pixel that is not finished.
+        let mut rays = 0;
         while m.current.rays.len > 0 {
+            rays += 1;
+            if !scratch.allows(m.current.slot.0[0].into(), rays, m.waiting.len()) {
+                m.waiting = Waiting::default();
+                break;
+            }
             self.wave(scene, m, scratch, out);
             swap(&mut m.current, &mut m.next);
             if m.current.rays.len > 0 {

@@ -125,7 +125,7 @@ mod tests {
     use super::*;
     use std::sync::Arc;
     use whitstone_core::stream::LANES;
-    use whitstone_core::{DVec3, Light, SelfHitFilter, TreeNode};
+    use whitstone_core::{DVec3, Light, SelfHitFilter, TreeLimits, TreeNode};
     use whitstone_testkit::{Lamp, Simple, Wall, build, floor, integrator_laws, world_of_walls};
 
     const SKY: Lamp = Lamp {
@@ -194,6 +194,55 @@ mod tests {
         );
         assert_eq!(scratch.counters.closest, 100_001);
         assert!(scratch.pending.capacity() < 16);
+    }
+
+    #[test]
+    fn trees_that_exceed_a_limit_are_told() {
+        let material = Simple {
+            reflect: Rgb::splat(0.5),
+            transmit: Rgb::splat(0.5),
+            ..Simple::default()
+        };
+        let walls: Vec<_> = (-20..20)
+            .map(|height| (floor(f64::from(height) + 0.25), material))
+            .collect();
+        let scene = world_of_walls(&walls, SKY);
+        let integrator = build::<Integrators, Whitted>("max_depth = 12", ()).unwrap();
+        let ray = Ray::new(DVec3::new(0.0, 0.5, 0.0), DVec3::NEG_Y);
+        // A tree of 2^13 - 1 rays, of which at most 12 wait.
+        let (all, most) = ((1 << 13) - 1, 12);
+        for (rays, pending, exceeded) in [
+            (all, 2 * most, None),
+            (all - 1, 2 * most, Some(true)),
+            (all, most - 1, Some(false)),
+        ] {
+            let limits = TreeLimits { rays, pending };
+            let told = |scratch: &Scratch| scratch.too_large.map(|tree| tree.by_rays);
+            let mut single = Scratch::within(limits);
+            integrator.radiance(&scene, &ray, &mut single);
+            assert_eq!(told(&single), exceeded, "{limits:?}");
+            // The second ray misses, so that only the first one has a tree.
+            let mut stream = RayStream::default();
+            let up = Ray::new(DVec3::new(0.0, 30.0, 0.0), DVec3::Y);
+            for (lane, ray) in [up, ray].into_iter().enumerate() {
+                stream.set(lane, ray, f64::INFINITY, SelfHitFilter::NOTHING);
+            }
+            stream.len = 2;
+            let mut scratch = Scratch::within(limits);
+            let mut found = Colors::default();
+            integrator.radiance_stream(&scene, &stream, &mut scratch, &mut found);
+            assert_eq!(told(&scratch), exceeded, "{limits:?}");
+            let lane = scratch.too_large.map(|tree| tree.lane);
+            assert_eq!(lane, exceeded.map(|_| 1), "{limits:?}");
+            // What was pending is forgotten.
+            scratch.limits = TreeLimits::default();
+            scratch.too_large = None;
+            integrator.radiance_stream(&scene, &stream, &mut scratch, &mut found);
+            assert_eq!(
+                found.get(1),
+                integrator.radiance(&scene, &ray, &mut Scratch::default())
+            );
+        }
     }
 
     /// The stack holds the pending rays: with two branches everywhere, one per level.

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use std::path::PathBuf;
 use whitstone::core::stream::{HitStream, LANES, RayStream};
 use whitstone::core::{DVec3, Ray, Scratch, SelfHitFilter};
-use whitstone::render::{Region, RenderOptions};
+use whitstone::render::{FilmError, Region, RenderOptions};
 use whitstone::{Change, Error, SceneOptions};
 
 /// A scene that is built.
@@ -159,6 +159,7 @@ impl Scene {
                 progress: Some(&|done, total| watch.report(done, total)),
             })
         })?;
+        film.check().map_err(|error| scene_error(py, &error.into()))?;
         let (width, height) = (film.width as usize, film.height as usize);
         let rgb = film.rgb.into_flattened().into_pyarray(py);
         let layers = PyDict::new(py);
@@ -183,10 +184,16 @@ impl Scene {
                 "the pixel ({x}, {y}) is outside of the image of {width} x {height} pixels"
             )));
         }
-        interruptible::run(py, None, |_| {
-            let value = self.0.pipeline().pixel([x, y], &mut Scratch::default());
-            value.to_array()
-        })
+        let mut scratch = Scratch::default();
+        let work = |_: &_| self.0.pipeline().pixel([x, y], &mut scratch);
+        let value = interruptible::run(py, None, work)?;
+        match scratch.too_large {
+            None => Ok(value.to_array()),
+            Some(tree) => {
+                let error = FilmError::TooLarge { pixel: [x, y], tree };
+                Err(scene_error(py, &error.into()))
+            }
+        }
     }
 
     /// The nearest hits of rays, as columns.

@@ -109,9 +109,10 @@ impl Adaptive {
         let mut taken = self.rule.initial_samples;
         let state = Mutex::new((tallies, film));
         // One per thread, for all rounds.
-        let memories: Vec<Mutex<SampleMemory>> = std::iter::repeat_with(Mutex::default)
-            .take(rayon::current_num_threads())
-            .collect();
+        let memories: Vec<Mutex<SampleMemory>> =
+            std::iter::repeat_with(|| Mutex::new(SampleMemory::new(pipeline.tree_limits)))
+                .take(rayon::current_num_threads())
+                .collect();
         loop {
             {
                 let (tallies, film) = &mut *state.lock().unwrap_or_else(PoisonError::into_inner);
@@ -159,7 +160,9 @@ impl Adaptive {
                         tallies[self.place(*pixel)] = *tally;
                     }
                     film.counters.add(std::mem::take(&mut memory.scratch.counters));
-                    if stops() {
+                    let too_large = memory.too_large(pixels);
+                    film.stop_at(too_large);
+                    if too_large.is_some() || stops() {
                         stopped.store(true, Ordering::Relaxed);
                     }
                 }

@@ -37,6 +37,9 @@ pub struct BuildOptions<'a> {
     /// Memory limit in bytes for meshes and accelerators, including their construction; by default
     /// the available memory.
     pub max_memory: Option<u64>,
+    /// Maximum number of rays into which a camera ray may branch; by default that of
+    /// [`whitstone_core::TreeLimits`].
+    pub max_tree_rays: Option<u32>,
     /// The cache for data that takes long to compute; by default none.
     pub cache: Option<Cache<'a>>,
     /// Contents of files that earlier builds have read; by default none.

@@ -2,7 +2,7 @@
 
 use std::mem;
 use std::ops::ControlFlow;
-use whitstone_core::Counters;
+use whitstone_core::{Counters, TooLarge};
 use whitstone_image::planes::RGB;
 use whitstone_image::{Image, ImageError};
 
@@ -25,6 +25,46 @@ pub struct Film {
     pub render_seconds: f64,
     /// Whether all pixels are finished. If the rendering was stopped, the others are black.
     pub is_complete: bool,
+    /// A pixel whose ray tree exceeds its limits; the rendering was stopped there.
+    pub too_large: Option<([u32; 2], TooLarge)>,
+}
+
+/// A film that is no image.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum FilmError {
+    /// A ray tree exceeds its limits.
+    #[error("{}", too_large(*pixel, *tree))]
+    TooLarge {
+        /// The pixel: column and row.
+        pixel: [u32; 2],
+        /// The tree.
+        tree: TooLarge,
+    },
+    /// The values are no image.
+    #[error(transparent)]
+    Image(#[from] ImageError),
+}
+
+fn too_large([x, y]: [u32; 2], tree: TooLarge) -> String {
+    let limits = tree.limits;
+    let (found, also) = if tree.by_rays {
+        (
+            format!(
+                "one sample of pixel ({x}, {y}) becomes more than {} rays",
+                limits.rays
+            ),
+            ", or set another limit with `--max-tree-rays`",
+        )
+    } else {
+        (
+            format!(
+                "the samples of a tile, pixel ({x}, {y}) among them, have more than {} pending rays",
+                limits.pending
+            ),
+            "",
+        )
+    };
+    format!("{found}: decrease `max_depth` of the integrator, or increase its `min_contribution`{also}")
 }
 
 /// A vector of `count` zeros. It uses the memory of `old` if that is large enough.
@@ -61,7 +101,24 @@ impl Film {
             counters: Counters::default(),
             render_seconds: 0.0,
             is_complete: true,
+            too_large: None,
         };
+    }
+
+    /// Notes a ray tree that exceeds its limits, after which the rendering stops.
+    pub(crate) fn stop_at(&mut self, too_large: Option<([u32; 2], TooLarge)>) {
+        if too_large.is_some() {
+            self.is_complete = false;
+            self.too_large = too_large;
+        }
+    }
+
+    /// Whether all pixels are valid: an error if a ray tree exceeded its limits.
+    pub fn check(&self) -> Result<(), FilmError> {
+        match self.too_large {
+            Some((pixel, tree)) => Err(FilmError::TooLarge { pixel, tree }),
+            None => Ok(()),
+        }
     }
 
     /// Number of pixels whose radiance the image cannot represent: it overflows `f32`, or is NaN.
@@ -71,7 +128,8 @@ impl Film {
     }
 
     /// A copy as an image with all layers and provenance attributes.
-    pub fn to_image(&self, scene_hash: &str) -> Result<Image, ImageError> {
+    pub fn to_image(&self, scene_hash: &str) -> Result<Image, FilmError> {
+        self.check()?;
         let mut image = Image::from_rgb(self.width as usize, self.height as usize, &self.rgb)?;
         for (name, values) in &self.layers {
             image.add_channel(name, values.clone())?;
@@ -80,7 +138,8 @@ impl Film {
     }
 
     /// Converts to an image like [`Self::to_image`], in hardly more memory than the film itself.
-    pub fn into_image(mut self, scene_hash: &str) -> Result<Image, ImageError> {
+    pub fn into_image(mut self, scene_hash: &str) -> Result<Image, FilmError> {
+        self.check()?;
         let mut image = Image::new(self.width as usize, self.height as usize)?;
         let planes = take_planes(&mut self.rgb);
         for (name, plane) in RGB.into_iter().zip(planes) {
@@ -92,7 +151,7 @@ impl Film {
         self.describe(image, scene_hash)
     }
 
-    fn describe(&self, mut image: Image, scene_hash: &str) -> Result<Image, ImageError> {
+    fn describe(&self, mut image: Image, scene_hash: &str) -> Result<Image, FilmError> {
         image.set_attribute("scene_hash", scene_hash)?;
         image.set_attribute("samples", self.samples.to_string())?;
         image.set_attribute("version", env!("CARGO_PKG_VERSION"))?;
@@ -150,6 +209,7 @@ mod tests {
             counters: Counters::default(),
             render_seconds: 0.0,
             is_complete: true,
+            too_large: None,
         };
         let copy = film.to_image("hash").unwrap();
         assert_eq!(copy.rgb().unwrap()[1], [2.0, 5.0]);

@@ -19,6 +19,7 @@ mod reach;
 mod render;
 mod samples;
 mod shared;
+mod threads;
 mod trace;
 mod unused;
 
@@ -26,7 +27,8 @@ pub use builder::{BuildOptions, BuiltGroup};
 pub use cache::Cache;
 pub use coincident::Coincidence;
 pub use costs::Cost;
-pub use film::{Film, Progress};
+pub use film::{Film, FilmError, Progress};
 pub use pipeline::Pipeline;
 pub use render::{Region, RenderOptions};
 pub use shared::Shared;
+pub use threads::start_threads;

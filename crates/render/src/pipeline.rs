@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::time::Instant;
 use whitstone_core::{
     Camera, Cameras, FamilyName, Integrator, Integrators, Lights, ObjectOrder, Registry, Sampler, Samplers,
-    Scene, SceneError, SceneErrors, Texture, View,
+    Scene, SceneError, SceneErrors, Texture, TreeLimits, View,
 };
 use whitstone_scene::{Checked, Description, FilmTable, Omitted, Plan, Sources};
 
@@ -28,6 +28,8 @@ pub struct Pipeline {
     pub object_order: Option<Box<dyn ObjectOrder>>,
     /// The scene that it renders.
     pub scene: Scene,
+    /// Limits on the ray trees of its samples.
+    pub tree_limits: TreeLimits,
     /// Hash of the flattened scene.
     pub scene_hash: String,
     /// The accelerator in use, and the reason if the scene leaves the choice.
@@ -94,6 +96,7 @@ impl Pipeline {
 
     /// Builds the planned scene. There is no pipeline if a part of it has errors.
     pub fn build(plan: &Plan<'_, '_>, registry: &Registry, options: BuildOptions<'_>) -> Checked<Self> {
+        let usual = TreeLimits::default();
         let start = Instant::now();
         let description = plan.description;
         let mut errors = SceneErrors::default();
@@ -188,6 +191,10 @@ impl Pipeline {
                     integrator,
                     object_order,
                     scene,
+                    tree_limits: TreeLimits {
+                        rays: options.max_tree_rays.unwrap_or(usual.rays),
+                        ..usual
+                    },
                     scene_hash: description.flattened.hash.clone(),
                     accelerator: built.chosen,
                     groups,

@@ -9,6 +9,7 @@ use std::time::Instant;
 use whitstone_core::stream::LANES;
 use whitstone_core::{
     DVec2, DVec3, FilmSize, PreliminaryIntersection, Rgb, Scratch, SurfaceAttributes, SurfaceInteraction,
+    TreeLimits,
 };
 use whitstone_scene::Aov;
 
@@ -111,6 +112,13 @@ struct TileScratch {
 }
 
 impl TileScratch {
+    fn new(limits: TreeLimits) -> Self {
+        Self {
+            memory: SampleMemory::new(limits),
+            ..Self::default()
+        }
+    }
+
     /// Sets the pixels to those of a tile.
     fn enter(&mut self, tile: &Tile) {
         let size = [tile.width, tile.height];
@@ -231,13 +239,19 @@ impl Pipeline {
         // image would take unequal times.
         let next = AtomicUsize::new(0);
         let stopped = AtomicBool::new(false);
+        let too_large = Mutex::new(None);
         let bands = Band::all(film);
         let counters = rayon::broadcast(|_| {
-            let mut scratch = TileScratch::default();
+            let mut scratch = TileScratch::new(self.tree_limits);
             while !stopped.load(Ordering::Relaxed)
                 && let Some(tile) = tiles.get(next.fetch_add(1, Ordering::Relaxed))
             {
                 self.render_tile(tile, first, adaptive.as_ref(), &mut scratch);
+                if let Some(tree) = scratch.memory.too_large(&scratch.pixels) {
+                    *too_large.lock().unwrap_or_else(PoisonError::into_inner) = Some(tree);
+                    stopped.store(true, Ordering::Relaxed);
+                    break;
+                }
                 if let Some(band) = bands.get(((tile.y - region.y) / TILE) as usize) {
                     let mut band = band.lock().unwrap_or_else(PoisonError::into_inner);
                     scratch.write(&mut band, region);
@@ -262,7 +276,7 @@ impl Pipeline {
             // The last tile may have been finished before.
             film.is_complete = adaptive.is_none() && done.into_inner() == total;
         } else if let Some(adaptive) = adaptive {
-            let mut scratch = TileScratch::default();
+            let mut scratch = TileScratch::new(self.tree_limits);
             // Pixels of the region take as many samples as in the whole image.
             for pixels in region.neighbours(size).chunks(LANES) {
                 adaptive.start(self, pixels, &mut scratch.memory);
@@ -273,6 +287,7 @@ impl Pipeline {
             });
             adaptive.refine(self, pixels.collect(), region, film, progress);
         }
+        film.stop_at(too_large.into_inner().unwrap_or_else(PoisonError::into_inner));
         film.render_seconds = start.elapsed().as_secs_f64();
     }
 

@@ -3,7 +3,7 @@
 use crate::Pipeline;
 use std::ops::Range;
 use whitstone_core::stream::{Colors, HitStream, LANES, Lanes, Optional, RayStream};
-use whitstone_core::{DVec2, Ray, RayDifferential, Rgb, Scratch};
+use whitstone_core::{DVec2, Ray, RayDifferential, Rgb, Scratch, TooLarge, TreeLimits};
 
 /// Working memory for the samples of as many pixels as a stream has lanes.
 #[derive(Default)]
@@ -15,6 +15,22 @@ pub(crate) struct SampleMemory {
     pub raster: Box<Raster>,
     radiance: Box<Colors>,
     pub hits: Box<HitStream>,
+}
+
+impl SampleMemory {
+    /// Working memory for trees within these limits.
+    pub(crate) fn new(limits: TreeLimits) -> Self {
+        Self {
+            scratch: Scratch::within(limits),
+            ..Self::default()
+        }
+    }
+
+    /// A tree that exceeded its limits, and its pixel.
+    pub(crate) fn too_large(&self, pixels: &[[u32; 2]]) -> Option<([u32; 2], TooLarge)> {
+        let tree = self.scratch.too_large?;
+        Some((*pixels.get(tree.lane)?, tree))
+    }
 }
 
 /// Raster coordinates of the lanes, in pixels.
@@ -68,6 +84,9 @@ impl Pipeline {
             }
             for lane in 0..pixels.len() {
                 tell(lane, radiance.get(lane));
+            }
+            if scratch.too_large.is_some() {
+                return;
             }
         }
     }

@@ -430,6 +430,10 @@ fn plain(
     match value.get_ref() {
         DeValue::String(text) if key == Some("file") => {
             let path = slashes(&sources.relative_to_base(&value.span(), text));
+            if let Err(problem) = sources.check_root(&sources.base().join(&path)) {
+                errors.0.push(SceneError::at(value.span(), problem));
+                return toml::Value::String(path);
+            }
             files.push(path.clone());
             toml::Value::String(path)
         }

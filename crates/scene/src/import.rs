@@ -118,6 +118,8 @@ fn import(mut table: Spanned<DeTable<'_>>, number: usize) -> Result<Import, Scen
             photometric: keys.photometric,
             materials: keys.materials,
             allow_outside: keys.allow_outside,
+            root: None,
+            max_memory: None,
         },
     })
 }

@@ -127,9 +127,10 @@ impl Driver {
             unreachable!("all three are configured as pipes");
         };
         let (requests, lines) = channel::<String>();
-        thread::spawn(move || write_lines(stdin, &lines));
+        let start = thread::Builder::new;
+        start().spawn(move || write_lines(stdin, &lines))?;
         let (sender, answers) = sync_channel(1);
-        thread::spawn(move || {
+        start().spawn(move || {
             let mut reader = BufReader::new(stdout);
             loop {
                 let mut line = String::new();
@@ -145,10 +146,10 @@ impl Driver {
                     break;
                 }
             }
-        });
+        })?;
         let tail = Arc::new(Mutex::new(VecDeque::new()));
         let kept = tail.clone();
-        let stderr_reader = thread::spawn(move || {
+        let stderr_reader = start().spawn(move || {
             // Bytes, not text: output that is not UTF-8 must not stop the reading.
             let mut reader = BufReader::new(stderr);
             let mut line = Vec::new();
@@ -169,7 +170,7 @@ impl Driver {
                 }
                 kept.push_back(text);
             }
-        });
+        })?;
         Ok(Self {
             child,
             requests,

@@ -392,7 +392,7 @@ fn run(command: &mut Command, step: &'static str) -> Result<(), EnvironmentError
         .spawn()
         .map_err(|error| fail(error.to_string()))?;
     let stderr = child.stderr.take();
-    let reader = thread::spawn(move || {
+    let reader = thread::Builder::new().spawn(move || {
         let mut text = Vec::new();
         if let Some(stderr) = stderr {
             // The text before a read error is still useful.
@@ -400,6 +400,11 @@ fn run(command: &mut Command, step: &'static str) -> Result<(), EnvironmentError
         }
         String::from_utf8_lossy(&text).into_owned()
     });
+    let reader = reader.map_err(|error| {
+        let _ = child.kill();
+        let _ = child.wait();
+        fail(error.to_string())
+    })?;
     let start = Instant::now();
     let status = loop {
         match child.try_wait() {

@@ -160,7 +160,6 @@ impl Validator<'_> {
             return hearing;
         }
         let start = Instant::now();
-        let deadline = start + self.oracle.budget;
         let overrides = self.overrides(path, &mut Vec::new()).map(|mut overrides| {
             overrides.extend(self.options.shared_overrides.iter().cloned());
             overrides
@@ -172,6 +171,8 @@ impl Validator<'_> {
                 return hearing;
             }
         };
+        // Reading the scene does not count.
+        let deadline = Instant::now() + self.oracle.budget;
         let threads = match self.options.threads {
             0 => thread::available_parallelism().map_or(1, usize::from),
             threads => threads,
@@ -179,29 +180,32 @@ impl Validator<'_> {
         let (stage, stop) = (&self.stage, &self.stop);
         let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
         let found = Mutex::new(vec![None; pixels.len()]);
-        thread::scope(|scope| {
-            for _ in 0..threads.min(pixels.len()) {
-                scope.spawn(|| {
-                    loop {
-                        let index = next.fetch_add(1, Ordering::Relaxed);
-                        if index >= pixels.len() || Instant::now() >= deadline || stop.is_requested() {
-                            return;
-                        }
-                        let pixel = pixels[index].map(|p| p as u32);
-                        let mut value = tracer(pixel, false, deadline);
-                        if value.is_some() && contradicts(pixels[index], &value) {
-                            value = tracer(pixel, true, deadline);
-                        }
-                        // A pixel that ran out of time was not answered.
-                        if value.is_some() || Instant::now() < deadline {
-                            let mut found = found.lock().unwrap_or_else(|poison| poison.into_inner());
-                            found[index] = Some(value);
-                        }
-                        let done = 1 + done.fetch_add(1, Ordering::Relaxed);
-                        stage(&format!("the oracle, {done} of {} pixels", pixels.len()));
-                    }
-                });
+        let work = || {
+            loop {
+                let index = next.fetch_add(1, Ordering::Relaxed);
+                if index >= pixels.len() || Instant::now() >= deadline || stop.is_requested() {
+                    return;
+                }
+                let pixel = pixels[index].map(|p| p as u32);
+                let mut value = tracer(pixel, false, deadline);
+                if value.is_some() && contradicts(pixels[index], &value) {
+                    value = tracer(pixel, true, deadline);
+                }
+                // A pixel that ran out of time was not answered.
+                if value.is_some() || Instant::now() < deadline {
+                    let mut found = found.lock().unwrap_or_else(|poison| poison.into_inner());
+                    found[index] = Some(value);
+                }
+                let done = 1 + done.fetch_add(1, Ordering::Relaxed);
+                stage(&format!("the oracle, {done} of {} pixels", pixels.len()));
             }
+        };
+        thread::scope(|scope| {
+            for _ in 1..threads.min(pixels.len()) {
+                // Without them, this thread does all.
+                let _ = thread::Builder::new().spawn_scoped(scope, &work);
+            }
+            work();
         });
         let found = found.into_inner().unwrap_or_else(|poison| poison.into_inner());
         hearing.values = (pixels.iter().zip(found))

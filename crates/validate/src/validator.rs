@@ -372,6 +372,7 @@ impl<'a> Validator<'a> {
             }),
             ..RenderOptions::default()
         });
+        film.check().map_err(|error| NoImage::Scene(error.to_string()))?;
         if !film.is_complete {
             return Err(NoImage::Scene("the rendering was stopped".to_owned()));
         }

@@ -55,8 +55,12 @@ pub struct Options {
     pub overrides: Vec<String>,
     /// Camera of a file of another format, by name or index; by default the first.
     pub camera: Option<String>,
+    /// The folder that must contain all files of the scene; by default they may be anywhere.
+    pub root: Option<PathBuf>,
     /// Memory limit in bytes; by default the available memory.
     pub max_memory: Option<u64>,
+    /// Maximum number of rays into which a camera ray may branch; by default that of `render`.
+    pub max_tree_rays: Option<u32>,
     /// The port on the loopback interface; 0 for any free one.
     pub port: u16,
     /// `HOST:PORT` of a running tev, which also gets the pictures.
@@ -150,7 +154,9 @@ impl<'r> View<'r> {
             path: options.scene.clone(),
             overrides: options.overrides.clone(),
             camera: options.camera.clone(),
+            root: options.root.clone(),
             max_memory: options.max_memory,
+            max_tree_rays: options.max_tree_rays,
             cache: (options.target.join("kept"), !options.fresh),
         };
         let name = options.scene.display().to_string();

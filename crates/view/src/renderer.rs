@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime};
 use whitstone_core::Registry;
-use whitstone_render::{Region, RenderOptions};
+use whitstone_render::{FilmError, Region, RenderOptions};
 use whitstone_validate::stored::Stored;
 use whitstone_validate::{Renderer as ReferenceRenderer, stored_folder};
 
@@ -143,18 +143,23 @@ impl<'a> Renderer<'a> {
                 return Outcome::Fulfilled;
             };
             let aspect = aspect(scene, divisor, preview);
-            if let Err(problem) = scene.prepare(aspect, &[], self.registry) {
+            let refuse = |problem: String| {
                 self.shared.change(|state| {
                     state.remark = Some(format!("this view is not possible: {problem}"));
                     state.news += 1;
                 });
-                return Outcome::Fulfilled;
+                Outcome::Fulfilled
+            };
+            if let Err(problem) = scene.prepare(aspect, &[], self.registry) {
+                return refuse(problem);
             }
             // A first picture is finished, so that there are pictures while the camera moves.
             let first = index == 0;
             let is_final = index + 1 == stages.len();
-            if !self.picture(scene, wish, number, (aspect, first, is_final)) {
-                return Outcome::Interrupted;
+            match self.picture(scene, wish, number, (aspect, first, is_final)) {
+                Ok(true) => {}
+                Ok(false) => return Outcome::Interrupted,
+                Err(error) => return refuse(error.to_string()),
             }
             self.made.1 = index + 1;
             if self.shared.state().wishes != number {
@@ -278,7 +283,7 @@ impl<'a> Renderer<'a> {
         wish: &Wish,
         number: u64,
         (aspect, first, is_final): (Aspect, bool, bool),
-    ) -> bool {
+    ) -> Result<bool, FilmError> {
         let start = Instant::now();
         let size = scene.pipeline.film.size;
         let samples = match wish.shown {
@@ -314,7 +319,7 @@ impl<'a> Renderer<'a> {
         let side = [size.width, size.height];
         if wish.shown != Shown::Picture {
             let Some(numbers) = heat::numbers(&scene.pipeline, wish.shown, &go_on) else {
-                return false;
+                return Ok(false);
             };
             self.measure(wish.shown, start, numbers.len(), samples);
             let bytes = numbers.iter().flat_map(|number| number.to_le_bytes()).collect();
@@ -326,7 +331,7 @@ impl<'a> Renderer<'a> {
                 is_final: false,
                 key,
             });
-            return true;
+            return Ok(true);
         }
         let pixels = size.width as usize * size.height as usize;
         let expected = self.costs[0] * pixels as f64 * f64::from(samples);
@@ -354,8 +359,9 @@ impl<'a> Renderer<'a> {
                 }),
                 ..RenderOptions::default()
             });
+            film.check()?;
             if !film.is_complete {
-                return false;
+                return Ok(false);
             }
             rays += film.counters.total();
             let from = y as usize * size.width as usize;
@@ -376,7 +382,7 @@ impl<'a> Renderer<'a> {
                 key: key.clone(),
             });
         }
-        true
+        Ok(true)
     }
 
     /// The pixels of the last picture of this wish in another size, to start from; black if there

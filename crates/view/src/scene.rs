@@ -61,7 +61,9 @@ pub(crate) struct Origin {
     pub(crate) path: PathBuf,
     pub(crate) overrides: Vec<String>,
     pub(crate) camera: Option<String>,
+    pub(crate) root: Option<PathBuf>,
     pub(crate) max_memory: Option<u64>,
+    pub(crate) max_tree_rays: Option<u32>,
     /// Folder for data that takes long to compute, and whether that of earlier runs is used.
     pub(crate) cache: (PathBuf, bool),
 }
@@ -128,6 +130,7 @@ impl Origin {
     fn sources(&self, changes: &[String], registry: &Registry) -> Result<Sources, Failed> {
         let import = ImportOptions {
             camera: self.camera.clone(),
+            root: self.root.clone(),
             ..ImportOptions::all()
         };
         Sources::load_with(&self.path, changes, registry, &import)
@@ -176,6 +179,7 @@ impl Origin {
         let sources = self.sources(&all, registry)?;
         let options = BuildOptions {
             max_memory: self.max_memory,
+            max_tree_rays: self.max_tree_rays,
             shared: Some(shared),
             cache: Some(Cache {
                 folder: &self.cache.0,

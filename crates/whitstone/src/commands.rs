@@ -35,7 +35,7 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use whitstone_core::simd::Level;
-use whitstone_core::{DuplicateType, ImportOptions, Note, Registry, Treatment};
+use whitstone_core::{DuplicateType, ImportOptions, Note, Registry, Treatment, TreeLimits};
 use whitstone_render::{BuildOptions, Cache, Pipeline};
 use whitstone_scene::{Plan, Sources};
 use whitstone_validate::{Installation, TARGET};
@@ -170,6 +170,9 @@ impl Cli {
             Ok(arguments) => arguments,
             Err(error) => error.exit(),
         };
+        if let Err(error) = whitstone_render::start_threads() {
+            return terminal::finish(Err(Failure::environment(error)));
+        }
         terminal::finish(arguments.command.run(&self.registry, self.program))
     }
 }
@@ -221,10 +224,17 @@ pub struct SceneArguments {
     /// `'film={width=64,height=64}'`; can be repeated
     #[arg(long = "set", value_name = "PATH=VALUE")]
     pub overrides: Vec<String>,
+    /// Refuse a scene that names a file outside of this folder, also through a link [default: files
+    /// may be anywhere]
+    #[arg(long, value_name = "DIR")]
+    pub root: Option<PathBuf>,
     /// Reject a scene whose meshes and accelerators need more memory than this, in GiB [default:
     /// the available memory]
     #[arg(long, value_name = "GIB", value_parser = gib)]
     pub max_memory: Option<u64>,
+    /// Stop where one sample of a pixel becomes more rays than this, by reflection and refraction
+    #[arg(long, value_name = "RAYS", default_value_t = TreeLimits::default().rays, value_parser = clap::value_parser!(u32).range(1..))]
+    pub max_tree_rays: u32,
     #[command(flatten)]
     pub(crate) target: Target,
     /// Ignore cached files and build them again
@@ -290,6 +300,8 @@ pub fn build_with<T>(
     let color = terminal::color();
     let options = ImportOptions {
         camera: arguments.camera.clone(),
+        root: arguments.root.clone(),
+        max_memory: arguments.max_memory,
         ..ImportOptions::all()
     };
     let sources = Sources::load_with(&arguments.scene, &arguments.overrides, registry, &options)
@@ -302,6 +314,7 @@ pub fn build_with<T>(
     let kept = arguments.target.folder().join("kept");
     let options = BuildOptions {
         max_memory: arguments.max_memory,
+        max_tree_rays: Some(arguments.max_tree_rays),
         cache: Some(Cache {
             folder: &kept,
             reuse: !arguments.fresh,

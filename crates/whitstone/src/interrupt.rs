@@ -67,10 +67,13 @@ pub fn watch() {
             end(first);
         }
         eprintln!("stopping; press Ctrl-C again to end at once");
-        std::thread::spawn(move || {
+        let timer = std::thread::Builder::new().spawn(move || {
             std::thread::sleep(PATIENCE);
             end(first);
         });
+        if timer.is_err() {
+            end(first);
+        }
         if let Some(second) = signals.next() {
             end(second);
         }

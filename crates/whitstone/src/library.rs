@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use whitstone_core::{ImportOptions, PreliminaryIntersection, Ray, Registry, SceneError, SceneErrors};
 use whitstone_image::Image;
-use whitstone_render::{BuildOptions, Film, Pipeline, RenderOptions, Shared};
+use whitstone_render::{BuildOptions, Film, FilmError, Pipeline, RenderOptions, Shared};
 use whitstone_scene::{Flattened, LoadError, Plan, Position, Sources};
 
 /// A scene that is built: it can be rendered any number of times, from several threads. A clone is
@@ -24,12 +24,12 @@ use whitstone_scene::{Flattened, LoadError, Plan, Position, Sources};
 ///     "#,
 ///     ".",
 /// )?;
-/// let image = scene.render();
+/// let image = scene.render()?;
 /// assert_eq!((image.width(), image.height()), (32, 24));
 ///
 /// // Another scene, with one value changed.
 /// let wide = scene.with(&[Change::new("camera.fov", 90)])?;
-/// assert_ne!(wide.render(), image);
+/// assert_ne!(wide.render()?, image);
 ///
 /// // All problems are reported, each with its place.
 /// let error = scene.with(&[Change::new("camera.fow", 30)]).err().unwrap();
@@ -121,7 +121,7 @@ impl Change {
     }
 }
 
-/// Why a scene cannot be built.
+/// Why a scene cannot be built or rendered.
 #[derive(Clone, Debug)]
 pub struct Error {
     /// All problems.
@@ -169,6 +169,20 @@ fn problems(sources: &Sources, errors: &[SceneError]) -> Vec<Problem> {
 impl From<Box<LoadError>> for Error {
     fn from(error: Box<LoadError>) -> Self {
         Self::new(&error.sources, &error.errors)
+    }
+}
+
+impl From<FilmError> for Error {
+    fn from(error: FilmError) -> Self {
+        let message = error.to_string();
+        Self {
+            report: format!("error: {message}"),
+            problems: vec![Problem {
+                place: None,
+                message,
+                help: None,
+            }],
+        }
     }
 }
 
@@ -275,12 +289,11 @@ impl Scene {
 
     /// Renders the image with its layers, on all cores.
     ///
-    /// # Panics
-    /// Never: a film of a built scene is an image.
-    pub fn render(&self) -> Image {
+    /// # Errors
+    /// The ray tree of a sample exceeds its limits ([`whitstone_core::TreeLimits`]).
+    pub fn render(&self) -> Result<Image, Error> {
         let film = self.render_with(RenderOptions::default());
-        film.into_image(&self.0.pipeline.scene_hash)
-            .expect("a film is an image")
+        Ok(film.into_image(&self.0.pipeline.scene_hash)?)
     }
 
     /// Renders a region, with a number of threads, or with progress that can stop it.

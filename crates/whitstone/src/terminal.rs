@@ -270,8 +270,18 @@ pub(crate) fn spinner(what: &str) -> ProgressBar {
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()));
     set_message(&bar, what);
     // The spinner appears after a delay, because most scenes are built before anyone could read it.
-    bar.enable_steady_tick(std::time::Duration::from_millis(250));
+    keep_moving(&bar);
     bar
+}
+
+#[cfg(feature = "cli")]
+/// Draws a progress bar also while nothing changes. Needs a thread: without one, the bar stands
+/// still until the next change.
+pub(crate) fn keep_moving(bar: &ProgressBar) {
+    let can_start = || std::thread::Builder::new().spawn(|| {}).is_ok();
+    if !bar.is_hidden() && can_start() {
+        bar.enable_steady_tick(std::time::Duration::from_millis(250));
+    }
 }
 
 #[cfg(test)]

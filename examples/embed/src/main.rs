@@ -61,7 +61,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
 
     // A part of the image has the pixels of the whole.
-    let whole = scene.render();
+    let whole = scene.render()?;
     let region = Region {
         x: 70,
         y: 50,

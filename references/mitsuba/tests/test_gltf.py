@@ -378,6 +378,16 @@ class Triangles(Files):
         builder.document["nodes"][2] = {"scale": [1, 0, 1]}
         self.assertEqual(self.load(builder, skin=0).normals[1].tolist(), [0, 0, 0])
 
+    def test_rotations_of_any_length(self):
+        builder = self.skinned()
+        expected = self.load(builder, skin=0)
+        for node in builder.document["nodes"]:
+            if "rotation" in node:
+                node["rotation"] = [part * 3 for part in node["rotation"]]
+        found = self.load(builder, skin=0)
+        self.near(found.positions, expected.positions, atol=1e-12)
+        self.near(found.normals, expected.normals, atol=1e-12)
+
     def test_more_than_four_joints(self):
         builder = self.skinned()
         builder.attribute("WEIGHTS_0", [[0.25, 0.25, 0, 0], [1, 0, 0, 0], [1, 0, 0, 0], [1, 0, 0, 0]])

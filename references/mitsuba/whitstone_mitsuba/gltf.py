@@ -10,6 +10,7 @@ from __future__ import annotations
 import base64
 import binascii
 import json
+import math
 import os
 import re
 import struct
@@ -293,7 +294,9 @@ class Gltf:
         found = np.eye(4)
         scale, rotation, translation = node.numbers("scale", 3), node.numbers("rotation", 4), node.numbers("translation", 3)
         if rotation is not None:
-            x, y, z, w = rotation
+            # A quaternion in single precision has a length of 1 only up to its rounding.
+            length = math.sqrt(sum(part * part for part in rotation))
+            x, y, z, w = (part / length for part in rotation) if length > 0 else (0.0, 0.0, 0.0, 1.0)
             found[:3, :3] = [
                 [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
                 [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],

@@ -60,6 +60,12 @@ pub struct ImportOptions {
     pub materials: BTreeMap<String, String>,
     /// Whether files outside of the folder of the imported file may be read.
     pub allow_outside: bool,
+    /// The folder that must contain all files that the scene names, after links are followed; by
+    /// default they may be anywhere. With it, `allow_outside` has no effect.
+    pub root: Option<PathBuf>,
+    /// Memory limit in bytes for the texts of the scene; by default there is only a limit on their
+    /// size.
+    pub max_memory: Option<u64>,
 }
 
 impl ImportOptions {

@@ -599,9 +599,42 @@ impl Scene {
     }
 }
 
+/// Limits on the ray tree of a camera sample, so that no scene takes time and memory without end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TreeLimits {
+    /// Maximum number of rays.
+    pub rays: u32,
+    /// Maximum number of rays that wait at a time; in a stream, of all its samples together.
+    pub pending: usize,
+}
+
+impl Default for TreeLimits {
+    fn default() -> Self {
+        Self {
+            rays: 1 << 20,
+            pending: 1 << 18,
+        }
+    }
+}
+
+/// A ray tree that exceeds its limits. It is not finished.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TooLarge {
+    /// The lane of the camera ray in its stream; 0 for a single ray.
+    pub lane: usize,
+    /// The limits.
+    pub limits: TreeLimits,
+    /// Whether it has too many rays; otherwise too many of them wait.
+    pub by_rays: bool,
+}
+
 /// Working memory of one thread.
 #[derive(Default)]
 pub struct Scratch {
+    /// Limits on the ray trees.
+    pub limits: TreeLimits,
+    /// A ray tree that exceeded them; integrators then stop, and the radiance is not valid.
+    pub too_large: Option<TooLarge>,
     /// Light samples before the shadow test.
     pub samples: Vec<LightSample>,
     /// Indices of the lights that are sampled.
@@ -622,6 +655,14 @@ pub struct Scratch {
 }
 
 impl Scratch {
+    /// Working memory for trees within these limits.
+    pub fn within(limits: TreeLimits) -> Self {
+        Self {
+            limits,
+            ..Self::default()
+        }
+    }
+
     /// Working memory with an empty record.
     pub fn recording() -> Self {
         Self {
@@ -634,6 +675,22 @@ impl Scratch {
     pub fn take_memory<M: Default + Send + 'static>(&mut self) -> Box<M> {
         let kept = self.memory.take().and_then(|memory| memory.downcast().ok());
         kept.unwrap_or_default()
+    }
+
+    /// Whether a tree with this many rays, of which so many wait, is within the limits. If it is
+    /// not, [`Self::too_large`] is set.
+    #[inline]
+    pub fn allows(&mut self, lane: usize, rays: u32, pending: usize) -> bool {
+        let limits = self.limits;
+        let allowed = rays <= limits.rays && pending <= limits.pending;
+        if !allowed {
+            self.too_large = Some(TooLarge {
+                lane,
+                limits,
+                by_rays: rays > limits.rays,
+            });
+        }
+        allowed
     }
 
     /// Keeps working memory for the next call.

@@ -35,7 +35,7 @@ pub(crate) const FEATURES: &[Feature] = features! {
     Approximated "mip maps": "Trilinear filtering over the footprint of a sample.";
     Approximated "filters that differ": "The magnification filter is used for both.";
     Approximated "tangents from texture coordinates": "Means over the triangles at a vertex instead of MikkTSpace.";
-    Approximated "KHR_materials_transmission": "A pane without thickness; roughness does not blur it.";
+    Approximated "KHR_materials_transmission": "Mixed with the surface by factor, texture and metalness; a pane without thickness, unless it has a volume; roughness does not blur it.";
     Approximated "KHR_materials_volume": "A dielectric with absorption; the mesh must be closed.";
     Approximated "KHR_materials_ior": "The reflectance at normal incidence, and refraction with a volume.";
     Approximated "KHR_materials_specular": "Its factor and colour scale the reflectance; its textures are dropped.";
@@ -63,7 +63,6 @@ pub(crate) const FEATURES: &[Feature] = features! {
     Dropped "third texture coordinates": "A material uses at most two sets; textures of the others are left out.";
     Dropped "textures without an image": "They count as white.";
     Dropped "occlusion textures": "Shadows are computed.";
-    Dropped "transmission texture": "The factor alone is used.";
     Dropped "alpha of refracting materials": "A refracting material has no opacity.";
     Dropped "points and lines": "They have no surface.";
     Dropped "nodes without volume": "A transform that flattens everything cannot be inverted.";

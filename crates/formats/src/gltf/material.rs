@@ -136,6 +136,7 @@ struct Textures {
     metallic_roughness: Option<TextureUse>,
     normal: Option<TextureUse>,
     emissive: Option<TextureUse>,
+    transmission: Option<TextureUse>,
 }
 
 impl Textures {
@@ -169,6 +170,14 @@ impl Textures {
                 pointer: format!("{at}/normalTexture"),
             }),
             emissive: info(&material.emissive_texture, "emissiveTexture"),
+            transmission: material
+                .extensions
+                .as_ref()
+                .and_then(|extensions| extensions.transmission.as_ref())
+                .and_then(|transmission| {
+                    let key = "extensions/KHR_materials_transmission/transmissionTexture";
+                    info(&transmission.transmission_texture, key)
+                }),
         }
     }
 
@@ -176,9 +185,15 @@ impl Textures {
     /// since tangents are computed from it.
     fn sets(&self) -> Vec<u32> {
         let mut sets: Vec<u32> = Vec::new();
-        for used in [&self.normal, &self.base, &self.emissive, &self.metallic_roughness]
-            .into_iter()
-            .flatten()
+        for used in [
+            &self.normal,
+            &self.base,
+            &self.emissive,
+            &self.metallic_roughness,
+            &self.transmission,
+        ]
+        .into_iter()
+        .flatten()
         {
             if !sets.contains(&used.set()) && sets.len() < 2 {
                 sets.push(used.set());
@@ -427,12 +442,17 @@ impl Importer<'_> {
         let Some(transmission) = &extensions.transmission else {
             return Ok((surface, false));
         };
-        let weight = number(transmission.transmission_factor.0).min(1.0);
-        self.note("KHR_materials_transmission", at);
-        if transmission.transmission_texture.is_some() {
-            self.note("transmission texture", at);
+        // Metals transmit nothing.
+        let mut weight = Source::product([
+            Source::grey(number(transmission.transmission_factor.0).min(1.0)),
+            Source::mix(Source::ONE, Source::grey(0.0), &metalness),
+        ]);
+        if let (Some(used), false) = (&textures.transmission, weight.is(0.0)) {
+            let image = self.source(used, "red", Some("linear"), sets)?;
+            weight = Source::product([weight, image]);
         }
-        if weight == 0.0 {
+        self.note("KHR_materials_transmission", at);
+        if weight.is(0.0) {
             return Ok((surface, false));
         }
         let volume = extensions.volume.as_ref();
@@ -462,14 +482,14 @@ impl Importer<'_> {
                 ("tint", base.value()),
             ])
         };
-        if weight == 1.0 {
+        if weight.is(1.0) {
             return Ok((glass, thick));
         }
         let mixed = table([
             ("type", Value::String("mix".into())),
             ("a", Value::Table(surface)),
             ("b", Value::Table(glass)),
-            ("weight", Value::Float(weight)),
+            ("weight", weight.value()),
         ]);
         Ok((mixed, thick))
     }

@@ -473,10 +473,15 @@ impl At<'_> {
             }
             Kind::Mix(weight, [a, b]) => {
                 let w = weight.at(&self.spot);
+                // A ray without weight is none: with another index, its direction would replace
+                // that of a ray it is merged with.
+                let counts = |ray: &SpecularRay| !ray.weight.is_black();
                 let mut all: Vec<SpecularRay> =
-                    scaled(self.with(a).specular_rays(medium), w.map(|w| 1.0 - w)).collect();
+                    scaled(self.with(a).specular_rays(medium), w.map(|w| 1.0 - w))
+                        .filter(counts)
+                        .collect();
                 let of_a = all.len();
-                for specular_ray in scaled(self.with(b).specular_rays(medium), w) {
+                for specular_ray in scaled(self.with(b).specular_rays(medium), w).filter(counts) {
                     // Specular rays in the same direction are merged, also for the contribution
                     // limit. A glossy material has several.
                     let mut of_a = all[..of_a].iter_mut();

@@ -391,7 +391,7 @@ impl Drain {
             .stderr
             .take()
             .map(|pipe| Box::new(pipe) as Box<dyn Read + Send>);
-        Self([stdout, stderr].into_iter().flatten().map(drain).collect())
+        Self([stdout, stderr].into_iter().flatten().filter_map(drain).collect())
     }
 
     /// The end of the output. Called after the processes have ended.
@@ -411,10 +411,11 @@ impl Drain {
     }
 }
 
-fn drain(mut pipe: Box<dyn Read + Send>) -> (Kept, JoinHandle<()>) {
+/// `None` if no thread can be started; the pipe is then closed, and writing to it fails.
+fn drain(mut pipe: Box<dyn Read + Send>) -> Option<(Kept, JoinHandle<()>)> {
     let kept = Kept::default();
     let into = kept.clone();
-    let reader = thread::spawn(move || {
+    let reader = thread::Builder::new().spawn(move || {
         let mut block = [0; 8192];
         while let Ok(count @ 1..) = pipe.read(&mut block) {
             let mut kept = into.lock().unwrap_or_else(PoisonError::into_inner);
@@ -424,7 +425,7 @@ fn drain(mut pipe: Box<dyn Read + Send>) -> (Kept, JoinHandle<()>) {
             kept.1 += excess as u64;
         }
     });
-    (kept, reader)
+    Some((kept, reader.ok()?))
 }
 
 #[cfg(all(test, target_os = "linux"))]

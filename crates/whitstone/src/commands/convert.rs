@@ -50,6 +50,10 @@ pub struct Arguments {
     /// Read files outside of the folder of the input
     #[arg(long)]
     allow_outside: bool,
+    /// Refuse an input that names a file outside of this folder, also through a link [default:
+    /// files that a TOML scene names may be anywhere]
+    #[arg(long, value_name = "DIR", conflicts_with = "allow_outside")]
+    root: Option<PathBuf>,
     /// Fail, and write nothing, if anything is dropped
     #[arg(long)]
     strict: bool,
@@ -68,6 +72,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         camera: arguments.camera.clone(),
         photometric: arguments.photometric,
         allow_outside: arguments.allow_outside,
+        root: arguments.root.clone(),
         ..ImportOptions::all()
     };
     if let Some(name) = &arguments.from {

@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 use std::time::Duration;
 use whitstone_core::{InstanceId, Registry, Rgb, Scratch, TreeNode};
-use whitstone_render::Pipeline;
+use whitstone_render::{FilmError, Pipeline};
 use whitstone_validate::driver::SceneText;
 use whitstone_validate::environment::Environment;
 use whitstone_validate::tree::{self, Node, Pair};
@@ -102,10 +102,16 @@ impl PixelArguments {
         if let (Err(problem), LiveReference::Live) = (&theirs, self.reference) {
             return Err(Failure::environment(problem));
         }
+        let at = pixel.map(|p| p as u32);
+        let mut scratch = Scratch::within(pipeline.tree_limits);
+        let value = pipeline.pixel(at, &mut scratch);
+        if let Some(tree) = scratch.too_large {
+            return Err(Failure::usage(FilmError::TooLarge { pixel: at, tree }));
+        }
         Ok(Some(PixelTree {
             pixel,
             sample,
-            value: pipeline.pixel(pixel.map(|p| p as u32), &mut Scratch::default()),
+            value,
             nodes: tree::ours(pipeline, pixel, sample),
             most: self.max_rays,
             theirs,

@@ -1,10 +1,9 @@
 //! `reduce`: reduces a failing scene to a minimal reproducer.
 
 use super::validate;
-use crate::terminal::{Exit, Failure, progress};
+use crate::terminal::{Exit, Failure, keep_moving, progress};
 use clap::Args;
 use std::path::PathBuf;
-use std::time::Duration;
 use whitstone_core::Registry;
 use whitstone_image::atomic;
 use whitstone_validate::Validator;
@@ -35,7 +34,7 @@ pub struct Arguments {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<Exit, Failure> {
-    let scenes = arguments.validate.find()?;
+    let scenes = arguments.validate.find(registry)?;
     let [scene] = &scenes[..] else {
         return Err(Failure::usage(format!(
             "expected one scene, found {}; name a single scene file",
@@ -50,7 +49,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     let mut validator =
         Validator::new(registry, options, &|text| eprintln!("{text}")).map_err(Failure::environment)?;
     let bar = progress(0, "reducing");
-    bar.enable_steady_tick(Duration::from_millis(200));
+    keep_moving(&bar);
     let left = reduce(&mut validator, scene, overrides, &|values| {
         bar.set_message(format!("reducing: {values} values left"));
     });

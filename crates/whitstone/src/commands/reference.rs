@@ -3,7 +3,7 @@
 use crate::terminal::{Exit, Failure, make_folder, progress};
 use clap::Args;
 use std::path::PathBuf;
-use whitstone_core::Registry;
+use whitstone_core::{Registry, TreeLimits};
 use whitstone_image::{ToneMap, exr_io};
 use whitstone_metrics::error_map::{ErrorView, trio};
 use whitstone_render::RenderOptions;
@@ -44,7 +44,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     let renderer = options.renderer;
     // Even with `stored`, because the references are rendered here.
     options.mode = Mode::Live;
-    let scenes = arguments.scenes.find()?;
+    let scenes = arguments.scenes.find(registry)?;
     let mut validator = Validator::new(registry, options.clone(), &|text| eprintln!("{text}"))
         .map_err(Failure::environment)?;
     let mut waiting = 0;
@@ -61,7 +61,9 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
             camera: None,
             scene: path.clone(),
             overrides,
+            root: None,
             max_memory: None,
+            max_tree_rays: TreeLimits::default().rays,
             target: arguments.scenes.target.clone(),
             fresh: !options.reuse,
         };

@@ -4,11 +4,12 @@ use super::junit::{self, Case, Outcome};
 use super::report;
 use super::{Drivers, Target};
 use crate::interrupt;
-use crate::terminal::{Exit, Failure, progress, set_message, verdict_word};
+use crate::terminal::{self, Exit, Failure, keep_moving, progress, set_message, verdict_word};
 use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
-use whitstone_core::Registry;
+use whitstone_core::{ImportOptions, Registry};
+use whitstone_scene::{Description, Sources};
 use whitstone_validate::driver::Versions;
 use whitstone_validate::matrix::{self, Row, Tally};
 use whitstone_validate::{
@@ -100,6 +101,10 @@ pub struct Scenes {
     /// Override a value of every scene, for example `camera.fov=30`; can be repeated
     #[arg(long = "set", value_name = "PATH=VALUE")]
     pub overrides: Vec<String>,
+    /// Refuse scenes that name a file outside of this folder, also through a link [default: files
+    /// may be anywhere]
+    #[arg(long, value_name = "DIR")]
+    pub root: Option<PathBuf>,
     /// Render all references again, including those of unchanged scenes
     #[arg(long)]
     pub fresh: bool,
@@ -208,7 +213,7 @@ impl Scenes {
     }
 
     /// All scenes that the paths name.
-    pub fn find(&self) -> Result<Vec<PathBuf>, Failure> {
+    pub fn find(&self, registry: &Registry) -> Result<Vec<PathBuf>, Failure> {
         if self.fresh && self.reference.parts().1 == Mode::Stored {
             return Err(Failure::usage(format!(
                 "--fresh renders references again, but --reference {} renders none; leave one of them out",
@@ -228,14 +233,35 @@ impl Scenes {
                 "no scenes were found; name scene files (TOML), or folders of them",
             ));
         }
+        self.check_root(&scenes, registry)?;
         Ok(scenes)
+    }
+
+    /// With a root, all scenes are read before anything is rendered.
+    fn check_root(&self, scenes: &[PathBuf], registry: &Registry) -> Result<(), Failure> {
+        if self.root.is_none() {
+            return Ok(());
+        }
+        let options = ImportOptions {
+            root: self.root.clone(),
+            ..ImportOptions::all()
+        };
+        let color = terminal::color();
+        for scene in scenes {
+            let sources = Sources::load_with(scene, &self.overrides, registry, &options)
+                .map_err(|error| Failure::usage(error.sources.report(&error.errors, color)))?;
+            Description::parse(&sources)
+                .into_result()
+                .map_err(|errors| Failure::usage(sources.report(&errors, color)))?;
+        }
+        Ok(())
     }
 }
 
 /// Runs the command.
 pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<Exit, Failure> {
     let start = Instant::now();
-    let scenes = arguments.scenes.find()?;
+    let scenes = arguments.scenes.find(registry)?;
     report::check(
         arguments.scenes.target.folder(),
         arguments.json.iter().chain(&arguments.junit),
@@ -278,7 +304,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     let _watching = interrupt::Watching::new();
     let bar = progress(scenes.len() as u64, "validating");
     // The clock also runs while the driver is busy.
-    bar.enable_steady_tick(Duration::from_millis(200));
+    keep_moving(&bar);
     let mut cases = Vec::new();
     let mut skipped = Vec::new();
     let mut matrix = Vec::new();

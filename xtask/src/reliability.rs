@@ -1,0 +1,378 @@
+//! `reliability`: injects faults into the program and counts the harm.
+
+mod damage;
+mod faults;
+mod kills;
+mod memory;
+mod page;
+
+use clap::Args;
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
+use whitstone::image::atomic;
+use whitstone::{Exit, Failure};
+
+pub(crate) use page::{PAGE, RESULT, page};
+
+/// Inject faults into the program, kill it, feed it damaged files, and count the harm
+///
+/// Each promise of docs/reliability.md is tried many times on the program `whitstone` beside this
+/// one. Faults of system calls need strace (Debian: apt-get install strace); without it they are
+/// skipped, and the report says so.
+///
+/// Exit code 0 if no attempt broke a promise, 1 if one did.
+#[derive(Args, Debug)]
+#[command(
+    help_template = whitstone::commands::HELP_TEMPLATE,
+    after_help = "Examples:\n  cargo xtask reliability --quick\n  cargo xtask reliability --json studies/results/reliability.json"
+)]
+pub(crate) struct Arguments {
+    /// Few attempts of each kind: under two minutes
+    #[arg(long)]
+    quick: bool,
+    /// Another program to test [default: whitstone, in the folder of this program]
+    #[arg(long, value_name = "PROGRAM")]
+    program: Option<PathBuf>,
+    /// Write the counts to this file as JSON
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+/// What is tested.
+struct Subject {
+    /// The program.
+    program: PathBuf,
+    /// The repository.
+    root: PathBuf,
+    quick: bool,
+}
+
+/// The attempts on one promise.
+#[derive(Default)]
+struct Tally {
+    tried: u64,
+    /// What was seen where it was broken.
+    broken: Vec<String>,
+    /// Why it was not tried.
+    skipped: Option<String>,
+}
+
+impl Tally {
+    /// Counts an attempt.
+    fn count(&mut self, seen: Result<(), String>) {
+        self.tried += 1;
+        self.broken.extend(seen.err());
+    }
+}
+
+/// A promise and how it is tried.
+struct Promise {
+    name: &'static str,
+    how: &'static str,
+    run: fn(&Subject) -> Result<Tally, Failure>,
+}
+
+const PROMISES: [Promise; 4] = [
+    Promise {
+        name: "A system call that fails does no harm.",
+        how: "Each command runs under `strace`, which lets one system call fail: the first, the second, and so on, for each kind of call and error. The command ends with a documented exit code, without a panic; every file is absent, as it was, or complete; exit code 0 means that all files are there.",
+        run: faults::run,
+    },
+    Promise {
+        name: "A killed command leaves whole files, and the next run is undisturbed.",
+        how: "SIGKILL at a random moment. After it every file is absent, as it was, or complete. The command then runs again: its files are, bit for bit, those of a run that was never killed, and temporaries are gone.",
+        run: kills::run,
+    },
+    Promise {
+        name: "A damaged file is answered.",
+        how: "Scenes, meshes and images of every format that is read, with bytes changed, removed or repeated. The command ends within 10 s with exit code 0 or 2, or 3 for a program that is missing, without a panic.",
+        run: damage::run,
+    },
+    Promise {
+        name: "Memory is bounded.",
+        how: "Scenes whose size follows from numbers in the file, with `--max-memory`. The peak of the resident memory is at most 1.1 times the limit plus 64 MiB, whether the scene is rendered or refused.",
+        run: memory::run,
+    },
+];
+
+/// Runs the command.
+pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Failure> {
+    let beside = || Ok::<_, std::io::Error>(std::env::current_exe()?.with_file_name("whitstone"));
+    let program = match &arguments.program {
+        Some(program) => program.clone(),
+        None => beside().map_err(Failure::environment)?,
+    };
+    let program = program.canonicalize().map_err(|error| {
+        Failure::usage(format!(
+            "{}: {error}; build it, or name it with --program",
+            program.display()
+        ))
+    })?;
+    let subject = Subject {
+        program,
+        root: std::env::current_dir().map_err(Failure::environment)?,
+        quick: arguments.quick,
+    };
+    let mut results = Vec::new();
+    let mut harm = 0;
+    for promise in &PROMISES {
+        let start = Instant::now();
+        let tally = (promise.run)(&subject)?;
+        harm += tally.broken.len();
+        match &tally.skipped {
+            Some(why) => println!("skipped  {} {why}", promise.name),
+            None => println!(
+                "{:<8} {} {} attempts, {} broken, {:.0} s",
+                if tally.broken.is_empty() { "kept" } else { "BROKEN" },
+                promise.name,
+                tally.tried,
+                tally.broken.len(),
+                start.elapsed().as_secs_f64()
+            ),
+        }
+        for seen in tally.broken.iter().take(10) {
+            println!("         {seen}");
+        }
+        results.push(json!({
+            "promise": promise.name, "how": promise.how,
+            "tried": tally.tried, "failed": tally.broken.len(), "skipped": tally.skipped,
+        }));
+    }
+    if let Some(path) = &arguments.json {
+        let report =
+            json!({ "program": env!("CARGO_PKG_VERSION"), "quick": arguments.quick, "promises": results });
+        let mut text = serde_json::to_string_pretty(&report).map_err(Failure::environment)?;
+        text.push('\n');
+        atomic::write_bytes(path, text.as_bytes()).map_err(Failure::environment)?;
+    }
+    Ok(if harm == 0 { Exit::Pass } else { Exit::Differs })
+}
+
+/// A command line whose files are compared.
+struct Case {
+    name: &'static str,
+    /// `@` stands for the folder of its files, and `%` for the repository.
+    arguments: &'static [&'static str],
+}
+
+/// The commands that write files.
+const CASES: [Case; 6] = [
+    Case {
+        name: "render",
+        arguments: &[
+            "render",
+            "%/scenes/showcase/classic.toml",
+            "-o",
+            "@/x.exr",
+            "--png",
+            "--json",
+            "@/r.json",
+            "--set",
+            "film.width=32",
+            "--set",
+            "film.height=24",
+            "--target",
+            "@/target",
+        ],
+    },
+    Case {
+        name: "compare",
+        arguments: &[
+            "compare", "@/a.exr", "@/b.exr", "--png", "@/d.png", "--json", "@/c.json", "--junit", "@/j.xml",
+        ],
+    },
+    Case {
+        name: "validate",
+        arguments: &[
+            "validate",
+            "scenes/materials/matte.toml",
+            "--reference",
+            "stored",
+            "--target",
+            "@/target",
+            "--json",
+            "@/v.json",
+            "--junit",
+            "@/j.xml",
+        ],
+    },
+    Case {
+        name: "convert",
+        arguments: &["convert", "%/scenes/assets/crystal.glb", "@/c.toml"],
+    },
+    Case {
+        name: "init",
+        arguments: &["init", "@/project"],
+    },
+    Case {
+        name: "explain",
+        arguments: &[
+            "explain",
+            "%/scenes/showcase/classic.toml",
+            "--pixel",
+            "3,4",
+            "--json",
+            "@/e.json",
+            "--reference",
+            "none",
+            "--target",
+            "@/target",
+        ],
+    },
+];
+
+impl Subject {
+    /// The command of a case, after `before` (such as strace and its options).
+    fn command(&self, before: &[String], case: &Case, folder: &Path) -> Command {
+        let (folder, root) = (folder.to_string_lossy(), self.root.to_string_lossy());
+        let own = case
+            .arguments
+            .iter()
+            .map(|argument| argument.replace('@', &folder).replace('%', &root));
+        let program = self.program.to_string_lossy().into_owned();
+        let words: Vec<String> = before
+            .iter()
+            .cloned()
+            .chain(std::iter::once(program))
+            .chain(own)
+            .collect();
+        self.plain(&words)
+    }
+
+    /// A command of these words, in the repository.
+    fn plain(&self, words: &[String]) -> Command {
+        let mut command = Command::new(&words[0]);
+        command
+            .args(&words[1..])
+            .current_dir(&self.root)
+            // The number of system calls does not depend on the machine.
+            .env("RAYON_NUM_THREADS", "2")
+            .env("RUST_BACKTRACE", "0")
+            .stdin(Stdio::null());
+        command
+    }
+
+    /// A new folder with the files that the commands read.
+    fn folder(&self) -> Result<tempfile::TempDir, Failure> {
+        let folder = tempfile::tempdir().map_err(Failure::environment)?;
+        for (name, width) in [("a.exr", 16), ("b.exr", 16)] {
+            let path = folder.path().join(name);
+            let scene = if name == "a.exr" {
+                "classic"
+            } else {
+                "facing_mirrors"
+            };
+            let words = [
+                self.program.display().to_string(),
+                "render".to_owned(),
+                format!("scenes/showcase/{scene}.toml"),
+                "-o".to_owned(),
+                path.display().to_string(),
+                "--set".to_owned(),
+                format!("film={{width={width},height=12}}"),
+            ];
+            let output = self.plain(&words).output().map_err(Failure::environment)?;
+            if !output.status.success() {
+                let text = String::from_utf8_lossy(&output.stderr).into_owned();
+                return Err(Failure::environment(format!("{}: {text}", words.join(" "))));
+            }
+        }
+        Ok(folder)
+    }
+}
+
+impl Subject {
+    /// A new folder with the input files of [`Self::folder`], which are among these.
+    fn folder_with(&self, files: &BTreeMap<String, Vec<u8>>) -> Result<tempfile::TempDir, Failure> {
+        let folder = tempfile::tempdir().map_err(Failure::environment)?;
+        for name in ["a.exr", "b.exr"] {
+            let bytes = files.get(name).map_or(&[][..], Vec::as_slice);
+            fs::write(folder.path().join(name), bytes).map_err(Failure::environment)?;
+        }
+        Ok(folder)
+    }
+}
+
+/// A random number below `count`, the same in every run.
+fn pick(seed: u64, count: usize) -> usize {
+    // SplitMix64 (Steele, Lea, Flood, *Fast splittable pseudorandom number generators*, 2014).
+    let mut z = seed.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    ((z ^ (z >> 31)) % count.max(1) as u64) as usize
+}
+
+/// Runs a command with a time limit; `None` if it did not end.
+fn run_within(command: &mut Command, limit: Duration) -> std::io::Result<Option<Output>> {
+    let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn()?;
+    let mut pipe = child.stderr.take();
+    let reader = std::thread::spawn(move || {
+        let mut text = Vec::new();
+        if let Some(pipe) = &mut pipe {
+            // What came before an error of the pipe is enough.
+            let _ = pipe.read_to_end(&mut text);
+        }
+        text
+    });
+    let start = Instant::now();
+    loop {
+        if let Some(status) = child.try_wait()? {
+            let stderr = reader.join().unwrap_or_default();
+            return Ok(Some(Output {
+                status,
+                stdout: Vec::new(),
+                stderr,
+            }));
+        }
+        if start.elapsed() > limit {
+            child.kill()?;
+            child.wait()?;
+            return Ok(None);
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+/// The files below a folder, by relative name.
+fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    let mut open = vec![folder.to_owned()];
+    while let Some(at) = open.pop() {
+        let Ok(entries) = fs::read_dir(&at) else { continue };
+        for path in entries.flatten().map(|entry| entry.path()) {
+            if path.is_dir() {
+                open.push(path);
+            } else if let Ok(bytes) = fs::read(&path) {
+                let name = path.strip_prefix(folder).unwrap_or(&path);
+                found.insert(name.to_string_lossy().into_owned(), bytes);
+            }
+        }
+    }
+    found
+}
+
+fn is_temporary(name: &str) -> bool {
+    Path::new(name)
+        .extension()
+        .is_some_and(|extension| extension == "tmp")
+}
+
+/// Whether a file is complete: equal to that of an undisturbed run, or, where it contains times, of
+/// its format.
+fn is_whole(name: &str, bytes: &[u8], undisturbed: Option<&Vec<u8>>) -> bool {
+    let text = || std::str::from_utf8(bytes);
+    match Path::new(name)
+        .extension()
+        .and_then(|extension| extension.to_str())
+    {
+        Some("json") => serde_json::from_slice::<Value>(bytes).is_ok(),
+        Some("html") => text().is_ok_and(|text| text.trim_end().ends_with("</html>")),
+        Some("xml") => text().is_ok_and(|text| text.trim_end().ends_with("</testsuites>")),
+        _ => undisturbed.is_some_and(|expected| expected == bytes),
+    }
+}

@@ -1,0 +1,175 @@
+//! Peaks of memory.
+
+use super::{Subject, Tally};
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+use whitstone::Failure;
+use whitstone::image::Raster;
+
+const MIB: u64 = 1 << 20;
+const CAMERA: &str = "[camera]\ntype = \"perspective\"\nlook_at = { origin = [0, 0, 4], target = [0, 0, 0] }\n[[shape]]\ntype = \"sphere\"\n";
+const FILM: &str = "film = { width = 64, height = 48 }\n";
+
+/// A scene and its limits in MiB.
+struct Load {
+    name: &'static str,
+    limits: &'static [u64],
+    more: &'static [&'static str],
+    write: fn(&Path) -> Result<String, Failure>,
+}
+
+const LOADS: [Load; 5] = [
+    Load {
+        name: "a film of 8192 x 8192",
+        limits: &[64, 1024],
+        more: &[],
+        write: |_| Ok(format!("film = {{ width = 8192, height = 8192 }}\n{CAMERA}")),
+    },
+    Load {
+        name: "200 pictures of 1024 x 1024",
+        limits: &[64, 512],
+        more: &[],
+        write: pictures,
+    },
+    Load {
+        name: "100,000 lights",
+        limits: &[16, 256],
+        more: &["--threads", "16", "--set", "film={width=16,height=12}"],
+        write: |_| {
+            let mut text = format!("{FILM}{CAMERA}");
+            for light in 0..100_000 {
+                let x = f64::from(light) * 1e-3;
+                let _ = write!(
+                    text,
+                    "[[light]]\ntype = \"point\"\nposition = [{x}, 5, 5]\nintensity = 1e-4\n"
+                );
+            }
+            Ok(text)
+        },
+    },
+    Load {
+        name: "a mesh that is divided",
+        limits: &[64, 512],
+        more: &[],
+        write: |_| {
+            Ok(format!(
+                "{FILM}{CAMERA}[[shape]]\ntype = \"patch\"\nvertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]\npatches = [[0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0]]\n"
+            ))
+        },
+    },
+    Load {
+        name: "ray trees of depth 100,000",
+        limits: &[64],
+        more: &[
+            "--threads",
+            "16",
+            "--set",
+            "film={width=32,height=24}",
+            "--set",
+            "integrator.max_depth=100000",
+            "--max-tree-rays",
+            "65536",
+        ],
+        write: |_| {
+            fs::read_to_string("scenes/showcase/nested_dielectrics.toml").map_err(Failure::environment)
+        },
+    },
+];
+
+fn pictures(folder: &Path) -> Result<String, Failure> {
+    let mut text = format!("{FILM}{CAMERA}");
+    for number in 0..200_u32 {
+        let name = format!("{number}.png");
+        let raster = Raster::filled(1024, 1024, [number as u8, 100, 7]);
+        raster
+            .write_png(&folder.join(&name))
+            .map_err(Failure::environment)?;
+        let _ = write!(
+            text,
+            "[[shape]]\ntype = \"sphere\"\nradius = 0.01\ncenter = [{}, 0, 0]\nmaterial = {{ type = \"matte\", reflectance = {{ type = \"image\", file = \"{name}\" }} }}\n",
+            f64::from(number) * 0.01
+        );
+    }
+    Ok(text)
+}
+
+pub(super) fn run(subject: &Subject) -> Result<Tally, Failure> {
+    let mut tally = Tally::default();
+    if !cfg!(target_os = "linux") {
+        tally.skipped = Some("the peak of memory is known on Linux only.".to_owned());
+        return Ok(tally);
+    }
+    for load in &LOADS {
+        let folder = tempfile::tempdir().map_err(Failure::environment)?;
+        let scene = folder.path().join("scene.toml");
+        fs::write(&scene, (load.write)(folder.path())?).map_err(Failure::environment)?;
+        for limit in load.limits {
+            let gib = (*limit as f64 / 1024.0).to_string();
+            let (scene, output) = (
+                scene.display().to_string(),
+                folder.path().join("x.exr").display().to_string(),
+            );
+            let program = subject.program.display().to_string();
+            let first = [
+                program.as_str(),
+                "render",
+                &scene,
+                "-o",
+                &output,
+                "--max-memory",
+                &gib,
+            ];
+            let words: Vec<String> = first
+                .iter()
+                .chain(load.more)
+                .map(|word| (*word).to_owned())
+                .collect();
+            let peak = peak(subject, &words)?;
+            let most = limit * 11 / 10 + 64;
+            tally.count(match peak {
+                None => Err(format!("{}, limit {limit} MiB: it does not end", load.name)),
+                Some((_, code)) if !matches!(code, Some(0 | 2)) => {
+                    Err(format!("{}, limit {limit} MiB: exit code {code:?}", load.name))
+                }
+                Some((peak, _)) if peak > most * MIB => {
+                    Err(format!("{}, limit {limit} MiB: {} MiB", load.name, peak / MIB))
+                }
+                Some(_) => Ok(()),
+            });
+        }
+    }
+    Ok(tally)
+}
+
+/// The peak of the resident memory in bytes, and the exit code; `None` if the command does not end.
+fn peak(subject: &Subject, words: &[String]) -> Result<Option<(u64, Option<i32>)>, Failure> {
+    let mut child = subject
+        .plain(words)
+        .env_remove("RAYON_NUM_THREADS")
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .map_err(Failure::environment)?;
+    let status = format!("/proc/{}/status", child.id());
+    let (start, mut peak) = (Instant::now(), 0);
+    loop {
+        let text = fs::read_to_string(&status).unwrap_or_default();
+        let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+        let kib = line.and_then(|line| line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok());
+        peak = peak.max(kib.unwrap_or(0) << 10);
+        if let Some(status) = child.try_wait().map_err(Failure::environment)? {
+            return Ok(Some((peak, status.code())));
+        }
+        if start.elapsed() > Duration::from_secs(120) {
+            child
+                .kill()
+                .and_then(|()| child.wait())
+                .map_err(Failure::environment)?;
+            return Ok(None);
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}

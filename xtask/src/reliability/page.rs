@@ -1,0 +1,59 @@
+//! Generates `docs/reliability.md` from the stored counts.
+
+use crate::run_time::wrapped;
+use serde_json::Value;
+use std::fmt::Write as _;
+
+/// The page.
+pub(crate) const PAGE: &str = "docs/reliability.md";
+/// The stored counts.
+pub(crate) const RESULT: &str = "studies/results/reliability.json";
+
+/// The whole page.
+pub(crate) fn page(result: &Value) -> String {
+    let mut page = format!(
+        "# Reliability\n\n{}\n\n| promise | attempts | broken |\n|---|---|---|\n",
+        wrapped(&format!(
+            "What a fault does to the program, and how that is tried. `cargo xtask reliability` tries each promise and counts; CI runs `cargo xtask reliability --quick`. The counts are of `{RESULT}`."
+        ))
+    );
+    let promises = result["promises"].as_array().map_or(&[][..], Vec::as_slice);
+    let text = |promise: &Value, key: &str| promise[key].as_str().unwrap_or_default().to_owned();
+    for promise in promises {
+        let _ = writeln!(
+            page,
+            "| {} | {} | {} |",
+            text(promise, "promise"),
+            promise["tried"],
+            promise["failed"]
+        );
+    }
+    for promise in promises {
+        let _ = write!(
+            page,
+            "\n## {}\n\n{}\n",
+            text(promise, "promise").trim_end_matches('.'),
+            wrapped(&text(promise, "how"))
+        );
+    }
+    page += "\n";
+    page += BY_TESTS;
+    page
+}
+
+const BY_TESTS: &str = "## Promises that tests keep
+
+| promise | test |
+|---|---|
+| Ctrl-C ends a command, keeps what is finished, and ends the driver. | `tests/tests/interrupts.rs` |
+| A second Ctrl-C ends at once. | `tests/tests/interrupts.rs` |
+| Files without end, pipes and files of the system are refused. | `tests/tests/hostile_files.rs` |
+| With `--root DIR`, no file outside of DIR is read. | `tests/tests/hostile_files.rs` |
+| A ray tree of more than `--max-tree-rays` rays is an error. | `tests/tests/hostile_files.rs` |
+| Where the system allows no threads, one thread renders. | `tests/tests/hostile_files.rs` |
+| Names cannot send control characters to the terminal. | `tests/tests/hostile_files.rs` |
+| A scene cut at any byte is answered with a place. | `tests/tests/fuzz.rs` |
+| Links in the cache of live references are not followed. | `tests/tests/fake_mitsuba.rs` |
+| A driver that hangs, floods its output or ends early is reported. | `tests/tests/validation.rs` |
+| The image does not depend on accelerator, threads or SIMD instructions. | `tests/tests/determinism.rs` |
+";
