@@ -41,6 +41,42 @@ def color(value, what):
     return skip(f"{what}: a texture")
 
 
+@dataclass
+class Checker:
+    """The texture `checker`: `a` where the floors of the two coordinates have an even sum, else `b`."""
+
+    a: np.ndarray
+    b: np.ndarray
+    # Takes texture coordinates (u, v, 0), or points of the world where `solid`, to coordinates in cells.
+    matrix: np.ndarray
+    solid: bool
+
+    def coordinates(self, mesh, matrix):
+        """The coordinates in cells at the vertices of a mesh that stands at `matrix`."""
+        if self.solid:
+            points = mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3]
+        elif mesh.uvs is None:
+            skip("a texture on a shape without texture coordinates")
+        else:
+            points = np.pad(mesh.uvs, ((0, 0), (0, 1)))
+        return points @ self.matrix[:2, :3].T + self.matrix[:2, 3]
+
+
+def paint(value, what):
+    """A number or three numbers as a colour, or a Checker. Other textures are not supported."""
+    if not isinstance(value, dict) or value.get("type") != "checker":
+        return color(value, what)
+    keys = only(value, "checker", a=0.8, b=0.2, scale=1, offset=[0, 0], mapping={})
+    mapping = only(keys["mapping"], "a mapping", projection="uv", transform=None)
+    if mapping["projection"] not in ("uv", "solid", "planar"):
+        skip(f"the projection {mapping['projection']}")
+    cells = np.eye(4)
+    cells[0, 0], cells[1, 1] = np.broadcast_to(keys["scale"], 2)
+    cells[:2, 3] = keys["offset"]
+    a, b = (color(keys[key], "checker") for key in "ab")
+    return Checker(a, b, cells @ matrix_of(mapping["transform"]), mapping["projection"] != "uv")
+
+
 def unit(vector):
     return vector / np.linalg.norm(vector)
 
@@ -99,6 +135,7 @@ class Mesh:
     vertices: np.ndarray
     faces: np.ndarray
     normals: np.ndarray | None = None
+    uvs: np.ndarray | None = None
 
 
 @dataclass
@@ -196,10 +233,15 @@ def grid(columns, rows):
     return np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
 
 
-def revolved(profile, normals, segments):
-    """A surface about the z axis: `profile` has rows (radius, z), `normals` rows (radial, z)."""
+def revolved(profile, normals, heights, segments):
+    """A surface about the z axis: `profile` has rows (radius, z), `normals` rows (radial, z).
+
+    The texture coordinates are the angle over 2 pi and `heights`, which has one number for each row.
+    """
     angle = np.linspace(0, 2 * np.pi, segments + 1)
     ring = np.stack([np.cos(angle), np.sin(angle)], 1)
+    # Exactly closed.
+    ring[-1] = ring[0]
 
     def turn(rows):
         radial = rows[:, None, :1] * ring[None]
@@ -210,25 +252,49 @@ def revolved(profile, normals, segments):
     faces = grid(segments, len(profile) - 1)
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     faces = faces[np.linalg.norm(np.cross(b - a, c - a), axis=1) > 1e-14]
-    return Mesh(vertices, faces, turn(normals))
+    u, v = np.meshgrid(angle / (2 * np.pi), heights)
+    return Mesh(vertices, faces, turn(normals), np.stack([u.ravel(), v.ravel()], 1))
 
 
 def disk(radius, z, up, segments):
-    angle = np.linspace(0, 2 * np.pi, segments, endpoint=False)
-    rim = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(segments, z)], 1)
-    k = np.arange(segments)
-    faces = np.stack([np.full(segments, segments), k, (k + 1) % segments], 1)
-    return Mesh(np.vstack([rim, [0, 0, z]]), faces if up else faces[:, ::-1])
+    """A disk across the z axis, with the texture coordinates (r/radius, phi/2pi)."""
+    profile = np.array([[radius, z], [0, z]] if up else [[0, z], [radius, z]], float)
+    result = revolved(profile, profile, profile[:, 0] / radius, segments)
+    result.normals, result.uvs = None, result.uvs[:, ::-1]
+    return result
+
+
+def plane():
+    """A plane, as squares that are larger at larger distances: up to the horizon in a few pixels."""
+    steps = 4.0 ** np.arange(10)
+    x = np.concatenate([-steps[::-1], [0], steps])
+    vertices = np.stack([*np.meshgrid(x, x), np.zeros((len(x), len(x)))], 2).reshape(-1, 3)
+    return Mesh(vertices, grid(len(x) - 1, len(x) - 1), uvs=vertices[:, :2])
+
+
+def box():
+    """The faces of a box, each with its own vertices."""
+    parts = []
+    for axis in range(3):
+        for side in (-1, 1):
+            corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], float)
+            vertices = np.empty((4, 3))
+            vertices[:, axis] = side
+            vertices[:, [(axis + 1) % 3, (axis + 2) % 3]] = corners
+            faces = np.array([[0, 1, 2], [0, 2, 3]])
+            parts.append(Mesh(vertices, faces if side > 0 else faces[:, ::-1], uvs=(corners + 1) / 2))
+    faces = np.vstack([part.faces + 4 * index for index, part in enumerate(parts)])
+    return Mesh(np.vstack([part.vertices for part in parts]), faces, uvs=np.vstack([part.uvs for part in parts]))
 
 
 def tessellate(shape, segments):
     """The meshes of a shape in object space. Curved shapes have `segments` parts around."""
     kind, table = shape.kind, shape.keys
-    theta = np.linspace(0, np.pi, segments // 2 + 1)
+    parts = np.linspace(0, 1, segments // 2 + 1)
     if kind in ("sphere", "ellipsoid"):
-        circle = np.stack([np.sin(theta), -np.cos(theta)], 1)
+        circle = np.stack([np.sin(np.pi * parts), -np.cos(np.pi * parts)], 1)
         circle[[0, -1], 0] = 0
-        mesh = revolved(circle, circle, segments)
+        mesh = revolved(circle, circle, parts, segments)
         keys = only(table, kind, center=[0, 0, 0], radius=1, radii=[1, 1, 1])
         radii = np.array(keys["radii"], float) * keys["radius"]
         mesh.normals = mesh.normals / radii
@@ -237,29 +303,56 @@ def tessellate(shape, segments):
         return [mesh]
     if kind == "rectangle":
         only(table, kind)
-        return [Mesh(np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float), np.array([[0, 1, 2], [0, 2, 3]]))]
+        corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
+        return [Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), uvs=(corners[:, :2] + 1) / 2)]
+    if kind == "plane":
+        only(table, kind)
+        return [plane()]
     if kind == "disk":
         only(table, kind)
         return [disk(1, 0, True, segments)]
     if kind == "triangle":
-        keys = only(table, kind, vertices=None, normals=None, uvs=None)
+        keys = only(table, kind, vertices=None, normals=None, uvs=[[0, 0], [1, 0], [0, 1]])
         if keys["normals"]:
             skip("a triangle with normals")
-        return [Mesh(np.array(keys["vertices"], float), np.array([[0, 1, 2]]))]
+        return [Mesh(np.array(keys["vertices"], float), np.array([[0, 1, 2]]), uvs=np.array(keys["uvs"], float))]
     if kind == "box":
         only(table, kind)
-        corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-        quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-        return [Mesh(corners, np.array([[a, b, c] for a, b, c, _ in quads] + [[a, c, d] for a, _, c, d in quads]))]
-    if kind in ("cylinder", "cone"):
-        keys = only(table, kind, radius=1, radii=[1, 0], z=[-1, 1] if kind == "cylinder" else [0, 1], caps=True)
-        low, high = keys["z"]
-        r0, r1 = [keys["radius"]] * 2 if kind == "cylinder" else keys["radii"]
-        slope = unit(np.array([high - low, r0 - r1], float))
-        side = revolved(np.array([[r0, low], [r1, high]], float), np.array([slope, slope]), segments)
-        caps = [(r0, low, False), (r1, high, True)] if keys["caps"] else []
-        return [side] + [disk(r, z, up, segments) for r, z, up in caps if r > 0]
+        return [box()]
+    if kind == "torus":
+        keys = only(table, kind, major_radius=1, minor_radius=0.25)
+        circle = np.stack([np.cos(2 * np.pi * parts), np.sin(2 * np.pi * parts)], 1)
+        circle[-1] = circle[0]
+        return [revolved(circle * keys["minor_radius"] + [keys["major_radius"], 0], circle, parts, segments)]
+    if kind in ("cylinder", "cone", "paraboloid", "hyperboloid"):
+        return revolved_solid(kind, table, parts, segments)
     return skip(f"a shape of type {kind}")
+
+
+def revolved_solid(kind, table, parts, segments):
+    """The side of a cylinder, cone, paraboloid or hyperboloid, and its caps."""
+    if kind == "paraboloid":
+        keys = only(table, kind, radius=1, z=[0, 1], caps=True)
+        low, high = keys["z"]
+        # Even steps of the radius.
+        z = (math.sqrt(low) + (math.sqrt(high) - math.sqrt(low)) * parts) ** 2
+        radius = keys["radius"] * np.sqrt(z)
+        normals = np.stack([2 * radius, np.full(len(z), -float(keys["radius"]) ** 2)], 1)
+    elif kind == "hyperboloid":
+        keys = only(table, kind, radius=0.5, slope=1, z=[-1, 1], caps=True)
+        low, high = keys["z"]
+        z = low + (high - low) * parts
+        radius = np.hypot(keys["radius"], keys["slope"] * z)
+        normals = np.stack([radius, -keys["slope"] ** 2 * z], 1)
+    else:
+        keys = only(table, kind, radius=1, radii=[1, 0], z=[-1, 1] if kind == "cylinder" else [0, 1], caps=True)
+        z = np.array(keys["z"], float)
+        radius = np.array([keys["radius"]] * 2 if kind == "cylinder" else keys["radii"], float)
+        normals = np.array([[z[1] - z[0], radius[0] - radius[1]]] * 2)
+    normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    side = revolved(np.stack([radius, z], 1), normals, (z - z[0]) / (z[-1] - z[0]), segments)
+    caps = [(radius[0], z[0], False), (radius[-1], z[-1], True)] if keys["caps"] else []
+    return [side] + [disk(r, height, up, segments) for r, height, up in caps if r > 0]
 
 
 def write_pfm(path, pixels):
