@@ -258,8 +258,10 @@ def revolved(profile, normals, heights, segments):
 
 def disk(radius, z, up, segments):
     """A disk across the z axis, with the texture coordinates (r/radius, phi/2pi)."""
-    profile = np.array([[radius, z], [0, z]] if up else [[0, z], [radius, z]], float)
-    result = revolved(profile, profile, profile[:, 0] / radius, segments)
+    # In rings, because the angle is not linear in a triangle of the whole radius.
+    rings = np.linspace(0, 1, 65)[:: -1 if up else 1]
+    profile = np.stack([radius * rings, np.full(65, float(z))], 1)
+    result = revolved(profile, profile, rings, segments)
     result.normals, result.uvs = None, result.uvs[:, ::-1]
     return result
 
@@ -346,9 +348,12 @@ def revolved_solid(kind, table, parts, segments):
         normals = np.stack([radius, -keys["slope"] ** 2 * z], 1)
     else:
         keys = only(table, kind, radius=1, radii=[1, 0], z=[-1, 1] if kind == "cylinder" else [0, 1], caps=True)
-        z = np.array(keys["z"], float)
-        radius = np.array([keys["radius"]] * 2 if kind == "cylinder" else keys["radii"], float)
-        normals = np.array([[z[1] - z[0], radius[0] - radius[1]]] * 2)
+        low, high = keys["z"]
+        start, end = [keys["radius"]] * 2 if kind == "cylinder" else keys["radii"]
+        # In rows, because the angle is not linear in a triangle of the whole height.
+        parts = parts if start != end else parts[[0, -1]]
+        z, radius = low + (high - low) * parts, start + (end - start) * parts
+        normals = np.array([[high - low, start - end]] * len(parts), float)
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     side = revolved(np.stack([radius, z], 1), normals, (z - z[0]) / (z[-1] - z[0]), segments)
     caps = [(radius[0], z[0], False), (radius[-1], z[-1], True)] if keys["caps"] else []

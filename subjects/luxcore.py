@@ -1,7 +1,7 @@
 """Renders a scene document with LuxCore: luxcore.py SCENE OUTPUT.pfm
 
 Needs `pyluxcore` 2.11 and NumPy. The image has direct light and mirrors, without light between
-diffuse surfaces. Every pixel has its sample in the middle: a box filter of 1e-5 pixels. LuxCore picks one light at random for each sample, so each light is rendered alone and the
+diffuse surfaces. Every pixel has its sample in the middle: a box filter of 1e-7 pixels. LuxCore picks one light at random for each sample, so each light is rendered alone and the
 images are added. Ambient light is that of the channel ALBEDO.
 
 LuxCore's images are one row lower than the model's, which the offset of the subject states.
@@ -12,19 +12,25 @@ Glass picks one branch at random. This adapter supports the shapes of document.p
 directional lights, and pinhole cameras.
 """
 
+import contextlib
 import math
 import sys
 import tempfile
 import time
 from pathlib import Path
 
-# NumPy comes first: after LuxCore, whose library replaces the allocator, the process ends.
-import numpy as np  # isort: skip
-import pyluxcore
+import numpy as np
 
 import document
 
+# After NumPy: LuxCore replaces the allocator, and NumPy ends the process then. It prints the
+# libraries that it loads.
+with contextlib.redirect_stdout(None):
+    import pyluxcore
+
 SEGMENTS = 512
+# One sample may be rounded into the next pixel.
+SAMPLES = 2
 CHANNELS = ("RGB", "ALBEDO", "SAMPLECOUNT")
 
 
@@ -32,23 +38,62 @@ def numbers(values):
     return " ".join(repr(float(value)) for value in values)
 
 
-def write_ply(path, mesh, matrix, uvs):
-    """Writes a mesh in world space. `uvs` are texture coordinates or None."""
+def in_world(mesh, matrix):
+    """A mesh in world space."""
     vertices = mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3]
-    names = ["x", "y", "z"]
+    if mesh.normals is None:
+        return document.Mesh(vertices, mesh.faces, None, mesh.uvs)
+    normals = mesh.normals @ np.linalg.inv(matrix[:3, :3])
+    return document.Mesh(vertices, mesh.faces, normals / np.linalg.norm(normals, axis=1, keepdims=True), mesh.uvs)
+
+
+def cut(mesh, light):
+    """The mesh with edges where the light of a homogeneous point ends by the smooth normals.
+
+    LuxCore gives light only to triangles that face it. Without these edges, the triangles on which
+    the light ends would be dark as a whole, or lit.
+    """
+    if mesh.normals is None:
+        return mesh
+    facing = np.sum(mesh.normals * (light[:3] - mesh.vertices * light[3]), axis=1)
+    lit = (facing > 0)[mesh.faces]
+    count = lit.sum(axis=1)
+    cut_here = (count == 1) | (count == 2)
+    faces, lit = mesh.faces[cut_here], lit[cut_here]
+    # The corner that is alone on its side comes first.
+    first = np.argmax(lit == (count[cut_here] == 1)[:, None], axis=1)
+    rows = np.arange(len(faces))
+    a, b, c = (faces[rows, (first + k) % 3] for k in range(3))
+    # In one order, so that neighbours have the same points.
+    i, j = (function(np.concatenate([a, a]), np.concatenate([b, c])) for function in (np.minimum, np.maximum))
+    t = (facing[i] / (facing[i] - facing[j]))[:, None]
+    vertices = (1 - t) * mesh.vertices[i] + t * mesh.vertices[j]
+    # From the chord to the arc between two tangents.
+    below = [np.sum((vertices - mesh.vertices[k]) * mesh.normals[k], axis=1, keepdims=True) * mesh.normals[k] for k in (i, j)]
+    vertices = vertices - ((1 - t) * below[0] + t * below[1]) / 2
+    normals = (1 - t) * mesh.normals[i] + t * mesh.normals[j]
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    p = len(mesh.vertices) + rows
+    q = p + len(rows)
+    pieces = [mesh.faces[~cut_here], np.stack([a, p, q], 1), np.stack([p, b, c], 1), np.stack([p, c, q], 1)]
+    uvs = None if mesh.uvs is None else np.vstack([mesh.uvs, (1 - t) * mesh.uvs[i] + t * mesh.uvs[j]])
+    return document.Mesh(np.vstack([mesh.vertices, vertices]), np.vstack(pieces), np.vstack([mesh.normals, normals]), uvs)
+
+
+def write_ply(path, mesh):
+    columns, names = [mesh.vertices], ["x", "y", "z"]
     if mesh.normals is not None:
-        normals = mesh.normals @ np.linalg.inv(matrix[:3, :3])
-        vertices = np.hstack([vertices, normals / np.linalg.norm(normals, axis=1, keepdims=True)])
+        columns.append(mesh.normals)
         names += ["nx", "ny", "nz"]
-    if uvs is not None:
-        vertices = np.hstack([vertices, uvs])
+    if mesh.uvs is not None:
+        columns.append(mesh.uvs)
         names += ["s", "t"]
     faces = np.empty(len(mesh.faces), [("count", "u1"), ("indices", "<i4", 3)])
     faces["count"], faces["indices"] = 3, mesh.faces
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(mesh.vertices)}"]
     header += [f"property float {name}" for name in names]
     header += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header", ""]
-    path.write_bytes("\n".join(header).encode() + vertices.astype("<f4").tobytes() + faces.tobytes())
+    path.write_bytes("\n".join(header).encode() + np.hstack(columns).astype("<f4").tobytes() + faces.tobytes())
 
 
 def paint_of(table):
@@ -67,7 +112,6 @@ def material(name, table, lit):
         if not isinstance(value, document.Checker):
             return [f"{prefix}type = matte", f"{prefix}kd = {numbers(value * lit)}"]
         texture = f"scene.textures.{name}."
-        # LuxCore's cells are two units of (u, v).
         lines = [f"{texture}type = checkerboard2d", f"{texture}texture1 = {numbers(value.a * lit)}", f"{texture}texture2 = {numbers(value.b * lit)}"]
         return [*lines, f"{texture}mapping.type = uvmapping2d", f"{prefix}type = matte", f"{prefix}kd = {name}"]
     if kind == "mirror":
@@ -118,10 +162,12 @@ def properties(lines):
 
 def settings(scene, bounces):
     """The engine, for paths with this number of mirror reflections at most."""
-    lines = ["renderengine.type = PATHCPU", "sampler.type = SOBOL", "batch.haltspp = 1", "native.threads.count = 1"]
-    lines += ["film.filter.type = BOX", "film.filter.width = 0.00001", f"film.width = {scene.width}", f"film.height = {scene.height}"]
+    lines = ["renderengine.type = PATHCPU", "sampler.type = SOBOL", f"batch.haltspp = {SAMPLES}", "native.threads.count = 1"]
+    lines += ["film.filter.type = BOX", "film.filter.width = 1e-7", f"film.width = {scene.width}", f"film.height = {scene.height}"]
     # The last of two diffuse surfaces has no direct light.
     lines += [f"path.pathdepth.total = {bounces + 2}", f"path.pathdepth.specular = {bounces + 1}", "path.pathdepth.diffuse = 2"]
+    # Smaller than usual: by this distance, LuxCore moves points off their surface.
+    lines += ["scene.epsilon.min = 1e-6"]
     lines += ["path.russianroulette.depth = 100000", "path.clamping.variance.maxvalue = 0", "lightstrategy.type = UNIFORM"]
     lines += ["film.imagepipelines.0.0.type = NOP", "film.noiseestimation.warmup = 1000000"]
     for index, kind in enumerate(CHANNELS):
@@ -136,23 +182,20 @@ def channel(film, scene, kind, size, dtype):
     return values.reshape(scene.height, scene.width, size)[::-1].astype(float)
 
 
-def rendered(scene, shapes, folder, lines, point, bounces):
+def rendered(scene, meshes, folder, lines, light, bounces):
     """The radiance and the albedo with one light, as arrays of rows from the top.
 
-    `point` is the place of a light that makes diffuse surfaces visible, or None: they are black.
+    `meshes` are pairs of meshes and materials. Diffuse surfaces are black where `light` is None.
     """
     world = pyluxcore.Scene()
     lines = camera(scene.camera) + lines
-    for index, shape in enumerate(shapes):
-        value = paint_of(shape.material)
-        for number, part in enumerate(parts_of(shape, point)):
-            name = f"part{index}-{number}"
-            path = Path(folder, f"{name}.ply")
-            uvs = value.coordinates(part, shape.matrix) if isinstance(value, document.Checker) else None
-            write_ply(path, part, shape.matrix, uvs)
-            lines += material(name, shape.material, point is not None)
-            lines += [f"scene.shapes.{name}.type = mesh", f"scene.shapes.{name}.ply = {path}"]
-            lines += [f"scene.objects.{name}.shape = {name}", f"scene.objects.{name}.material = {name}"]
+    for index, (mesh, table) in enumerate(meshes):
+        name = f"part{index}"
+        path = Path(folder, f"{name}.ply")
+        write_ply(path, mesh if light is None else cut(mesh, light))
+        lines += material(name, table, light is not None)
+        lines += [f"scene.shapes.{name}.type = mesh", f"scene.shapes.{name}.ply = {path}"]
+        lines += [f"scene.objects.{name}.shape = {name}", f"scene.objects.{name}.material = {name}"]
     world.Parse(properties(lines))
     session = pyluxcore.RenderSession(pyluxcore.RenderConfig(settings(scene, bounces), world))
     session.Start()
@@ -166,45 +209,25 @@ def rendered(scene, shapes, folder, lines, point, bounces):
     return channel(film, scene, "RGB", 3, np.float32), channel(film, scene, "ALBEDO", 3, np.float32)
 
 
-def parts_of(shape, point):
-    """The meshes of a shape. Those of a sphere have an edge where the light of a point ends.
-
-    LuxCore gives light to a triangle that faces it only. Without this edge, triangles at the end of
-    the light would be dark.
-    """
-    if shape.kind != "sphere" or point is None or isinstance(paint_of(shape.material), document.Checker):
-        return document.tessellate(shape, SEGMENTS)
-    keys = document.only(shape.keys, shape.kind, center=[0, 0, 0], radius=1)
-    center = np.array(keys["center"], float)
-    toward = np.linalg.solve(shape.matrix, point)
-    toward = toward[:3] - center * toward[3]
-    distance = np.linalg.norm(toward)
-    axis = toward / distance
-    edge = math.acos(min(keys["radius"] / distance, 1)) if point[3] else math.pi / 2
-    angles = np.sort(np.append(np.pi * np.arange(SEGMENTS // 2 + 1) / (SEGMENTS // 2), edge))[::-1]
-    circle = np.stack([np.sin(angles), np.cos(angles)], 1)
-    circle[[0, -1], 0] = 0
-    mesh = document.revolved(circle, circle, angles, SEGMENTS)
-    right = document.unit(np.cross([0, 1, 0] if abs(axis[1]) < 0.9 else [1, 0, 0], axis))
-    turn = np.stack([right, np.cross(axis, right), axis])
-    return [document.Mesh(mesh.vertices @ turn * keys["radius"] + center, mesh.faces, mesh.normals @ turn)]
-
-
 def main(source, output):
     scene = document.read(source)
     lights = [light(table) for table in scene.lights]
+    meshes = []
     for shape in scene.shapes:
         material("material", shape.material, True)
-        document.tessellate(shape, 8)
+        value = paint_of(shape.material)
+        for part in document.tessellate(shape, SEGMENTS):
+            part.uvs = value.coordinates(part, shape.matrix) if isinstance(value, document.Checker) else None
+            meshes.append((in_world(part, shape.matrix), shape.material))
     background = ["scene.lights.light.type = constantinfinite", f"scene.lights.light.color = {numbers(scene.background)}"]
     pyluxcore.Init()
     with tempfile.TemporaryDirectory() as folder:
         # Mirrors show the background at the limit, too.
-        total, _ = rendered(scene, scene.shapes, folder, background, None, scene.max_depth + 1)
+        total, _ = rendered(scene, meshes, folder, background, None, scene.max_depth + 1)
         if scene.ambient.any():
-            total += scene.ambient * rendered(scene, scene.shapes, folder, background, np.array([0, 0, 1, 0]), scene.max_depth)[1]
+            total += scene.ambient * rendered(scene, meshes, folder, background, np.array([0, 0, 1, 0]), scene.max_depth)[1]
         for point, lines in lights:
-            total += rendered(scene, scene.shapes, folder, lines, point, scene.max_depth)[0]
+            total += rendered(scene, meshes, folder, lines, point, scene.max_depth)[0]
     document.write_pfm(output, total)
 
 
