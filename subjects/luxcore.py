@@ -8,7 +8,7 @@ LuxCore's images are one row lower than the model's, which the offset of the sub
 
 LuxCore cannot express lights without falloff, spots with a linear edge, and Phong's highlights.
 Glass picks one branch at random. This adapter supports the shapes of document.py, as meshes with
-512 segments around, the materials matte, mirror and emissive without textures, point and
+720 segments around, the materials matte, mirror and emissive without textures, point and
 directional lights, and pinhole cameras.
 """
 
@@ -28,7 +28,7 @@ import document
 with contextlib.redirect_stdout(None):
     import pyluxcore
 
-SEGMENTS = 512
+SEGMENTS = 720
 # One sample may be rounded into the next pixel.
 SAMPLES = 2
 CHANNELS = ("RGB", "ALBEDO", "SAMPLECOUNT")
@@ -167,7 +167,7 @@ def settings(scene, bounces):
     # The last of two diffuse surfaces has no direct light.
     lines += [f"path.pathdepth.total = {bounces + 2}", f"path.pathdepth.specular = {bounces + 1}", "path.pathdepth.diffuse = 2"]
     # Smaller than usual: by this distance, LuxCore moves points off their surface.
-    lines += ["scene.epsilon.min = 1e-6"]
+    lines += ["scene.epsilon.min = 3e-6"]
     lines += ["path.russianroulette.depth = 100000", "path.clamping.variance.maxvalue = 0", "lightstrategy.type = UNIFORM"]
     lines += ["film.imagepipelines.0.0.type = NOP", "film.noiseestimation.warmup = 1000000"]
     for index, kind in enumerate(CHANNELS):
