@@ -137,6 +137,16 @@ class Mesh:
     normals: np.ndarray | None = None
     uvs: np.ndarray | None = None
 
+    def placed(self, matrix):
+        """The mesh under a transform. A mirroring one keeps outside outside."""
+        linear = matrix[:3, :3]
+        vertices = self.vertices @ linear.T + matrix[:3, 3]
+        faces = self.faces if np.linalg.det(linear) > 0 else self.faces[:, ::-1]
+        if self.normals is None:
+            return Mesh(vertices, faces, None, self.uvs)
+        normals = self.normals @ np.linalg.inv(linear)
+        return Mesh(vertices, faces, normals / np.linalg.norm(normals, axis=1, keepdims=True), self.uvs)
+
 
 @dataclass
 class Shape:
@@ -190,8 +200,8 @@ def read_camera(table, width, height):
     return Camera(origin, u, np.cross(w, u), w, *sides, distance, float(keys["near"]))
 
 
-def read(path):
-    """Reads a document. Lights and materials stay tables; their defaults are not filled in."""
+def read(path, shadows="opaque"):
+    """Reads a document with these shadows. Lights and materials stay tables, without defaults."""
     document = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     film = document.get("film", {})
     width, height = film.get("width", 512), film.get("height", 512)
@@ -201,8 +211,8 @@ def read(path):
     tracing = document.get("integrator", {"type": "whitted"})
     if tracing["type"] not in ("whitted", "appel"):
         skip(f"the integrator {tracing['type']}")
-    if tracing.get("shadows", "opaque") != "opaque":
-        skip("filtered shadows")
+    if (found := tracing.get("shadows", "opaque")) != shadows:
+        skip(f"{found} shadows")
     depth = 0 if tracing["type"] == "appel" else tracing.get("max_depth", 6)
     scene = Scene(width, height, read_camera(document["camera"], width, height), depth)
     for light in document.get("light", []):
@@ -212,17 +222,32 @@ def read(path):
             scene.ambient = scene.ambient + color(light["radiance"], "ambient light")
         else:
             scene.lights.append(light)
+    add_shapes(scene, document, document.get("shape", []), Path(path).parent, np.eye(4), [])
+    return scene
+
+
+def add_shapes(scene, document, tables, folder, matrix, replacements):
+    """Adds the shapes of a list, which stands at `matrix`; groups are placed shape by shape."""
     materials = document.get("material", {})
-    for index, table in enumerate(document.get("shape", [])):
+    for table in tables:
         if table.get("casts_shadow", True) is not True:
             skip("a shape without a shadow")
+        keys = {key: value for key, value in table.items() if key != "casts_shadow"}
+        place = matrix @ matrix_of(table.get("transform"))
+        if table["type"] == "instance":
+            inner = only({**keys, "id": ""}, "an instance", group=None, materials={})
+            shapes = document["group"][inner["group"]]["shape"]
+            add_shapes(scene, document, shapes, folder, place, [inner["materials"], *replacements])
+            continue
+        if "file" in keys:
+            keys["file"] = str(folder / keys["file"])
         material = table.get("material", {"type": "matte"})
+        for replacement in replacements:
+            material = replacement.get(material, material) if isinstance(material, str) else material
         if isinstance(material, str):
             material = materials[material]
-        keys = {key: value for key, value in table.items() if key != "casts_shadow"}
-        name = table.get("id", f"shape{index}")
-        scene.shapes.append(Shape(table["type"], keys, matrix_of(table.get("transform")), material, name))
-    return scene
+        name = f"{table.get('id', 'shape')}-{len(scene.shapes)}"
+        scene.shapes.append(Shape(table["type"], keys, place, material, name))
 
 
 def grid(columns, rows):
@@ -289,6 +314,70 @@ def box():
     return Mesh(np.vstack([part.vertices for part in parts]), faces, uvs=np.vstack([part.uvs for part in parts]))
 
 
+def fans(polygons):
+    """The triangles of polygons, each a fan from its first corner."""
+    return [[one[0], one[k], one[k + 1]] for one in polygons for k in range(1, len(one) - 1)]
+
+
+def read_mesh(path):
+    """A mesh of a PLY or OBJ file; those with normals or coordinates of some faces are not supported."""
+    if path.suffix == ".ply":
+        return read_ply(path)
+    if path.suffix != ".obj":
+        skip(f"a mesh of a file {path.suffix}")
+    lists = {"v": [], "vt": [], "vn": []}
+    polygons = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        kind, *words = line.split() or ["#"]
+        if kind in lists:
+            lists[kind].append([float(word) for word in words])
+        elif kind == "f":
+            polygons.append([tuple(int(part or 0) for part in (word + "//").split("/")[:3]) for word in words])
+    corners = np.array(fans(polygons)).reshape(-1, 3)
+    if (corners < 0).any():
+        skip("a mesh with indices from the end")
+    unique, faces = np.unique(corners, axis=0, return_inverse=True)
+
+    def values(column, kind, size):
+        used = unique[:, column]
+        if not used.any():
+            return None
+        if not used.all():
+            skip("a mesh in which only some faces have normals or texture coordinates")
+        return np.array(lists[kind])[used - 1, :size]
+
+    normals, uvs = values(2, "vn", 3), values(1, "vt", 2)
+    return Mesh(values(0, "v", 3), faces.reshape(-1, 3), normals, np.zeros((len(unique), 2)) if uvs is None else uvs)
+
+
+def read_ply(path):
+    """A PLY file of vertices, all of whose properties are floats, and lists of indices."""
+    header, body = path.read_bytes().split(b"end_header\n", 1)
+    lines = [line.split() for line in header.decode().splitlines()]
+    counts = {line[1]: int(line[2]) for line in lines if line[0] == "element"}
+    names = [line[2] for line in lines if line[0] == "property" and line[1] in ("float", "float32")]
+    others = [line for line in lines if line[0] == "property" and line[1] not in ("float", "float32")]
+    if list(counts) != ["vertex", "face"] or [line[1:4] for line in others] != [["list", "uchar", "int"]]:
+        skip("a PLY file with other elements or properties")
+    count = counts["vertex"]
+    if ["format", "ascii", "1.0"] in lines:
+        rows = body.decode().splitlines()
+        data = np.array([row.split() for row in rows[:count]], float)
+        polygons = [[int(word) for word in row.split()[1:]] for row in rows[count : count + counts["face"]]]
+    else:
+        data = np.frombuffer(body, "<f4", count * len(names)).reshape(count, -1).astype(float)
+        polygons, at = [], 4 * data.size
+        for _ in range(counts["face"]):
+            polygons.append(np.frombuffer(body, "<i4", body[at], at + 1).tolist())
+            at += 1 + 4 * body[at]
+
+    def values(*wanted):
+        return data[:, [names.index(name) for name in wanted]] if set(wanted) <= set(names) else None
+
+    uvs = next((found for pair in ("uv", "st") if (found := values(*pair)) is not None), np.zeros((count, 2)))
+    return Mesh(values("x", "y", "z"), np.array(fans(polygons)), values("nx", "ny", "nz"), uvs)
+
+
 def tessellate(shape, segments):
     """The meshes of a shape in object space. Curved shapes have `segments` parts around."""
     kind, table = shape.kind, shape.keys
@@ -321,6 +410,12 @@ def tessellate(shape, segments):
     if kind == "box":
         only(table, kind)
         return [box()]
+    if kind == "mesh":
+        keys = only(table, kind, file=None, shading="smooth")
+        mesh = read_mesh(Path(keys["file"]))
+        if keys["shading"] == "flat":
+            mesh.normals = None
+        return [mesh]
     if kind == "torus":
         keys = only(table, kind, major_radius=1, minor_radius=0.25)
         circle = np.stack([np.cos(2 * np.pi * parts), np.sin(2 * np.pi * parts)], 1)

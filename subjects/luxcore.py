@@ -29,6 +29,8 @@ with contextlib.redirect_stdout(None):
     import pyluxcore
 
 SEGMENTS = 720
+# Of all meshes, because of the memory and time that they take.
+TRIANGLES = 10_000_000
 # One sample may be rounded into the next pixel.
 SAMPLES = 2
 CHANNELS = ("RGB", "ALBEDO", "SAMPLECOUNT")
@@ -36,15 +38,6 @@ CHANNELS = ("RGB", "ALBEDO", "SAMPLECOUNT")
 
 def numbers(values):
     return " ".join(repr(float(value)) for value in values)
-
-
-def in_world(mesh, matrix):
-    """A mesh in world space."""
-    vertices = mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3]
-    if mesh.normals is None:
-        return document.Mesh(vertices, mesh.faces, None, mesh.uvs)
-    normals = mesh.normals @ np.linalg.inv(matrix[:3, :3])
-    return document.Mesh(vertices, mesh.faces, normals / np.linalg.norm(normals, axis=1, keepdims=True), mesh.uvs)
 
 
 def cut(mesh, light):
@@ -218,7 +211,9 @@ def main(source, output):
         value = paint_of(shape.material)
         for part in document.tessellate(shape, SEGMENTS):
             part.uvs = value.coordinates(part, shape.matrix) if isinstance(value, document.Checker) else None
-            meshes.append((in_world(part, shape.matrix), shape.material))
+            meshes.append((part.placed(shape.matrix), shape.material))
+            if sum(len(mesh.faces) for mesh, _ in meshes) > TRIANGLES:
+                document.skip(f"more than {TRIANGLES} triangles")
     background = ["scene.lights.light.type = constantinfinite", f"scene.lights.light.color = {numbers(scene.background)}"]
     pyluxcore.Init()
     with tempfile.TemporaryDirectory() as folder:
