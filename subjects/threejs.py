@@ -6,8 +6,8 @@ folder that the variable WHITSTONE_THREE names:
     npm install --prefix target/tools/three three@0.187.0
 
 The page threejs.html draws into a buffer of floats, with SwiftShader in place of a GPU. SwiftShader
-moves vertices to a grid of 1/16 pixel, so the image is drawn nine times as large in both directions,
-and the middle sample of each pixel counts.
+moves vertices to a grid of 1/16 pixel, so the image is drawn larger, with 12 million pixels, and the
+middle one of the samples of each pixel counts.
 
 three.js has no exact shadows and no reflections: the table of the subject sets `shadows = "none"`
 and `max_depth = 0` on both sides, so that mirrors show the background, times their colour. It
@@ -18,6 +18,7 @@ ambient lights, and pinhole cameras.
 """
 
 import json
+import math
 import os
 import subprocess
 import sys
@@ -36,7 +37,8 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 SEGMENTS = 720
 # Of all meshes, because of the memory and time that they take.
 TRIANGLES = 10_000_000
-FACTOR = 9
+# Of the buffer, the same in both directions.
+SAMPLES = 12_000_000
 TIME_LIMIT = 200
 TYPES = {".html": "text/html", ".js": "text/javascript", ".json": "application/json"}
 
@@ -110,6 +112,9 @@ def described(scene):
             if mesh.uvs is not None:
                 attributes["uv"] = (*store(mesh.uvs, "<f4"), 2)
             meshes.append({**material, "attributes": attributes, "index": store(mesh.faces, "<u4")})
+    # Odd, so that a pixel has a sample in its middle; a texture has 8192 rows at most.
+    factor = min(math.isqrt(SAMPLES // (scene.width * scene.height)), 8191 // max(scene.width, scene.height))
+    factor = max(factor - 1 + factor % 2, 1)
     near = max(view.near, 0.02)
     sides = {side: getattr(view, side) * near / view.distance for side in ("left", "right", "top", "bottom")}
     turn = np.eye(4)
@@ -117,7 +122,7 @@ def described(scene):
     table = {
         "width": scene.width,
         "height": scene.height,
-        "factor": FACTOR,
+        "factor": factor,
         "background": scene.background.tolist(),
         "ambient": scene.ambient.tolist(),
         "lights": [light_of(light, view.origin) for light in scene.lights],
