@@ -159,8 +159,8 @@ def settings(scene, bounces):
     lines += ["film.filter.type = BOX", "film.filter.width = 1e-7", f"film.width = {scene.width}", f"film.height = {scene.height}"]
     # The last of two diffuse surfaces has no direct light.
     lines += [f"path.pathdepth.total = {bounces + 2}", f"path.pathdepth.specular = {bounces + 1}", "path.pathdepth.diffuse = 2"]
-    # Smaller than usual: by this distance, LuxCore moves points off their surface.
-    lines += ["scene.epsilon.min = 3e-6"]
+    # By this distance LuxCore moves points off their surface: a few roundings.
+    lines += [f"scene.epsilon.min = {numbers([7e-7 * (np.linalg.norm(scene.camera.origin) or 1)])}"]
     lines += ["path.russianroulette.depth = 100000", "path.clamping.variance.maxvalue = 0", "lightstrategy.type = UNIFORM"]
     lines += ["film.imagepipelines.0.0.type = NOP", "film.noiseestimation.warmup = 1000000"]
     for index, kind in enumerate(CHANNELS):
@@ -178,14 +178,15 @@ def channel(film, scene, kind, size, dtype):
 def rendered(scene, meshes, folder, lines, light, bounces):
     """The radiance and the albedo with one light, as arrays of rows from the top.
 
-    `meshes` are pairs of meshes and materials. Diffuse surfaces are black where `light` is None.
+    `meshes` are meshes, their materials, and whether they stand for curved shapes. Diffuse surfaces
+    are black where `light` is None.
     """
     world = pyluxcore.Scene()
     lines = camera(scene.camera) + lines
-    for index, (mesh, table) in enumerate(meshes):
+    for index, (mesh, table, curved) in enumerate(meshes):
         name = f"part{index}"
         path = Path(folder, f"{name}.ply")
-        write_ply(path, mesh if light is None else cut(mesh, light))
+        write_ply(path, mesh if light is None or not curved else cut(mesh, light))
         lines += material(name, table, light is not None)
         lines += [f"scene.shapes.{name}.type = mesh", f"scene.shapes.{name}.ply = {path}"]
         lines += [f"scene.objects.{name}.shape = {name}", f"scene.objects.{name}.material = {name}"]
@@ -211,8 +212,8 @@ def main(source, output):
         value = paint_of(shape.material)
         for part in document.tessellate(shape, SEGMENTS):
             part.uvs = value.coordinates(part, shape.matrix) if isinstance(value, document.Checker) else None
-            meshes.append((part.placed(shape.matrix), shape.material))
-            if sum(len(mesh.faces) for mesh, _ in meshes) > TRIANGLES:
+            meshes.append((part.placed(shape.matrix), shape.material, shape.kind != "mesh"))
+            if sum(len(mesh.faces) for mesh, *_ in meshes) > TRIANGLES:
                 document.skip(f"more than {TRIANGLES} triangles")
     background = ["scene.lights.light.type = constantinfinite", f"scene.lights.light.color = {numbers(scene.background)}"]
     pyluxcore.Init()
