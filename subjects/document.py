@@ -118,6 +118,8 @@ class Camera:
     top: float
     distance: float
     near: float
+    # The distance of the point that it looks at.
+    reach: float
 
     @property
     def matrix(self):
@@ -170,6 +172,8 @@ class Scene:
     lights: list = field(default_factory=list)
     background: np.ndarray = field(default_factory=lambda: np.zeros(3))
     ambient: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    # What a reflection beyond the depth limit shows.
+    beyond: np.ndarray = field(default_factory=lambda: np.zeros(3))
     shapes: list = field(default_factory=list)
 
     @property
@@ -183,7 +187,8 @@ def read_camera(table, width, height):
     keys = only(table, "the camera", look_at=None, fov=45, fov_axis="x", window=None, near=0, near_kind="planar")
     view = keys["look_at"]
     origin = np.array(view["origin"], float)
-    w = unit(origin - np.array(view["target"], float))
+    backwards = origin - np.array(view["target"], float)
+    w = unit(backwards)
     u = unit(np.cross(view.get("up", [0, 1, 0]), w))
     if window := keys["window"]:
         sides = [float(window[side]) for side in "lrbt"]
@@ -197,7 +202,7 @@ def read_camera(table, width, height):
         sides, distance = [-x, x, -y, y], 1.0
     if keys["near"] and keys["near_kind"] != "planar":
         skip("a near limit that is not planar")
-    return Camera(origin, u, np.cross(w, u), w, *sides, distance, float(keys["near"]))
+    return Camera(origin, u, np.cross(w, u), w, *sides, distance, float(keys["near"]), float(np.linalg.norm(backwards)))
 
 
 def read(path, shadows="opaque"):
@@ -222,6 +227,8 @@ def read(path, shadows="opaque"):
             scene.ambient = scene.ambient + color(light["radiance"], "ambient light")
         else:
             scene.lights.append(light)
+    if tracing.get("at_max_depth", "background") == "background":
+        scene.beyond = scene.background
     add_shapes(scene, document, document.get("shape", []), Path(path).parent, np.eye(4), [])
     return scene
 

@@ -8,7 +8,7 @@ LuxCore's images are one row lower than the model's, which the offset of the sub
 
 LuxCore cannot express lights without falloff, spots with a linear edge, and Phong's highlights.
 Glass picks one branch at random. This adapter supports the shapes of document.py, as meshes with
-720 segments around, the materials matte, mirror and emissive without textures, point and
+719 segments around, the materials matte, mirror and emissive without textures, point and
 directional lights, and pinhole cameras.
 """
 
@@ -28,7 +28,9 @@ import document
 with contextlib.redirect_stdout(None):
     import pyluxcore
 
-SEGMENTS = 720
+# A prime, so that edges do not lie in planes of symmetry: rays that run exactly along such a plane
+# may pass between two triangles.
+SEGMENTS = 719
 # Of all meshes, because of the memory and time that they take.
 TRIANGLES = 10_000_000
 # One sample may be rounded into the next pixel.
@@ -218,8 +220,8 @@ def main(source, output):
     background = ["scene.lights.light.type = constantinfinite", f"scene.lights.light.color = {numbers(scene.background)}"]
     pyluxcore.Init()
     with tempfile.TemporaryDirectory() as folder:
-        # Mirrors show the background at the limit, too.
-        total, _ = rendered(scene, meshes, folder, background, None, scene.max_depth + 1)
+        # One more reflection shows what is beyond the limit.
+        total, _ = rendered(scene, meshes, folder, background, None, scene.max_depth + int(scene.beyond.any()))
         if scene.ambient.any():
             total += scene.ambient * rendered(scene, meshes, folder, background, np.array([0, 0, 1, 0]), scene.max_depth)[1]
         for point, lines in lights:

@@ -12,7 +12,7 @@ middle one of the samples of each pixel counts.
 three.js has no exact shadows and no reflections: the table of the subject sets `shadows = "none"`
 and `max_depth = 0` on both sides, so that mirrors show the background, times their colour. It
 cannot express spots with a linear edge, and its highlights are multiplied by the cosine, unlike
-Phong's. This adapter supports the shapes of document.py, as meshes with 720 segments around, the
+Phong's. This adapter supports the shapes of document.py, as meshes with 719 segments around, the
 materials matte (also with checkers), mirror and emissive, point lights of both falloffs, directional and
 ambient lights, and pinhole cameras.
 """
@@ -34,11 +34,12 @@ import document
 HERE = Path(__file__).resolve().parent
 THREE = Path(os.environ.get("WHITSTONE_THREE", HERE.parent / "target/tools/three"), "node_modules/three")
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-SEGMENTS = 720
+# A prime, so that edges do not lie in planes of symmetry, as rays do.
+SEGMENTS = 719
 # Of all meshes, because of the memory and time that they take.
 TRIANGLES = 10_000_000
 # Of the buffer, the same in both directions.
-SAMPLES = 12_000_000
+SAMPLES = 40_000_000
 TIME_LIMIT = 200
 TYPES = {".html": "text/html", ".js": "text/javascript", ".json": "application/json"}
 
@@ -69,7 +70,7 @@ def material_of(table, scene):
         return {"color": document.color(document.only(table, kind, radiance=1)["radiance"], kind).tolist(), "emits": True}, None
     if kind == "mirror":
         color = document.color(document.only(table, kind, reflectance=1)["reflectance"], kind)
-        return {"color": (color * scene.background).tolist(), "emits": True}, None
+        return {"color": (color * scene.beyond).tolist(), "emits": True}, None
     return document.skip(f"a material of type {kind}")
 
 
@@ -115,7 +116,7 @@ def described(scene):
     # Odd, so that a pixel has a sample in its middle; a texture has 8192 rows at most.
     factor = min(math.isqrt(SAMPLES // (scene.width * scene.height)), 8191 // max(scene.width, scene.height))
     factor = max(factor - 1 + factor % 2, 1)
-    near = max(view.near, 0.02)
+    near = max(view.near, 0.005 * view.reach)
     sides = {side: getattr(view, side) * near / view.distance for side in ("left", "right", "top", "bottom")}
     turn = np.eye(4)
     turn[:3, :3] = view.matrix[:3, :3]
@@ -128,7 +129,7 @@ def described(scene):
         "lights": [light_of(light, view.origin) for light in scene.lights],
         "meshes": meshes,
         "camera": turn.ravel().tolist(),
-        "window": {**sides, "near": near, "far": 1e6},
+        "window": {**sides, "near": near, "far": 5e7 * near},
     }
     return json.dumps(table).encode(), b"".join(pieces)
 
