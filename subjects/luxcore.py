@@ -1,14 +1,16 @@
 """Renders a scene document with LuxCore: luxcore.py SCENE OUTPUT.pfm
 
 Needs `pyluxcore` 2.11 and NumPy. The image has direct light and mirrors, without light between
-diffuse surfaces. Every pixel has its sample in the middle: a box filter of 1e-7 pixels. LuxCore picks one light at random for each sample, so each light is rendered alone and the
-images are added. Ambient light is that of the channel ALBEDO.
+diffuse surfaces. Every pixel has its sample in the middle: a box filter of 1e-7 pixels. LuxCore
+picks one light at random for each sample, so each light is rendered alone and the images are added.
+Ambient light is that of the channel ALBEDO.
 
-LuxCore's images are one row lower than the model's, which the offset of the subject states.
+LuxCore's images are one row lower than the model's, which the offset of the subject states. Some of
+its rays pass between two triangles of a mesh: such a pixel is wrong.
 
-LuxCore cannot express lights without falloff, spots with a linear edge, and Phong's highlights.
-Glass picks one branch at random. This adapter supports the shapes of document.py, as meshes with
-719 segments around, the materials matte, mirror and emissive without textures, point and
+LuxCore cannot express lights without falloff, spots with a linear edge, and Phong's highlights;
+glass picks one branch at random. This adapter supports the shapes of document.py, as meshes with
+720 segments around, the materials matte (also with checkers), mirror and emissive, point and
 directional lights, and pinhole cameras.
 """
 
@@ -28,9 +30,7 @@ import document
 with contextlib.redirect_stdout(None):
     import pyluxcore
 
-# A prime, so that edges do not lie in planes of symmetry: rays that run exactly along such a plane
-# may pass between two triangles.
-SEGMENTS = 719
+SEGMENTS = 720
 # Of all meshes, because of the memory and time that they take.
 TRIANGLES = 10_000_000
 # One sample may be rounded into the next pixel.

@@ -6,8 +6,8 @@ folder that the variable WHITSTONE_THREE names:
     npm install --prefix target/tools/three three@0.187.0
 
 The page threejs.html draws into a buffer of floats, with SwiftShader in place of a GPU. SwiftShader
-moves vertices to a grid of 1/16 pixel, so the image is drawn larger, with 12 million pixels, and the
-middle one of the samples of each pixel counts.
+moves vertices to a grid of 1/16 pixel, so the image is drawn larger, with up to 40 million pixels, and
+the middle one of the samples of each pixel counts.
 
 three.js has no exact shadows and no reflections: the table of the subject sets `shadows = "none"`
 and `max_depth = 0` on both sides, so that mirrors show the background, times their colour. It
