@@ -6,15 +6,15 @@ folder that the variable WHITSTONE_THREE names:
     npm install --prefix target/tools/three three@0.187.0
 
 The page threejs.html draws into a buffer of floats, with SwiftShader in place of a GPU. SwiftShader
-moves vertices to a grid of 1/16 pixel, so the image is drawn larger, with up to 40 million pixels, and
-the middle one of the samples of each pixel counts.
+moves vertices to a grid of 1/16 pixel, so the image is drawn larger, with up to 40 million pixels,
+and the middle one of the samples of each pixel counts.
 
 three.js has no exact shadows and no reflections: the table of the subject sets `shadows = "none"`
 and `max_depth = 0` on both sides, so that mirrors show the background, times their colour. It
 cannot express spots with a linear edge, and its highlights are multiplied by the cosine, unlike
 Phong's. This adapter supports the shapes of document.py, as meshes with 719 segments around, the
-materials matte (also with checkers), mirror and emissive, point lights of both falloffs, directional and
-ambient lights, and pinhole cameras.
+materials matte (also with checkers), mirror and emissive, point lights of both falloffs,
+directional and ambient lights, and pinhole cameras.
 """
 
 import json
