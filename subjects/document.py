@@ -41,6 +41,42 @@ def color(value, what):
     return skip(f"{what}: a texture")
 
 
+@dataclass
+class Checker:
+    """The texture `checker`: `a` where the floors of the two coordinates have an even sum, else `b`."""
+
+    a: np.ndarray
+    b: np.ndarray
+    # Takes texture coordinates (u, v, 0), or points of the world where `solid`, to coordinates in cells.
+    matrix: np.ndarray
+    solid: bool
+
+    def coordinates(self, mesh, matrix):
+        """The coordinates in cells at the vertices of a mesh that stands at `matrix`."""
+        if self.solid:
+            points = mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3]
+        elif mesh.uvs is None:
+            skip("a texture on a shape without texture coordinates")
+        else:
+            points = np.pad(mesh.uvs, ((0, 0), (0, 1)))
+        return points @ self.matrix[:2, :3].T + self.matrix[:2, 3]
+
+
+def paint(value, what):
+    """A number or three numbers as a colour, or a Checker. Other textures are not supported."""
+    if not isinstance(value, dict) or value.get("type") != "checker":
+        return color(value, what)
+    keys = only(value, "checker", a=0.8, b=0.2, scale=1, offset=[0, 0], mapping={})
+    mapping = only(keys["mapping"], "a mapping", projection="uv", transform=None)
+    if mapping["projection"] not in ("uv", "solid", "planar"):
+        skip(f"the projection {mapping['projection']}")
+    cells = np.eye(4)
+    cells[0, 0], cells[1, 1] = np.broadcast_to(keys["scale"], 2)
+    cells[:2, 3] = keys["offset"]
+    a, b = (color(keys[key], "checker") for key in "ab")
+    return Checker(a, b, cells @ matrix_of(mapping["transform"]), mapping["projection"] != "uv")
+
+
 def unit(vector):
     return vector / np.linalg.norm(vector)
 
@@ -82,6 +118,8 @@ class Camera:
     top: float
     distance: float
     near: float
+    # The distance of the point that it looks at.
+    reach: float
 
     @property
     def matrix(self):
@@ -99,6 +137,17 @@ class Mesh:
     vertices: np.ndarray
     faces: np.ndarray
     normals: np.ndarray | None = None
+    uvs: np.ndarray | None = None
+
+    def placed(self, matrix):
+        """The mesh under a transform. A mirroring one keeps outside outside."""
+        linear = matrix[:3, :3]
+        vertices = self.vertices @ linear.T + matrix[:3, 3]
+        faces = self.faces if np.linalg.det(linear) > 0 else self.faces[:, ::-1]
+        if self.normals is None:
+            return Mesh(vertices, faces, None, self.uvs)
+        normals = self.normals @ np.linalg.inv(linear)
+        return Mesh(vertices, faces, normals / np.linalg.norm(normals, axis=1, keepdims=True), self.uvs)
 
 
 @dataclass
@@ -123,6 +172,8 @@ class Scene:
     lights: list = field(default_factory=list)
     background: np.ndarray = field(default_factory=lambda: np.zeros(3))
     ambient: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    # What a reflection beyond the depth limit shows.
+    beyond: np.ndarray = field(default_factory=lambda: np.zeros(3))
     shapes: list = field(default_factory=list)
 
     @property
@@ -136,7 +187,8 @@ def read_camera(table, width, height):
     keys = only(table, "the camera", look_at=None, fov=45, fov_axis="x", window=None, near=0, near_kind="planar")
     view = keys["look_at"]
     origin = np.array(view["origin"], float)
-    w = unit(origin - np.array(view["target"], float))
+    backwards = origin - np.array(view["target"], float)
+    w = unit(backwards)
     u = unit(np.cross(view.get("up", [0, 1, 0]), w))
     if window := keys["window"]:
         sides = [float(window[side]) for side in "lrbt"]
@@ -150,11 +202,11 @@ def read_camera(table, width, height):
         sides, distance = [-x, x, -y, y], 1.0
     if keys["near"] and keys["near_kind"] != "planar":
         skip("a near limit that is not planar")
-    return Camera(origin, u, np.cross(w, u), w, *sides, distance, float(keys["near"]))
+    return Camera(origin, u, np.cross(w, u), w, *sides, distance, float(keys["near"]), float(np.linalg.norm(backwards)))
 
 
-def read(path):
-    """Reads a document. Lights and materials stay tables; their defaults are not filled in."""
+def read(path, shadows="opaque"):
+    """Reads a document with these shadows. Lights and materials stay tables, without defaults."""
     document = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     film = document.get("film", {})
     width, height = film.get("width", 512), film.get("height", 512)
@@ -164,8 +216,8 @@ def read(path):
     tracing = document.get("integrator", {"type": "whitted"})
     if tracing["type"] not in ("whitted", "appel"):
         skip(f"the integrator {tracing['type']}")
-    if tracing.get("shadows", "opaque") != "opaque":
-        skip("filtered shadows")
+    if (found := tracing.get("shadows", "opaque")) != shadows:
+        skip(f"{found} shadows")
     depth = 0 if tracing["type"] == "appel" else tracing.get("max_depth", 6)
     scene = Scene(width, height, read_camera(document["camera"], width, height), depth)
     for light in document.get("light", []):
@@ -175,17 +227,34 @@ def read(path):
             scene.ambient = scene.ambient + color(light["radiance"], "ambient light")
         else:
             scene.lights.append(light)
+    if tracing.get("at_max_depth", "background") == "background":
+        scene.beyond = scene.background
+    add_shapes(scene, document, document.get("shape", []), Path(path).parent, np.eye(4), [])
+    return scene
+
+
+def add_shapes(scene, document, tables, folder, matrix, replacements):
+    """Adds the shapes of a list, which stands at `matrix`; groups are placed shape by shape."""
     materials = document.get("material", {})
-    for index, table in enumerate(document.get("shape", [])):
+    for table in tables:
         if table.get("casts_shadow", True) is not True:
             skip("a shape without a shadow")
+        keys = {key: value for key, value in table.items() if key != "casts_shadow"}
+        place = matrix @ matrix_of(table.get("transform"))
+        if table["type"] == "instance":
+            inner = only({**keys, "id": ""}, "an instance", group=None, materials={})
+            shapes = document["group"][inner["group"]]["shape"]
+            add_shapes(scene, document, shapes, folder, place, [inner["materials"], *replacements])
+            continue
+        if "file" in keys:
+            keys["file"] = str(folder / keys["file"])
         material = table.get("material", {"type": "matte"})
+        for replacement in replacements:
+            material = replacement.get(material, material) if isinstance(material, str) else material
         if isinstance(material, str):
             material = materials[material]
-        keys = {key: value for key, value in table.items() if key != "casts_shadow"}
-        name = table.get("id", f"shape{index}")
-        scene.shapes.append(Shape(table["type"], keys, matrix_of(table.get("transform")), material, name))
-    return scene
+        name = f"{table.get('id', 'shape')}-{len(scene.shapes)}"
+        scene.shapes.append(Shape(table["type"], keys, place, material, name))
 
 
 def grid(columns, rows):
@@ -196,10 +265,15 @@ def grid(columns, rows):
     return np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
 
 
-def revolved(profile, normals, segments):
-    """A surface about the z axis: `profile` has rows (radius, z), `normals` rows (radial, z)."""
+def revolved(profile, normals, heights, segments):
+    """A surface about the z axis: `profile` has rows (radius, z), `normals` rows (radial, z).
+
+    The texture coordinates are the angle over 2 pi and `heights`, which has one number for each row.
+    """
     angle = np.linspace(0, 2 * np.pi, segments + 1)
     ring = np.stack([np.cos(angle), np.sin(angle)], 1)
+    # Exactly closed.
+    ring[-1] = ring[0]
 
     def turn(rows):
         radial = rows[:, None, :1] * ring[None]
@@ -210,25 +284,115 @@ def revolved(profile, normals, segments):
     faces = grid(segments, len(profile) - 1)
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     faces = faces[np.linalg.norm(np.cross(b - a, c - a), axis=1) > 1e-14]
-    return Mesh(vertices, faces, turn(normals))
+    u, v = np.meshgrid(angle / (2 * np.pi), heights)
+    return Mesh(vertices, faces, turn(normals), np.stack([u.ravel(), v.ravel()], 1))
 
 
 def disk(radius, z, up, segments):
-    angle = np.linspace(0, 2 * np.pi, segments, endpoint=False)
-    rim = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(segments, z)], 1)
-    k = np.arange(segments)
-    faces = np.stack([np.full(segments, segments), k, (k + 1) % segments], 1)
-    return Mesh(np.vstack([rim, [0, 0, z]]), faces if up else faces[:, ::-1])
+    """A disk across the z axis, with the texture coordinates (r/radius, phi/2pi)."""
+    # In rings, because the angle is not linear in a triangle of the whole radius.
+    rings = np.linspace(0, 1, 65)[:: -1 if up else 1]
+    profile = np.stack([radius * rings, np.full(65, float(z))], 1)
+    result = revolved(profile, profile, rings, segments)
+    result.normals, result.uvs = None, result.uvs[:, ::-1]
+    return result
+
+
+def plane():
+    """A plane, as squares that are larger at larger distances: up to the horizon in a few pixels."""
+    steps = 4.0 ** np.arange(10)
+    x = np.concatenate([-steps[::-1], [0], steps])
+    vertices = np.stack([*np.meshgrid(x, x), np.zeros((len(x), len(x)))], 2).reshape(-1, 3)
+    return Mesh(vertices, grid(len(x) - 1, len(x) - 1), uvs=vertices[:, :2])
+
+
+def box():
+    """The faces of a box, each with its own vertices."""
+    parts = []
+    for axis in range(3):
+        for side in (-1, 1):
+            corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], float)
+            vertices = np.empty((4, 3))
+            vertices[:, axis] = side
+            vertices[:, [(axis + 1) % 3, (axis + 2) % 3]] = corners
+            faces = np.array([[0, 1, 2], [0, 2, 3]])
+            parts.append(Mesh(vertices, faces if side > 0 else faces[:, ::-1], uvs=(corners + 1) / 2))
+    faces = np.vstack([part.faces + 4 * index for index, part in enumerate(parts)])
+    return Mesh(np.vstack([part.vertices for part in parts]), faces, uvs=np.vstack([part.uvs for part in parts]))
+
+
+def fans(polygons):
+    """The triangles of polygons, each a fan from its first corner."""
+    return [[one[0], one[k], one[k + 1]] for one in polygons for k in range(1, len(one) - 1)]
+
+
+def read_mesh(path):
+    """A mesh of a PLY or OBJ file; those with normals or coordinates of some faces are not supported."""
+    if path.suffix == ".ply":
+        return read_ply(path)
+    if path.suffix != ".obj":
+        skip(f"a mesh of a file {path.suffix}")
+    lists = {"v": [], "vt": [], "vn": []}
+    polygons = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        kind, *words = line.split() or ["#"]
+        if kind in lists:
+            lists[kind].append([float(word) for word in words])
+        elif kind == "f":
+            polygons.append([tuple(int(part or 0) for part in (word + "//").split("/")[:3]) for word in words])
+    corners = np.array(fans(polygons)).reshape(-1, 3)
+    if (corners < 0).any():
+        skip("a mesh with indices from the end")
+    unique, faces = np.unique(corners, axis=0, return_inverse=True)
+
+    def values(column, kind, size):
+        used = unique[:, column]
+        if not used.any():
+            return None
+        if not used.all():
+            skip("a mesh in which only some faces have normals or texture coordinates")
+        return np.array(lists[kind])[used - 1, :size]
+
+    normals, uvs = values(2, "vn", 3), values(1, "vt", 2)
+    return Mesh(values(0, "v", 3), faces.reshape(-1, 3), normals, np.zeros((len(unique), 2)) if uvs is None else uvs)
+
+
+def read_ply(path):
+    """A PLY file of vertices, all of whose properties are floats, and lists of indices."""
+    header, body = path.read_bytes().split(b"end_header\n", 1)
+    lines = [line.split() for line in header.decode().splitlines()]
+    counts = {line[1]: int(line[2]) for line in lines if line[0] == "element"}
+    names = [line[2] for line in lines if line[0] == "property" and line[1] in ("float", "float32")]
+    others = [line for line in lines if line[0] == "property" and line[1] not in ("float", "float32")]
+    if list(counts) != ["vertex", "face"] or [line[1:4] for line in others] != [["list", "uchar", "int"]]:
+        skip("a PLY file with other elements or properties")
+    count = counts["vertex"]
+    if ["format", "ascii", "1.0"] in lines:
+        rows = body.decode().splitlines()
+        data = np.array([row.split() for row in rows[:count]], float)
+        polygons = [[int(word) for word in row.split()[1:]] for row in rows[count : count + counts["face"]]]
+    else:
+        data = np.frombuffer(body, "<f4", count * len(names)).reshape(count, -1).astype(float)
+        polygons, at = [], 4 * data.size
+        for _ in range(counts["face"]):
+            polygons.append(np.frombuffer(body, "<i4", body[at], at + 1).tolist())
+            at += 1 + 4 * body[at]
+
+    def values(*wanted):
+        return data[:, [names.index(name) for name in wanted]] if set(wanted) <= set(names) else None
+
+    uvs = next((found for pair in ("uv", "st") if (found := values(*pair)) is not None), np.zeros((count, 2)))
+    return Mesh(values("x", "y", "z"), np.array(fans(polygons)), values("nx", "ny", "nz"), uvs)
 
 
 def tessellate(shape, segments):
     """The meshes of a shape in object space. Curved shapes have `segments` parts around."""
     kind, table = shape.kind, shape.keys
-    theta = np.linspace(0, np.pi, segments // 2 + 1)
+    parts = np.linspace(0, 1, segments // 2 + 1)
     if kind in ("sphere", "ellipsoid"):
-        circle = np.stack([np.sin(theta), -np.cos(theta)], 1)
+        circle = np.stack([np.sin(np.pi * parts), -np.cos(np.pi * parts)], 1)
         circle[[0, -1], 0] = 0
-        mesh = revolved(circle, circle, segments)
+        mesh = revolved(circle, circle, parts, segments)
         keys = only(table, kind, center=[0, 0, 0], radius=1, radii=[1, 1, 1])
         radii = np.array(keys["radii"], float) * keys["radius"]
         mesh.normals = mesh.normals / radii
@@ -237,29 +401,65 @@ def tessellate(shape, segments):
         return [mesh]
     if kind == "rectangle":
         only(table, kind)
-        return [Mesh(np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float), np.array([[0, 1, 2], [0, 2, 3]]))]
+        corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
+        return [Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), uvs=(corners[:, :2] + 1) / 2)]
+    if kind == "plane":
+        only(table, kind)
+        return [plane()]
     if kind == "disk":
         only(table, kind)
         return [disk(1, 0, True, segments)]
     if kind == "triangle":
-        keys = only(table, kind, vertices=None, normals=None, uvs=None)
+        keys = only(table, kind, vertices=None, normals=None, uvs=[[0, 0], [1, 0], [0, 1]])
         if keys["normals"]:
             skip("a triangle with normals")
-        return [Mesh(np.array(keys["vertices"], float), np.array([[0, 1, 2]]))]
+        return [Mesh(np.array(keys["vertices"], float), np.array([[0, 1, 2]]), uvs=np.array(keys["uvs"], float))]
     if kind == "box":
         only(table, kind)
-        corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-        quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-        return [Mesh(corners, np.array([[a, b, c] for a, b, c, _ in quads] + [[a, c, d] for a, _, c, d in quads]))]
-    if kind in ("cylinder", "cone"):
+        return [box()]
+    if kind == "mesh":
+        keys = only(table, kind, file=None, shading="smooth")
+        mesh = read_mesh(Path(keys["file"]))
+        if keys["shading"] == "flat":
+            mesh.normals = None
+        return [mesh]
+    if kind == "torus":
+        keys = only(table, kind, major_radius=1, minor_radius=0.25)
+        circle = np.stack([np.cos(2 * np.pi * parts), np.sin(2 * np.pi * parts)], 1)
+        circle[-1] = circle[0]
+        return [revolved(circle * keys["minor_radius"] + [keys["major_radius"], 0], circle, parts, segments)]
+    if kind in ("cylinder", "cone", "paraboloid", "hyperboloid"):
+        return revolved_solid(kind, table, parts, segments)
+    return skip(f"a shape of type {kind}")
+
+
+def revolved_solid(kind, table, parts, segments):
+    """The side of a cylinder, cone, paraboloid or hyperboloid, and its caps."""
+    if kind == "paraboloid":
+        keys = only(table, kind, radius=1, z=[0, 1], caps=True)
+        low, high = keys["z"]
+        # Even steps of the radius.
+        z = (math.sqrt(low) + (math.sqrt(high) - math.sqrt(low)) * parts) ** 2
+        radius = keys["radius"] * np.sqrt(z)
+        normals = np.stack([2 * radius, np.full(len(z), -float(keys["radius"]) ** 2)], 1)
+    elif kind == "hyperboloid":
+        keys = only(table, kind, radius=0.5, slope=1, z=[-1, 1], caps=True)
+        low, high = keys["z"]
+        z = low + (high - low) * parts
+        radius = np.hypot(keys["radius"], keys["slope"] * z)
+        normals = np.stack([radius, -keys["slope"] ** 2 * z], 1)
+    else:
         keys = only(table, kind, radius=1, radii=[1, 0], z=[-1, 1] if kind == "cylinder" else [0, 1], caps=True)
         low, high = keys["z"]
-        r0, r1 = [keys["radius"]] * 2 if kind == "cylinder" else keys["radii"]
-        slope = unit(np.array([high - low, r0 - r1], float))
-        side = revolved(np.array([[r0, low], [r1, high]], float), np.array([slope, slope]), segments)
-        caps = [(r0, low, False), (r1, high, True)] if keys["caps"] else []
-        return [side] + [disk(r, z, up, segments) for r, z, up in caps if r > 0]
-    return skip(f"a shape of type {kind}")
+        start, end = [keys["radius"]] * 2 if kind == "cylinder" else keys["radii"]
+        # In rows, because the angle is not linear in a triangle of the whole height.
+        parts = parts if start != end else parts[[0, -1]]
+        z, radius = low + (high - low) * parts, start + (end - start) * parts
+        normals = np.array([[high - low, start - end]] * len(parts), float)
+    normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    side = revolved(np.stack([radius, z], 1), normals, (z - z[0]) / (z[-1] - z[0]), segments)
+    caps = [(radius[0], z[0], False), (radius[-1], z[-1], True)] if keys["caps"] else []
+    return [side] + [disk(r, height, up, segments) for r, height, up in caps if r > 0]
 
 
 def write_pfm(path, pixels):

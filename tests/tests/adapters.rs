@@ -51,6 +51,15 @@ fn cycles() {
 }
 
 #[test]
+fn luxcore() {
+    // NumPy comes first, as in the adapter.
+    check(
+        "luxcore",
+        &[NUMPY, ("python3", &["-c", "import numpy, pyluxcore"])],
+    );
+}
+
+#[test]
 fn mitsuba() {
     check("mitsuba", &[NUMPY, ("python3", &["-c", "import mitsuba"])]);
 }
@@ -64,4 +73,17 @@ fn povray() {
 fn tachyon() {
     // It has no argument that only prints the version.
     check("tachyon", &[NUMPY, ("sh", &["-c", "command -v tachyon"])]);
+}
+
+#[test]
+fn threejs() {
+    // The package is where the adapter looks for it.
+    let three = format!(
+        "test -e \"${{WHITSTONE_THREE:-{}/target/tools/three}}/node_modules/three/package.json\"",
+        root().display()
+    );
+    check(
+        "threejs",
+        &[NUMPY, ("chromium", &["--version"]), ("sh", &["-c", &three])],
+    );
 }
