@@ -287,6 +287,18 @@ impl Subject {
 }
 
 impl Subject {
+    /// An error if a command wrote nothing: then nothing would be tested.
+    fn check_outputs(&self, case: &Case, files: &BTreeMap<String, Vec<u8>>) -> Result<(), Failure> {
+        match files.len() {
+            0..=2 => Err(Failure::environment(format!(
+                "{} {} writes no file",
+                self.program.display(),
+                case.name
+            ))),
+            _ => Ok(()),
+        }
+    }
+
     /// A new folder with the input files of [`Self::folder`], which are among these.
     fn folder_with(&self, files: &BTreeMap<String, Vec<u8>>) -> Result<tempfile::TempDir, Failure> {
         let folder = tempfile::tempdir().map_err(Failure::environment)?;

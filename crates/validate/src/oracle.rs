@@ -203,7 +203,7 @@ impl Validator<'_> {
         thread::scope(|scope| {
             for _ in 1..threads.min(pixels.len()) {
                 // Without them, this thread does all.
-                let _ = thread::Builder::new().spawn_scoped(scope, &work);
+                let _ = thread::Builder::new().spawn_scoped(scope, work);
             }
             work();
         });

@@ -7,8 +7,8 @@ use std::process::Command;
 use std::time::Duration;
 use whitstone::Failure;
 
-/// The calls that may fail, with their errors. Without `brk`, which reports failure by another value
-/// than strace can inject.
+/// The calls that may fail, with their errors. Without `brk`, which reports failure by another
+/// value than strace can inject.
 const CALLS: &[(&str, &[&str])] = &[
     ("openat", &["ENOSPC", "EIO", "EMFILE", "EACCES"]),
     ("write", &["ENOSPC", "EIO"]),
@@ -53,6 +53,7 @@ pub(super) fn run(subject: &Subject) -> Result<Tally, Failure> {
         let folder = subject.folder()?;
         let counts = count(subject, case, folder.path())?;
         let undisturbed = files(folder.path());
+        subject.check_outputs(case, &undisturbed)?;
         for (call, errors) in CALLS {
             let before = BEFORE_MAIN
                 .iter()
@@ -170,5 +171,39 @@ fn judge(
             Err(format!("exit code 0 without {name}"))
         }
         _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn harm_is_found() {
+        let files = |found: &[(&str, &[u8])]| -> BTreeMap<String, Vec<u8>> {
+            let owned = found
+                .iter()
+                .map(|(name, bytes)| ((*name).to_owned(), bytes.to_vec()));
+            owned.collect()
+        };
+        let whole: &[(&str, &[u8])] = &[("x.exr", b"image"), ("r.json", b"{}")];
+        let undisturbed = files(whole);
+        let seen = |code, stderr: &str, found: &[(&str, &[u8])]| {
+            judge(&CASES[0], code, stderr, &files(found), &undisturbed, false)
+        };
+        assert_eq!(seen(Some(0), "", whole), Ok(()));
+        assert_eq!(seen(Some(3), "error: x.exr: cannot write", &whole[..1]), Ok(()));
+        assert_eq!(seen(Some(3), "", &[]), Ok(()));
+        for (code, stderr, found) in [
+            (Some(101), "", whole),
+            (None, "", whole),
+            (Some(3), "thread 'main' panicked at", whole),
+            (Some(0), "", &whole[..1]),
+            (Some(3), "", &[("x.exr", &b"ima"[..])]),
+            (Some(3), "", &[("r.json", &b"{"[..])]),
+            (Some(3), "", &[(".whitstone-a.tmp", &b""[..])]),
+        ] {
+            assert!(seen(code, stderr, found).is_err(), "{code:?} {stderr} {found:?}");
+        }
     }
 }

@@ -23,6 +23,7 @@ pub(super) fn run(subject: &Subject) -> Result<Tally, Failure> {
         ended.map_err(Failure::environment)?;
         let time = start.elapsed();
         let undisturbed = files(folder.path());
+        subject.check_outputs(case, &undisturbed)?;
         for attempt in 0..attempts {
             let folder = subject.folder_with(&undisturbed)?;
             // Half of them over files of an earlier run.
@@ -71,7 +72,8 @@ pub(super) fn run(subject: &Subject) -> Result<Tally, Failure> {
     Ok(tally)
 }
 
-/// Whether all files are complete. After a kill, temporaries and files of earlier runs may be there.
+/// Whether all files are complete. After a kill, temporaries and files of earlier runs may be
+/// there.
 fn whole(
     found: &BTreeMap<String, Vec<u8>>,
     undisturbed: &BTreeMap<String, Vec<u8>>,
@@ -92,4 +94,29 @@ fn whole(
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn harm_is_found() {
+        let files = |name: &str, bytes: &[u8]| BTreeMap::from([(name.to_owned(), bytes.to_vec())]);
+        let undisturbed = files("x.exr", b"image");
+        for (found, killed, passes) in [
+            (files("x.exr", b"image"), false, true),
+            (files("x.exr", b"ima"), true, false),
+            (files("x.exr", OLD), true, true),
+            (files("x.exr", OLD), false, false),
+            (files(".whitstone-a.tmp", b""), true, true),
+            (files(".whitstone-a.tmp", b""), false, false),
+        ] {
+            assert_eq!(
+                whole(&found, &undisturbed, killed).is_ok(),
+                passes,
+                "{found:?} {killed}"
+            );
+        }
+    }
 }
