@@ -18,6 +18,24 @@ macro_rules! program {
     };
 }
 
+/// Says why a test, or a part of it, is skipped. The harness captures what `println!` prints.
+pub fn skipped(why: &str) {
+    use std::io::Write as _;
+    // Without standard error nobody listens.
+    let _ = writeln!(std::io::stderr(), "skipped: {why}");
+}
+
+/// A folder of the public test data; told as skipped where there is none.
+pub fn test_data(folder: &str) -> Option<PathBuf> {
+    let data = std::env::var_os("WHITSTONE_TEST_DATA").filter(|data| !data.is_empty());
+    let folder = data.map(|data| Path::new(&data).join(folder));
+    let found = folder.filter(|folder| folder.is_dir());
+    if found.is_none() {
+        skipped("public files: WHITSTONE_TEST_DATA names no folder with them");
+    }
+    found
+}
+
 /// Root of the repository.
 pub fn root() -> PathBuf {
     let package = Path::new(env!("CARGO_MANIFEST_DIR"));

@@ -2,7 +2,7 @@
 //! `conventions` by the conventions that its table states. The others are skipped, and reported.
 
 use std::process::{Command, Stdio};
-use whitstone_tests::{program, root};
+use whitstone_tests::{program, root, skipped};
 
 /// Whether a program ends with success.
 fn works(name: &str, arguments: &[&str]) -> bool {
@@ -18,10 +18,8 @@ fn works(name: &str, arguments: &[&str]) -> bool {
 /// The findings about a subject, unless one of the programs that it needs is missing.
 fn check(subject: &str, needs: &[(&str, &[&str])]) {
     if let Some((name, arguments)) = needs.iter().find(|(name, arguments)| !works(name, arguments)) {
-        println!(
-            "skipped: {subject}: `{name} {}` does not work here",
-            arguments.join(" ")
-        );
+        let tried = arguments.join(" ");
+        skipped(&format!("{subject}: `{name} {tried}` does not work here"));
         return;
     }
     let folder = tempfile::tempdir().unwrap();

@@ -64,7 +64,7 @@ fn every_command_of_the_tutorial_works() {
         "the page has fewer commands than expected: {run:?}"
     );
     if !skipped.is_empty() {
-        println!("skipped without Mitsuba's environment: {skipped:?}");
+        whitstone_tests::skipped(&format!("without Mitsuba's environment: {skipped:?}"));
     }
 }
 
@@ -121,7 +121,7 @@ fn every_command_of_the_readme_works() {
     }
     assert!(run >= 4, "the page has fewer commands than expected: {run}");
     if !skipped.is_empty() {
-        println!("skipped without Mitsuba's environment: {skipped:?}");
+        whitstone_tests::skipped(&format!("without Mitsuba's environment: {skipped:?}"));
     }
 }
 

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use whitstone::core::{Registry, SceneErrors};
 use whitstone::render::{BuildOptions, Pipeline};
 use whitstone::scene::{Description, Sources};
-use whitstone_tests::{build, program, root};
+use whitstone_tests::{build, program, root, test_data};
 
 /// A scene with a bit of everything, small enough to be built some ten thousand times.
 const SCENE: &str = r#"# größe: ein bißchen von allem
@@ -283,11 +283,9 @@ fn refused_as_number(path: &Path) -> bool {
 /// The public test suite of TOML, where the environment says that it is there.
 #[test]
 fn the_public_toml_files_are_answered() {
-    let Some(data) = std::env::var_os("WHITSTONE_TEST_DATA") else {
-        println!("skipped: WHITSTONE_TEST_DATA is not set");
+    let Some(folder) = test_data("toml") else {
         return;
     };
-    let folder = PathBuf::from(data).join("toml");
     let (mut open, mut files) = (vec![folder.clone()], Vec::new());
     while let Some(folder) = open.pop() {
         for entry in fs::read_dir(&folder).unwrap_or_else(|error| panic!("{}: {error}", folder.display())) {

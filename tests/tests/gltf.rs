@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use whitstone::core::{ImportOptions, Registry};
 use whitstone::scene::Sources;
-use whitstone_tests::{build, load, program};
+use whitstone_tests::{build, load, program, test_data};
 
 /// A pyramid and a strip with colours, a texture, a skin, morph targets, sparse and normalised
 /// accessors, a camera, a light, an instanced mesh: everything that has an index in one small file.
@@ -296,7 +296,8 @@ fn transmission_is_mixed_by_factor_texture_and_metalness() {
         let path = write(folder.path(), "glass.gltf", &document);
         let scene = imported(&path, &ImportOptions::all(), &registry);
         load(&path, &[], &registry).unwrap();
-        toml::to_string(&scene["material"]).unwrap()
+        let textures = scene.get("texture").map(|all| toml::to_string(all).unwrap());
+        toml::to_string(&scene["material"]).unwrap() + &textures.unwrap_or_default()
     };
     let (none, half, image) = (
         json!({ "metallicFactor": 0.0 }),
@@ -498,16 +499,6 @@ fn files_with_one_changed_number_never_panic() {
     assert!(tried >= 10_000 && accepted > tried / 20 && accepted < tried * 19 / 20);
 }
 
-/// The folder of public glTF files.
-fn public() -> Option<PathBuf> {
-    let folder = std::env::var_os("WHITSTONE_TEST_DATA").map(|data| Path::new(&data).join("gltf"));
-    let folder = folder.filter(|folder| folder.is_dir());
-    if folder.is_none() {
-        println!("skipped: WHITSTONE_TEST_DATA names no folder with glTF files");
-    }
-    folder
-}
-
 fn files_below(folder: &Path, found: &mut Vec<PathBuf>) {
     let mut entries: Vec<PathBuf> = fs::read_dir(folder)
         .into_iter()
@@ -530,7 +521,7 @@ fn files_below(folder: &Path, found: &mut Vec<PathBuf>) {
 
 #[test]
 fn public_models_are_scenes() {
-    let Some(folder) = public() else { return };
+    let Some(folder) = test_data("gltf") else { return };
     let registry = whitstone::registry();
     let mut files = Vec::new();
     files_below(&folder.join("sample-assets"), &mut files);
@@ -546,7 +537,7 @@ fn public_models_are_scenes() {
 /// fault touches nothing in use.
 #[test]
 fn faulty_public_files_do_no_harm() {
-    let Some(folder) = public() else { return };
+    let Some(folder) = test_data("gltf") else { return };
     let registry = whitstone::registry();
     let mut files = Vec::new();
     files_below(&folder.join("validator-negative"), &mut files);

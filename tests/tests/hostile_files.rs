@@ -6,7 +6,7 @@ use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
-use whitstone_tests::{program, root};
+use whitstone_tests::{program, root, skipped};
 
 /// Runs the program, which must refuse the file quickly.
 fn refused(folder: &Path, arguments: &[&str], name: &str) {
@@ -113,7 +113,7 @@ fn a_large_sparse_file_is_refused_by_its_size() {
     for name in ["large.png", "large.obj"] {
         let file = fs::File::create(folder.path().join(name)).unwrap();
         if file.set_len(20 << 30).is_err() {
-            println!("skipped: the file system has no sparse files");
+            skipped("the file system has no sparse files");
             return;
         }
     }
@@ -185,14 +185,13 @@ fn without_threads_one_thread_renders() {
     let is_root = fs::metadata("/proc/self").is_ok_and(|own| own.uid() == 0);
     let has = |tool: &str| Command::new(tool).arg("--version").output().is_ok();
     if !is_root || !has("setpriv") || !has("prlimit") {
-        eprintln!("skipped: this test starts the program as another user, with setpriv and prlimit");
+        skipped("this test starts the program as another user, with setpriv and prlimit");
         return;
     }
     // In a folder that the other user may read and write.
-    let folder = tempfile::Builder::new()
-        .permissions(fs::Permissions::from_mode(0o777))
-        .tempdir_in("/tmp")
-        .unwrap();
+    let folder = tempfile::tempdir_in("/tmp").unwrap();
+    // Not as an option of the folder's creation, which the umask would restrict.
+    fs::set_permissions(folder.path(), fs::Permissions::from_mode(0o777)).unwrap();
     let program = folder.path().join("whitstone");
     fs::copy(program!().get_program(), &program).unwrap();
     let ball = "film = { width = 40, height = 30 }\n\

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Output;
 use whitstone::image::{Limits, exr_io};
-use whitstone_tests::{entries, program, root};
+use whitstone_tests::{entries, program, root, skipped};
 
 fn run(arguments: &[&str]) -> Output {
     program!().current_dir(root()).args(arguments).output().unwrap()
@@ -43,7 +43,7 @@ fn output_that_cannot_be_written_leaves_nothing() {
         if permissions_count(&place("locked")) {
             cases.push((place("locked/image.exr"), 3));
         } else {
-            println!("skipped: a folder without permission (this user may write anywhere)");
+            skipped("a folder without permission (this user may write anywhere)");
             fs::remove_file(place("locked/probe")).unwrap();
         }
     }

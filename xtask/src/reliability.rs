@@ -90,7 +90,7 @@ const PROMISES: [Promise; 4] = [
     },
     Promise {
         name: "A damaged file is answered.",
-        how: "Scenes, meshes and images of every format that is read, with bytes changed, removed or repeated. The command ends within 10 s with exit code 0 or 2, or 3 for a program that is missing, without a panic.",
+        how: "Scenes, meshes and images of every format that is read, with bytes changed, removed or repeated. The command ends within 10 s with a documented exit code, without a panic.",
         run: damage::run,
     },
     Promise {

@@ -253,7 +253,7 @@ fn build<T: Corners, const N: usize>(
     (wide, leaves)
 }
 
-/// The numbers of leaves, which belong into different fields.
+/// The coordinates of the leaves: `f32` and `f64` have a field of [`Leaves`] each.
 trait Corners: Number {
     fn store(numbers: Vec<Self>, leaves: &mut Leaves);
 }

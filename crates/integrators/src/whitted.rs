@@ -221,7 +221,7 @@ mod tests {
             let mut single = Scratch::within(limits);
             integrator.radiance(&scene, &ray, &mut single);
             assert_eq!(told(&single), exceeded, "{limits:?}");
-            // The second ray misses, so that only the first one has a tree.
+            // The first ray misses, so that only the second one, in lane 1, has a tree.
             let mut stream = RayStream::default();
             let up = Ray::new(DVec3::new(0.0, 30.0, 0.0), DVec3::Y);
             for (lane, ray) in [up, ray].into_iter().enumerate() {

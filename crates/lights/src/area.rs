@@ -250,7 +250,7 @@ fn area(surface: Surface, transform: &Transform) -> Option<f64> {
         .cross(transform.vector_to_world(DVec3::Y))
         .length();
     match surface {
-        // A mesh has no grid, and its area is that of its triangles.
+        // Not called for a mesh: `centroids` computes the areas of its triangles.
         Surface::Rectangle | Surface::Mesh => Some(4.0 * across),
         Surface::Disk => Some(PI * across),
         Surface::Sphere => transform

@@ -41,9 +41,9 @@ pub struct Config {
     #[schemars(with = "Color")]
     exterior_absorption: Spanned<Color>,
     /// Priority for nested dielectrics (Schmidt and Budge 2002). Where bodies overlap, the one with
-    /// the highest priority fills the space (ties: the first in the scene); interfaces that do not
-    /// change the dominant body are ignored. The exterior medium then follows from the surrounding
-    /// bodies.
+    /// the highest priority fills the space (ties: the first in the scene). A ray passes interfaces
+    /// that do not change the dominant body undeviated; each counts as a branch. The exterior
+    /// medium follows from the surrounding bodies.
     #[serde(default)]
     #[schemars(extend("x-default" = "none: the body does not take part"), with = "IntegerIn<0, 65535>")]
     priority: Option<IntegerIn<0, 65535>>,

@@ -1,4 +1,4 @@
-//! A landscape: a grid of up to 2^26 quads whose heights are noise, without a file, or a texture.
+//! A landscape: a grid of up to 2^26 quads. Its heights are noise, or those of a texture.
 //!
 //! Value noise in octaves on an integer hash (`lowbias32`: C. Wellons, *Prospecting for hash
 //! functions*, 2018), so the result is the same on every machine. Coordinates are rounded to single
@@ -61,7 +61,8 @@ pub struct Config {
     #[serde(default)]
     #[schemars(extend("default" = 1), with = "Finite")]
     scale: Option<Spanned<Finite>>,
-    /// With `height`: the height at z = 0.
+    /// With `height`: the value of the texture that becomes z = 0. A vertex is at z = `scale`
+    /// (value - `offset`).
     #[serde(default)]
     #[schemars(extend("default" = 0), with = "Finite")]
     offset: Option<Spanned<Finite>>,
@@ -104,8 +105,11 @@ impl Plugin<Shapes> for Heightfield {
                 object
             }
         };
-        let beyond =
-            || SceneError::anywhere("the transform moves a vertex out of the range of double precision");
+        let beyond = || {
+            SceneError::anywhere(
+                "a vertex is out of the range of double precision: the transform or the amplitude is too large",
+            )
+        };
         Ok(LoweredShape::Triangles(
             lower(object, &transform).ok_or_else(beyond)?.mesh,
         ))

@@ -1,16 +1,22 @@
 //! Tests with third-party meshes, read from `meshes/` in the folder that `WHITSTONE_TEST_DATA`
 //! names. Tests whose files are absent print "skipped".
 
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use whitstone_core::{LoweredShape, Shapes, Transform, TriangleMesh};
 use whitstone_shapes::mesh::Mesh;
 use whitstone_testkit::{TestContext, build_in};
 
 fn folder() -> Option<PathBuf> {
-    let folder = std::env::var_os("WHITSTONE_TEST_DATA").map(|data| Path::new(&data).join("meshes"));
+    let folder = std::env::var_os("WHITSTONE_TEST_DATA")
+        .filter(|data| !data.is_empty())
+        .map(|data| Path::new(&data).join("meshes"));
     let folder = folder.filter(|folder| folder.is_dir());
     if folder.is_none() {
-        println!("skipped: WHITSTONE_TEST_DATA names no folder with meshes");
+        let _ = writeln!(
+            std::io::stderr(),
+            "skipped: WHITSTONE_TEST_DATA names no folder with meshes"
+        );
     }
     folder
 }
@@ -36,7 +42,7 @@ fn well_known_meshes_have_as_many_triangles_as_they_are_said_to() {
         ("pirate.obj", 5_010, true, true),
     ] {
         if !folder.join(name).is_file() {
-            println!("skipped: {name} is not there");
+            let _ = writeln!(std::io::stderr(), "skipped: {name} is not there");
             continue;
         }
         let (mesh, warnings) = load(&folder, name).unwrap();
@@ -56,7 +62,7 @@ fn odd_files_load_or_are_told_to_be_wrong() {
     let Some(folder) = folder() else { return };
     for kind in ["obj_edge_cases_tobj", "primitives"] {
         let Ok(entries) = std::fs::read_dir(folder.join(kind)) else {
-            println!("skipped: {kind} is not there");
+            let _ = writeln!(std::io::stderr(), "skipped: {kind} is not there");
             continue;
         };
         let mut paths: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();

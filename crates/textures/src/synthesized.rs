@@ -68,12 +68,12 @@ pub struct Config {
     #[schemars(extend("x-default" = "none"), with = "Optimize")]
     optimize: Option<Spanned<Optimize>>,
     /// "nearest" uses the nearest texel, "bilinear" interpolates between texel centres. Two filters
-    /// average where a sample covers several texels: "trilinear" looks up a mip map; "ewa" averages
-    /// over the ellipse that a sample covers. Both are bilinear where samples are closer than
-    /// texels, and need 4 more bytes per texel.
+    /// average where the footprint of a ray covers several texels: "trilinear" looks up a mip map;
+    /// "ewa" averages over the ellipse of the footprint. Both are bilinear where it is smaller than
+    /// a texel, and need 4 more bytes per texel.
     #[serde(default)]
     filter: Filter,
-    /// For "ewa": maximum ratio of the axes of a sample's ellipse. Longer ellipses are widened,
+    /// For "ewa": maximum ratio of the axes of a footprint's ellipse. Longer ellipses are widened,
     /// which bounds the number of texels read.
     #[serde(default)]
     #[schemars(extend("default" = DEFAULT_MAX_ANISOTROPY), with = "IntegerIn<1, 64>")]
