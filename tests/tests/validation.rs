@@ -205,19 +205,24 @@ fn near_limits_are_exported_to_povray_or_their_loss_is_told() {
         ("scenes/showcase/near_planar.toml", true),
         ("scenes/showcase/near_orthographic.toml", false),
     ] {
-        let output = program!()
-            .current_dir(root())
-            .args(["convert", scene])
-            .arg(folder.path().join("scene.pov"))
-            .output()
-            .unwrap();
-        let text = String::from_utf8_lossy(&[&output.stdout[..], &output.stderr[..]].concat()).into_owned();
-        assert_eq!(output.status.code(), Some(0), "{scene}: {text}");
-        assert_eq!(
-            text.contains("[camera] near of perspective"),
-            dropped,
-            "{scene}: {text}"
-        );
+        // The scenes also have layers, which are always dropped.
+        for (strict, expected) in [(&[][..], 0), (&["--strict"][..], 2)] {
+            let output = program!()
+                .current_dir(root())
+                .args(["convert", scene])
+                .arg(folder.path().join("scene.pov"))
+                .args(strict)
+                .output()
+                .unwrap();
+            let text =
+                String::from_utf8_lossy(&[&output.stdout[..], &output.stderr[..]].concat()).into_owned();
+            assert_eq!(output.status.code(), Some(expected), "{scene}: {text}");
+            assert_eq!(
+                text.contains("[camera] near of perspective"),
+                dropped,
+                "{scene}: {text}"
+            );
+        }
     }
 }
 

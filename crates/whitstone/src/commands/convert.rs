@@ -93,17 +93,20 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         .iter()
         .flat_map(|(_, notes)| notes.clone())
         .collect();
-    let refuse = |notes: &[Note]| match notes
-        .iter()
-        .find(|note| note.feature.treatment == Treatment::Dropped)
-    {
-        Some(note) if arguments.strict => Err(Failure::usage(format!(
-            "{}: dropped, and --strict forbids it: {} ({})",
+    let refuse = |notes: &[Note]| {
+        let dropped = notes
+            .iter()
+            .filter(|note| note.feature.treatment == Treatment::Dropped)
+            .map(|note| format!("{} ({})", note.feature.name, places(note)));
+        let dropped: Vec<String> = dropped.collect();
+        if dropped.is_empty() || !arguments.strict {
+            return Ok(());
+        }
+        Err(Failure::usage(format!(
+            "{}: dropped, and --strict forbids it: {}",
             arguments.input.display(),
-            note.feature.name,
-            places(note)
-        ))),
-        _ => Ok(()),
+            dropped.join("; ")
+        )))
     };
     refuse(&notes)?;
     let json = (arguments.json.as_ref()).filter(|path| *path != Path::new(STDOUT));
