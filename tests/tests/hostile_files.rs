@@ -162,6 +162,9 @@ fn ray_trees_without_end_are_an_error() {
         );
         assert!(time < Duration::from_secs(5), "{time:?}");
         assert!(!image.exists());
+        let adaptive = ["--max-tree-rays", "1000", "--set", "sampler.type=adaptive"];
+        let (code, text, _) = render(&adaptive);
+        assert_eq!(code, Some(2), "{text}");
         // With the default limit it ends as well.
         let (code, text, _) = render(&[]);
         assert!(

@@ -197,9 +197,10 @@ fn every_scene_has_a_twin_in_povray_or_a_reason() {
     assert!(twins > 50, "{twins}");
 }
 
-/// A near limit is exported where POV-Ray has one; of other cameras its loss is told.
+/// The near limit of an orthographic camera is exported to POV-Ray. That of a perspective camera is
+/// dropped with a note.
 #[test]
-fn near_limits_are_exported_to_povray_or_their_loss_is_told() {
+fn near_limits_are_exported_to_povray_or_dropped_with_a_note() {
     let folder = tempfile::tempdir().unwrap();
     for (scene, dropped) in [
         ("scenes/showcase/near_planar.toml", true),

@@ -21,9 +21,9 @@ pub(crate) use page::{PAGE, RESULT, page};
 
 /// Inject faults into the program, kill it, feed it damaged files, and count the harm
 ///
-/// Each promise of docs/reliability.md is tried many times on the program `whitstone` beside this
-/// one. Faults of system calls need strace (Debian: apt-get install strace); without it they are
-/// skipped, and the report says so.
+/// Each promise of docs/reliability.md is tried many times on the program `whitstone` in the folder
+/// of this one. Faults of system calls need strace (Debian: apt-get install strace); without it
+/// they are skipped, and the report says so.
 ///
 /// Exit code 0 if no attempt broke a promise, 1 if one did.
 #[derive(Args, Debug)]
@@ -102,10 +102,11 @@ const PROMISES: [Promise; 4] = [
 
 /// Runs the command.
 pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Failure> {
-    let beside = || Ok::<_, std::io::Error>(std::env::current_exe()?.with_file_name("whitstone"));
     let program = match &arguments.program {
         Some(program) => program.clone(),
-        None => beside().map_err(Failure::environment)?,
+        None => std::env::current_exe()
+            .map_err(Failure::environment)?
+            .with_file_name("whitstone"),
     };
     let program = program.canonicalize().map_err(|error| {
         Failure::usage(format!(

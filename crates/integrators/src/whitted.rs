@@ -196,8 +196,8 @@ mod tests {
         assert!(scratch.pending.capacity() < 16);
     }
 
-    #[test]
-    fn trees_that_exceed_a_limit_are_told() {
+    /// Panes one above the other that all reflect and transmit.
+    fn panes() -> Scene {
         let material = Simple {
             reflect: Rgb::splat(0.5),
             transmit: Rgb::splat(0.5),
@@ -206,7 +206,12 @@ mod tests {
         let walls: Vec<_> = (-20..20)
             .map(|height| (floor(f64::from(height) + 0.25), material))
             .collect();
-        let scene = world_of_walls(&walls, SKY);
+        world_of_walls(&walls, SKY)
+    }
+
+    #[test]
+    fn trees_that_exceed_a_limit_are_told() {
+        let scene = panes();
         let integrator = build::<Integrators, Whitted>("max_depth = 12", ()).unwrap();
         let ray = Ray::new(DVec3::new(0.0, 0.5, 0.0), DVec3::NEG_Y);
         // A tree of 2^13 - 1 rays, of which at most 12 wait.
@@ -248,15 +253,7 @@ mod tests {
     /// The stack holds the pending rays: with two branches everywhere, one per level.
     #[test]
     fn two_branches_do_not_fill_the_stack() {
-        let material = Simple {
-            reflect: Rgb::splat(0.5),
-            transmit: Rgb::splat(0.5),
-            ..Simple::default()
-        };
-        let walls: Vec<_> = (-20..20)
-            .map(|height| (floor(f64::from(height) + 0.25), material))
-            .collect();
-        let scene = world_of_walls(&walls, SKY);
+        let scene = panes();
         let (found, scratch) = render("max_depth = 12", &scene, DVec3::NEG_Y);
         assert_eq!(scratch.counters.closest, (1 << 13) - 1);
         assert!(scratch.pending.capacity() <= 16, "{}", scratch.pending.capacity());

@@ -187,10 +187,11 @@ impl Adaptive {
         };
         let first = 0..self.rule.initial_samples * lens;
         // Rays of the neighbours do not count as rays of this pixel.
-        let mut aside = Scratch::default();
+        let mut aside = Scratch::within(scratch.limits);
         let near = self.near(pixel, |neighbour| {
             tally_of(neighbour, first.clone(), Tally::NOTHING, &mut aside).range()
         });
+        scratch.too_large = aside.too_large;
         let mut tally = tally_of(pixel, first, Tally::NOTHING, scratch);
         let (mut taken, count) = (self.rule.initial_samples, pipeline.sampler.count());
         while taken < count && self.rule.continues(taken * lens, tally.range(), near) {

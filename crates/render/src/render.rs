@@ -280,12 +280,15 @@ impl Pipeline {
             // Pixels of the region take as many samples as in the whole image.
             for pixels in region.neighbours(size).chunks(LANES) {
                 adaptive.start(self, pixels, &mut scratch.memory);
+                film.stop_at(scratch.memory.too_large(pixels));
             }
             let pixels = tiles.iter().flat_map(|tile| {
                 scratch.enter(tile);
                 scratch.pixels.clone()
             });
-            adaptive.refine(self, pixels.collect(), region, film, progress);
+            if film.too_large.is_none() {
+                adaptive.refine(self, pixels.collect(), region, film, progress);
+            }
         }
         film.stop_at(too_large.into_inner().unwrap_or_else(PoisonError::into_inner));
         film.render_seconds = start.elapsed().as_secs_f64();

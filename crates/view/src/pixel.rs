@@ -56,6 +56,7 @@ pub(crate) fn report(
         threads: 1,
         ..RenderOptions::default()
     });
+    film.check().map_err(|error| error.to_string())?;
     let layers = film
         .layers
         .iter()

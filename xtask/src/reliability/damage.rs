@@ -63,7 +63,7 @@ pub(super) fn run(subject: &Subject) -> Result<Tally, Failure> {
         for attempt in 0..attempts {
             let damaged = damage(&bytes, (number * attempts + attempt) as u64 * 16);
             let name = seed.file_name().unwrap_or_default();
-            // Beside the converted ones are the files that they name.
+            // In the folder of the converted scenes, where the files are that they name.
             let path = folder.path().join(format!("damaged-{}", name.to_string_lossy()));
             fs::write(&path, &damaged).map_err(Failure::environment)?;
             let seen = answer(subject, &path)?;

@@ -45,15 +45,15 @@ const BY_TESTS: &str = "## Promises that tests keep
 
 | promise | test |
 |---|---|
-| Ctrl-C ends a command, keeps what is finished, and ends the driver. | `tests/tests/interrupts.rs` |
-| A second Ctrl-C ends at once. | `tests/tests/interrupts.rs` |
-| Files without end, pipes and files of the system are refused. | `tests/tests/hostile_files.rs` |
-| With `--root DIR`, no file outside of DIR is read. | `tests/tests/hostile_files.rs` |
-| A ray tree of more than `--max-tree-rays` rays is an error. | `tests/tests/hostile_files.rs` |
-| Where the system allows no threads, one thread renders. | `tests/tests/hostile_files.rs` |
-| Names cannot send control characters to the terminal. | `tests/tests/hostile_files.rs` |
-| A scene cut at any byte is answered with a place. | `tests/tests/fuzz.rs` |
-| Links in the cache of live references are not followed. | `tests/tests/fake_mitsuba.rs` |
-| A driver that hangs, floods its output or ends early is reported. | `tests/tests/validation.rs` |
-| The image does not depend on accelerator, threads or SIMD instructions. | `tests/tests/determinism.rs` |
+| Ctrl-C ends a command, keeps what is finished, and ends the driver. | [interrupts](../tests/tests/interrupts.rs) |
+| A second Ctrl-C ends at once. | [interrupts](../tests/tests/interrupts.rs) |
+| Files without end, pipes and files of the system are refused. | [hostile_files](../tests/tests/hostile_files.rs) |
+| With `--root DIR`, no file outside of DIR is read. | [hostile_files](../tests/tests/hostile_files.rs) |
+| A ray tree of more than `--max-tree-rays` rays is an error. | [hostile_files](../tests/tests/hostile_files.rs) |
+| Where the system allows no threads, one thread renders. | [hostile_files](../tests/tests/hostile_files.rs) |
+| Names cannot send control characters to the terminal. | [hostile_files](../tests/tests/hostile_files.rs) |
+| A scene cut at any byte is answered with a place. | [fuzz](../tests/tests/fuzz.rs) |
+| Links in the cache of live references are not followed. | [fake_mitsuba](../tests/tests/fake_mitsuba.rs) |
+| A driver that hangs, floods its output or ends early is reported. | [validation](../tests/tests/validation.rs) |
+| The image does not depend on accelerator, threads or SIMD instructions. | [determinism](../tests/tests/determinism.rs) |
 ";

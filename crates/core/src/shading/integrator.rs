@@ -604,7 +604,7 @@ impl Scene {
 pub struct TreeLimits {
     /// Maximum number of rays.
     pub rays: u32,
-    /// Maximum number of rays that wait at a time; in a stream, of all its samples together.
+    /// Maximum number of pending rays; in a stream, of all its samples together.
     pub pending: usize,
 }
 
@@ -624,7 +624,7 @@ pub struct TooLarge {
     pub lane: usize,
     /// The limits.
     pub limits: TreeLimits,
-    /// Whether it has too many rays; otherwise too many of them wait.
+    /// Whether it has too many rays; otherwise it has too many pending rays.
     pub by_rays: bool,
 }
 
@@ -677,8 +677,8 @@ impl Scratch {
         kept.unwrap_or_default()
     }
 
-    /// Whether a tree with this many rays, of which so many wait, is within the limits. If it is
-    /// not, [`Self::too_large`] is set.
+    /// Whether a tree with this many rays and pending rays is within the limits. If not, sets
+    /// [`Self::too_large`].
     #[inline]
     pub fn allows(&mut self, lane: usize, rays: u32, pending: usize) -> bool {
         let limits = self.limits;

@@ -44,9 +44,15 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let (pipeline, names) = build_with(&arguments.scene, registry, Names::of)?;
     let tree = arguments.pixel.trace(&pipeline, &arguments.scene, registry)?;
+    let measure = || {
+        let film = pipeline.render(RenderOptions::default());
+        film.check().map(|()| film.counters)
+    };
     let counted = arguments
         .measure
-        .then(|| pipeline.render(RenderOptions::default()).counters);
+        .then(measure)
+        .transpose()
+        .map_err(Failure::usage)?;
     print_pipeline(&pipeline, &names);
     if let Some(counted) = counted {
         let Counters {
