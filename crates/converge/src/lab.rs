@@ -1,16 +1,18 @@
-//! The renderers: pipelines of the registry, and Mitsuba through the driver of the harness.
+//! The renderers: pipelines of the registry, Mitsuba through the driver of the harness, and
+//! Mitsuba's own integrators.
 
 use crate::cache::{Cache, Record};
 use crate::errors::{Measured, edges};
 use crate::study::{Against, Change, Engine, Study};
 use crate::usage::{Memory, Ticks, processor_time};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use whitstone_core::{Registry, SceneError, SceneErrors};
 use whitstone_image::{Image, Limits, atomic, exr_io};
 use whitstone_metrics::Mask;
 use whitstone_render::{BuildOptions, Pipeline, RenderOptions};
 use whitstone_scene::{Description, Flattened, Sources};
+use whitstone_validate::exported::{self, ExportedMitsuba, Seconds};
 use whitstone_validate::driver::{Driver, DriverError, Rendered, SceneText, Setting};
 
 /// Shorter renderings, in seconds, are timed in batches, because clocks and schedulers have a
@@ -44,6 +46,7 @@ pub struct Options {
 pub struct Lab<'a> {
     pub(crate) registry: &'a Registry,
     pub(crate) mitsuba: Option<Driver>,
+    stock: Option<ExportedMitsuba>,
     /// Why Mitsuba takes no part.
     absent: String,
     /// Hash of this program: another build has other times, and perhaps other images.
@@ -60,6 +63,16 @@ pub struct Lab<'a> {
 pub(crate) enum Ready {
     Whitstone(Box<Pipeline>),
     Mitsuba(Flattened),
+    StockMitsuba(Exported),
+}
+
+/// A scene for Mitsuba's own integrators.
+pub(crate) struct Exported {
+    file: PathBuf,
+    samples: u32,
+    primitives: u64,
+    /// Where the file and its meshes are.
+    folder: atomic::TemporaryFolder,
 }
 
 /// One rendering with its measurements.
@@ -68,6 +81,7 @@ pub(crate) struct Shot {
     pub(crate) seconds: f64,
     pub(crate) cpu: f64,
     pub(crate) build_s: f64,
+    /// 0 if they are not counted.
     rays: u64,
     samples: u32,
     primitives: Option<u64>,
@@ -94,6 +108,7 @@ impl<'a> Lab<'a> {
         Self {
             registry,
             mitsuba,
+            stock: None,
             absent,
             program_hash: blake3::hash(&program).to_hex().to_string(),
             driver_hash: driver_hash.to_owned(),
@@ -103,15 +118,27 @@ impl<'a> Lab<'a> {
         }
     }
 
+    /// Adds Mitsuba's own integrators.
+    pub fn with_stock(mut self, stock: ExportedMitsuba) -> Self {
+        self.stock = Some(stock);
+        self
+    }
+
     /// Why an engine takes no part.
     pub(crate) fn absent(&self, engine: Engine) -> Option<&str> {
-        (engine == Engine::Mitsuba && self.mitsuba.is_none()).then_some(&*self.absent)
+        let is_absent = match engine {
+            Engine::Mitsuba => self.mitsuba.is_none(),
+            Engine::StockMitsuba => self.stock.is_none(),
+            _ => false,
+        };
+        is_absent.then_some(&*self.absent)
     }
 
     /// Processor time of the whole machine and of the measured processes, if the system reports it.
     fn ticks(&self) -> Option<Ticks> {
-        let driver: Vec<u32> = self.mitsuba.iter().map(Driver::process).collect();
-        Ticks::now(&driver)
+        let driver = self.mitsuba.iter().map(Driver::process);
+        let stock = self.stock.iter().map(ExportedMitsuba::process);
+        Ticks::now(&driver.chain(stock).collect::<Vec<u32>>())
     }
 
     /// The cache key of everything that determines a rendering of a scene.
@@ -119,7 +146,7 @@ impl<'a> Lab<'a> {
         let threads = self.options.threads.to_string();
         let Flattened { text, hash, .. } = flattened;
         let version = match engine {
-            Engine::Mitsuba => &self.driver_hash,
+            Engine::Mitsuba | Engine::StockMitsuba => &self.driver_hash,
             _ => &self.program_hash,
         };
         Cache::key(&[kind, engine.name(), text, hash, truth, &threads, version])
@@ -193,6 +220,13 @@ impl<'a> Lab<'a> {
                 }
                 Ok((Ready::Mitsuba(flattened), shot))
             }
+            Engine::StockMitsuba => {
+                let exported = self.export(study, changes)?;
+                // The first rendering compiles kernels.
+                self.render_stock(&exported)?;
+                let shot = self.shoot_stock(&exported)?;
+                Ok((Ready::StockMitsuba(exported), shot))
+            }
             Engine::Embree => Err("Embree renders scenes only as an accelerator of Whitstone".to_owned()),
             Engine::NaiveF64 | Engine::NaiveF32 => Err("textbook formulas cannot render scenes".to_owned()),
         }
@@ -213,6 +247,53 @@ impl<'a> Lab<'a> {
             rays: film.counters.total(),
             samples: film.samples,
             primitives: Some(primitives(pipeline)),
+            memory: None,
+        })
+    }
+
+    fn export(&self, study: &Study, changes: &[Change]) -> Result<Exported, String> {
+        let flattened = self.flatten(study, changes)?;
+        let pipeline = self.build(study, changes)?;
+        let told = |error: std::io::Error| error.to_string();
+        let folder = atomic::TemporaryFolder::new_in(self.cache.make()?).map_err(told)?;
+        let place = std::path::absolute(folder.path()).map_err(told)?;
+        let export = exported::export(self.registry, &flattened, &place)?;
+        if !export.lost.is_empty() {
+            let lost = export.lost.join(", ");
+            return Err(format!(
+                "Mitsuba's own integrators render another scene, because they lack: {lost}"
+            ));
+        }
+        Ok(Exported {
+            file: export.file,
+            samples: pipeline.sampler.count(),
+            primitives: primitives(&pipeline),
+            folder,
+        })
+    }
+
+    /// Renders with Mitsuba's own integrators; returns the times of loading and of rendering.
+    fn render_stock(&mut self, scene: &Exported) -> Result<(Seconds, Seconds), String> {
+        let stock = self.stock.as_mut().ok_or_else(|| self.absent.clone())?;
+        Ok((stock.load(&scene.file)?, stock.render(scene.samples, 0)?))
+    }
+
+    fn shoot_stock(&mut self, scene: &Exported) -> Result<Shot, String> {
+        let (loading, rendering) = self.render_stock(scene)?;
+        let out = std::path::absolute(scene.folder.path().join("image.exr"));
+        let out = out.map_err(|error| error.to_string())?;
+        if let Some(stock) = &mut self.stock {
+            stock.write(&out)?;
+        }
+        let image = exr_io::read(&out, Limits::IMAGE).map_err(|error| error.to_string())?;
+        Ok(Shot {
+            image,
+            seconds: rendering.wall,
+            cpu: rendering.processor,
+            build_s: loading.wall,
+            rays: 0,
+            samples: scene.samples,
+            primitives: Some(scene.primitives),
             memory: None,
         })
     }
@@ -290,6 +371,7 @@ impl<'a> Lab<'a> {
             match ready {
                 Ready::Whitstone(pipeline) => drop(pipeline.render(self.render_options())),
                 Ready::Mitsuba(flattened) => drop(self.shoot_mitsuba(flattened)?),
+                Ready::StockMitsuba(scene) => drop(self.render_stock(scene)?),
             }
         }
         let before = self.ticks();
@@ -307,6 +389,11 @@ impl<'a> Lab<'a> {
                 let shot = self.shoot_mitsuba(flattened)?;
                 record.times.push(shot.seconds);
                 record.cpu.push(shot.cpu);
+            }
+            Ready::StockMitsuba(scene) => {
+                let (_, rendering) = self.render_stock(scene)?;
+                record.times.push(rendering.wall);
+                record.cpu.push(rendering.processor);
             }
         }
         if let (Some(before), Some(now)) = (before, self.ticks()) {

@@ -51,7 +51,7 @@ pub fn svg(report: &StudyReport) -> String {
             .position(|name| *name == series.configuration)
             .unwrap_or(0);
         let ink = COLORS[color % COLORS.len()];
-        let dashed = series.engine == Engine::Mitsuba;
+        let dashed = matches!(series.engine, Engine::Mitsuba | Engine::StockMitsuba);
         let timed = |point: &Point| Some([times.at(point.seconds?), errors.at(point.rmse?)]);
         let worked = |point: &Point| Some([works.at(work(point, report.against)?), errors.at(point.rmse?)]);
         figure.polyline(ink, dashed, series.points.iter().filter_map(timed));
@@ -81,7 +81,7 @@ pub fn svg(report: &StudyReport) -> String {
 /// The name in the legend; textbook variants are configurations of their own.
 fn name(series: &SeriesReport) -> &str {
     match series.engine {
-        Engine::Whitstone | Engine::Mitsuba => &series.configuration,
+        Engine::Whitstone | Engine::Mitsuba | Engine::StockMitsuba => &series.configuration,
         engine => engine.name(),
     }
 }

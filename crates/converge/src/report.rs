@@ -89,7 +89,7 @@ impl Point {
                 .map(|times| times.median),
             build_seconds: known.map(|record| record.build_s),
             memory_bytes: known.and_then(|record| record.memory),
-            rays: known.map(|record| record.rays),
+            rays: known.map(|record| record.rays).filter(|rays| *rays > 0),
             samples: known.map(|record| record.samples),
             primitives: known.and_then(|record| record.primitives),
             rmse: errors.map(|errors| errors.whole.rmse),
@@ -487,7 +487,7 @@ impl StudyReport {
             }
         }
         for [steeper, flatter] in &study.expect.steeper {
-            for engine in [Engine::Whitstone, Engine::Mitsuba] {
+            for engine in Engine::RENDERERS {
                 let of = |name: &str| {
                     let mut all = self.series.iter().filter(|series| series.engine == engine);
                     all.find(|series| series.configuration == name && series.absent.is_none())
@@ -535,7 +535,7 @@ impl StudyReport {
     /// two have no setting in common.
     fn not_smaller(&self, smaller: &str, greater: &str) -> Vec<String> {
         let (mut fails, mut compared) = (Vec::new(), 0);
-        for engine in [Engine::Whitstone, Engine::Mitsuba] {
+        for engine in Engine::RENDERERS {
             let of = |name: &str| {
                 let mut all = self.series.iter().filter(|series| series.engine == engine);
                 all.find(|series| series.configuration == name && series.absent.is_none())
@@ -567,7 +567,7 @@ impl StudyReport {
     /// Series whose errors differ from those of the first series of their engine.
     fn unequal(&self) -> Vec<String> {
         let mut fails = Vec::new();
-        for engine in [Engine::Whitstone, Engine::Mitsuba] {
+        for engine in Engine::RENDERERS {
             let mut of = self
                 .series
                 .iter()
@@ -620,7 +620,7 @@ pub(crate) fn interval(series: &SeriesReport) -> String {
 
 /// Marks the Pareto-optimal points of each engine.
 fn mark_fronts(series: &mut [SeriesReport]) {
-    for engine in [Engine::Whitstone, Engine::Mitsuba] {
+    for engine in Engine::RENDERERS {
         let mut places = Vec::new();
         let mut axes = Vec::new();
         for (number, of) in series.iter().enumerate().filter(|(_, of)| of.engine == engine) {
@@ -640,14 +640,19 @@ fn mark_fronts(series: &mut [SeriesReport]) {
 
 fn best(series: &[SeriesReport], error: f64) -> TimeTo {
     let level = &level_name(error);
-    let of = |engine: Engine| {
-        let all = series.iter().filter(|series| series.engine == engine);
+    let of = |engines: &[Engine]| {
+        let all = series.iter().filter(|series| engines.contains(&series.engine));
         let reached = all.filter_map(|series| Some((series, series.time_to.get(level)?)));
         reached.min_by(|a, b| a.1.seconds.total_cmp(&b.1.seconds))
     };
-    let (ours, theirs) = (of(Engine::Whitstone), of(Engine::Mitsuba));
-    let name =
-        |found: Option<(&SeriesReport, &Reached)>| found.map(|(series, _)| series.configuration.clone());
+    let ours = of(&[Engine::Whitstone]);
+    let theirs = of(&[Engine::Mitsuba, Engine::StockMitsuba]);
+    let name = |found: Option<(&SeriesReport, &Reached)>| {
+        found.map(|(series, _)| match series.engine {
+            Engine::StockMitsuba => format!("{}, stock", series.configuration),
+            _ => series.configuration.clone(),
+        })
+    };
     let seconds = |found: Option<(&SeriesReport, &Reached)>| found.map(|(_, reached)| reached.seconds);
     let both = ours.zip(theirs).map(|((_, ours), (_, theirs))| {
         let bounds = [

@@ -23,6 +23,9 @@ pub enum Engine {
     Whitstone,
     /// Mitsuba, through the driver of the harness.
     Mitsuba,
+    /// Mitsuba's own integrator on the exported scene: noisy, without Python while it renders.
+    #[serde(rename = "stock mitsuba")]
+    StockMitsuba,
     /// Embree on the same triangles, in single precision; only in studies of stress families.
     Embree,
     /// Textbook formulas in double precision; only in studies of stress families.
@@ -35,10 +38,11 @@ pub enum Engine {
 
 /// A renderer that a study file can name.
 #[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "kebab-case")]
 enum Renderer {
     Whitstone,
     Mitsuba,
+    MitsubaStock,
 }
 
 impl From<Renderer> for Engine {
@@ -46,16 +50,21 @@ impl From<Renderer> for Engine {
         match renderer {
             Renderer::Whitstone => Self::Whitstone,
             Renderer::Mitsuba => Self::Mitsuba,
+            Renderer::MitsubaStock => Self::StockMitsuba,
         }
     }
 }
 
 impl Engine {
+    /// All that render scenes.
+    pub const RENDERERS: [Self; 3] = [Self::Whitstone, Self::Mitsuba, Self::StockMitsuba];
+
     /// The name for people.
     pub fn name(self) -> &'static str {
         match self {
             Self::Whitstone => "whitstone",
             Self::Mitsuba => "mitsuba",
+            Self::StockMitsuba => "stock mitsuba",
             Self::Embree => "embree",
             Self::NaiveF64 => "naive f64",
             Self::NaiveF32 => "naive f32",

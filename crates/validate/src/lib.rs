@@ -6,6 +6,7 @@ mod decoded;
 pub mod driver;
 pub mod environment;
 pub mod explain;
+pub mod exported;
 pub mod floor;
 mod inexact;
 mod judge;

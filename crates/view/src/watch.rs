@@ -11,6 +11,10 @@ use std::time::{Duration, SystemTime};
 /// Time between two looks.
 const INTERVAL: Duration = Duration::from_millis(25);
 
+/// A time of modification may be this much too early: file systems take it from a clock that
+/// advances with the ticks of the kernel, every 10 ms at most.
+const TICK: Duration = Duration::from_millis(20);
+
 /// What identifies a version of a file; `None` if there is none.
 type Mark = Option<(SystemTime, u64)>;
 
@@ -20,6 +24,11 @@ fn marks(files: &[PathBuf]) -> Vec<(PathBuf, Mark)> {
         Some((found.modified().ok()?, found.len()))
     };
     files.iter().map(|file| (file.clone(), mark(file))).collect()
+}
+
+/// Whether a file with this time of modification may have been written after a time of the clock.
+fn may_be_later(modified: SystemTime, time: SystemTime) -> bool {
+    modified.checked_add(TICK).is_none_or(|latest| latest > time)
 }
 
 /// Wishes for a new version of the scene whenever a file has changed, until the view ends.
@@ -41,7 +50,7 @@ pub(crate) fn run(shared: &Shared) {
                 // Watched from now on: it may have changed since it was read.
                 None => mark
                     .zip(read_at)
-                    .is_some_and(|((modified, _), read_at)| modified > read_at),
+                    .is_some_and(|((modified, _), read_at)| may_be_later(modified, read_at)),
             }
         });
         if differs {
@@ -53,5 +62,24 @@ pub(crate) fn run(shared: &Shared) {
         }
         before = now;
         thread::sleep(INTERVAL);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_that_is_written_after_a_time_is_found_in_spite_of_the_coarse_clock() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("file");
+        for _ in 0..200 {
+            let time = SystemTime::now();
+            std::fs::write(&file, "new").unwrap();
+            let modified = std::fs::metadata(&file).unwrap().modified().unwrap();
+            assert!(may_be_later(modified, time), "{modified:?} {time:?}");
+        }
+        let time = SystemTime::now() + Duration::from_secs(1);
+        assert!(!may_be_later(SystemTime::now(), time));
     }
 }

@@ -485,11 +485,17 @@ fn every_file_of_the_scene_is_watched() {
         fs::write(scene, include.clone() + "\n").unwrap();
         let first = client.finished();
         mesh(2.5);
-        let key = first.facts["frame"]["key"].clone();
-        let changed = client.until("changed", |facts| {
-            facts["frame"]["is_final"] == true && facts["frame"]["key"] != key
-        });
-        assert!(changed.picture != first.picture, "the mesh of before is shown");
+        // Files that were written just before they were read may be read once more.
+        let mut shown = first.facts["frame"]["key"].clone();
+        loop {
+            let next = client.until("changed", |facts| {
+                facts["frame"]["is_final"] == true && facts["frame"]["key"] != shown
+            });
+            if next.picture != first.picture {
+                break;
+            }
+            shown = next.facts["frame"]["key"].clone();
+        }
     });
 }
 

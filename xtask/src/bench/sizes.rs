@@ -10,16 +10,16 @@ use super::machine::{date, load, processor};
 use super::{median, povray};
 use clap::Args;
 use serde_json::{Value, json};
-use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::time::Instant;
-use whitstone::core::{ExportScene, Registry};
+use whitstone::core::Registry;
 use whitstone::render::{BuildOptions, Pipeline, RenderOptions};
 use whitstone::scene::{Flattened, Plan, Sources};
 use whitstone::validate::Installation;
 use whitstone::validate::driver::{Driver, Setting};
 use whitstone::validate::environment::Environment;
+use whitstone::validate::exported::{self, ExportedMitsuba};
 use whitstone::{Exit, Failure};
 
 /// Benchmark scenes at several image sizes, interleaved with Mitsuba, and fit fixed cost and cost
@@ -55,73 +55,7 @@ pub(super) struct Arguments {
 /// The scene that also exists in POV-Ray's language.
 const CLASSIC: &str = "scenes/showcase/classic.toml";
 
-/// Loads scenes and renders them on request. Answers with seconds.
-const MITSUBA: &str = "
-import sys, time
-from whitstone_mitsuba.runtime import dr, mi
-mi.set_variant(sys.argv[1])
-dr.set_thread_count(int(sys.argv[2]))
-scene = None
-for line in sys.stdin:
-    word, _, rest = line.strip().partition(' ')
-    begin = time.perf_counter()
-    if word == 'load':
-        scene = mi.load_file(rest)
-    image = mi.render(scene)
-    if 'llvm' in sys.argv[1]:
-        dr.eval(image)
-        dr.sync_thread()
-    print(time.perf_counter() - begin, flush=True)
-";
-
 const VARIANTS: [&str; 2] = ["llvm_ad_rgb", "scalar_rgb"];
-
-/// A process that renders with one variant of Mitsuba.
-struct Peer {
-    child: Child,
-    input: ChildStdin,
-    output: BufReader<ChildStdout>,
-}
-
-impl Peer {
-    fn start(environment: &Environment, variant: &str, threads: usize) -> Result<Self, Failure> {
-        let mut child = Command::new(&environment.python)
-            .args(["-c", MITSUBA, variant, &threads.to_string()])
-            .env("PYTHONPATH", &environment.package)
-            .env("PYTHONDONTWRITEBYTECODE", "1")
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .map_err(Failure::environment)?;
-        let (input, output) = (child.stdin.take(), child.stdout.take());
-        let (Some(input), Some(output)) = (input, output) else {
-            return Err(Failure::environment("Mitsuba has no pipes"));
-        };
-        Ok(Self {
-            child,
-            input,
-            output: BufReader::new(output),
-        })
-    }
-
-    /// Sends a command; returns its seconds.
-    fn ask(&mut self, command: &str) -> Result<f64, Failure> {
-        writeln!(self.input, "{command}").map_err(Failure::environment)?;
-        let mut line = String::new();
-        self.output.read_line(&mut line).map_err(Failure::environment)?;
-        line.trim()
-            .parse()
-            .map_err(|_| Failure::environment(format!("Mitsuba failed; it answered {line:?}")))
-    }
-}
-
-impl Drop for Peer {
-    fn drop(&mut self) {
-        // It ends at the end of its input, or is stopped.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
 
 /// The times of one renderer at each size.
 struct Series {
@@ -184,7 +118,8 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         for scene in &arguments.scenes {
             let mut peers = Vec::new();
             for variant in VARIANTS {
-                peers.push(Peer::start(&environment, variant, *threads)?);
+                let peer = ExportedMitsuba::start(&environment, variant, *threads);
+                peers.push(peer.map_err(Failure::environment)?);
             }
             pictures.push(sizes(arguments, scene, *threads, &environment, peers, registry)?);
         }
@@ -230,21 +165,8 @@ fn overrides(side: u32) -> [String; 2] {
 
 /// Writes the scene as Mitsuba's XML, with one sample per pixel.
 fn exported(document: &Flattened, folder: &Path, registry: &Registry) -> Result<PathBuf, Failure> {
-    let path = folder.join("scene.xml");
-    let table = document
-        .text
-        .parse::<toml::Table>()
-        .map_err(Failure::environment)?;
-    let scene = ExportScene {
-        document: &table,
-        base: &document.base,
-    };
-    let format = registry.format_of(&path);
-    match format.and_then(|format| format.export(&scene, &path)) {
-        Some(Ok(_)) => {}
-        Some(Err(errors)) => return Err(Failure::usage(format!("{errors:?}"))),
-        None => return Err(Failure::usage("this program cannot write Mitsuba's XML")),
-    }
+    let export = exported::export(registry, document, folder).map_err(Failure::environment)?;
+    let path = export.file;
     // The export has the 16 samples that a noisy renderer needs at least.
     let text = std::fs::read_to_string(&path).map_err(Failure::environment)?;
     let marker = "name=\"sample_count\" value=\"";
@@ -261,7 +183,7 @@ fn sizes(
     scene: &Path,
     threads: usize,
     environment: &Environment,
-    mut peers: Vec<Peer>,
+    mut peers: Vec<ExportedMitsuba>,
     registry: &Registry,
 ) -> Result<Value, Failure> {
     let limit = std::time::Duration::from_secs(600);
@@ -291,7 +213,9 @@ fn sizes(
         // Compiles kernels and touches pages.
         rays.push(pipeline.render(options).counters.total());
         for peer in &mut peers {
-            peer.ask(&format!("load {}", file.display()))?;
+            peer.load(&file)
+                .and_then(|_| peer.render(1, 0))
+                .map_err(Failure::environment)?;
         }
         let mut times = [const { Vec::new() }; 5];
         for _ in 0..arguments.rounds.max(1) {
@@ -300,7 +224,7 @@ fn sizes(
             std::hint::black_box(pipeline.render(options));
             a.push(begin.elapsed().as_secs_f64());
             for (peer, seconds) in peers.iter_mut().zip([b, c]) {
-                seconds.push(peer.ask("render")?);
+                seconds.push(peer.render(1, 0).map_err(Failure::environment)?.wall);
             }
             let answer = driver.request(&time_driver).map_err(Failure::environment)?;
             d.extend(answer["driver_s"].as_f64());

@@ -14,6 +14,7 @@ use whitstone_core::Registry;
 use whitstone_image::atomic;
 use whitstone_validate::driver::Driver;
 use whitstone_validate::environment::Environment;
+use whitstone_validate::exported::ExportedMitsuba;
 use whitstone_validate::{Renderer, hash_sources};
 
 /// Folder of the stored studies.
@@ -105,7 +106,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         }
         return Ok(Exit::Pass);
     }
-    let (driver, driver_hash) = mitsuba(arguments, &studies)?;
+    let (driver, stock, driver_hash) = mitsuba(arguments, &studies)?;
     let options = Options {
         repeats: 7,
         forced_repeats: arguments.repeats.map(|count| count as usize),
@@ -115,6 +116,9 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     };
     let cache = Cache::new(arguments.target.folder().join("converge"), !arguments.fresh);
     let mut lab = Lab::new(registry, driver, &driver_hash, cache, options);
+    if let Some(stock) = stock {
+        lab = lab.with_stock(stock);
+    }
     // The checks of `--quick` do not depend on time.
     let sessions = if arguments.quick { 1 } else { 2 };
     let bar = progress(sessions * studies.len() as u64, "converge");
@@ -222,6 +226,9 @@ fn is_scene(path: &Path) -> bool {
     !first("[[series") && ["[camera]", "[[shape]]", "include"].iter().any(|key| first(key))
 }
 
+/// The variant of Mitsuba whose own integrators take part; the driver uses it too.
+const VARIANT: &str = "llvm_ad_rgb";
+
 /// The series of the default study of a scene, with Mitsuba.
 const SERIES: &str = r#"
 [[series]]
@@ -278,22 +285,29 @@ fn toml_text(text: &str) -> String {
     serde_json::Value::from(text).to_string()
 }
 
-/// The driver, or the reason why there is none, and a key that changes with it.
-fn mitsuba(arguments: &Arguments, studies: &[Study]) -> Result<(Result<Driver, String>, String), Failure> {
-    let absent = |why: &str| Ok((Err(why.to_owned()), String::new()));
+/// The driver, or the reason why there is none; Mitsuba's own integrators, if a study uses them;
+/// and a key that changes with both.
+type Mitsuba = (Result<Driver, String>, Option<ExportedMitsuba>, String);
+
+fn mitsuba(arguments: &Arguments, studies: &[Study]) -> Result<Mitsuba, Failure> {
+    let absent = |why: &str| Ok((Err(why.to_owned()), None, String::new()));
     if arguments.no_mitsuba {
         return absent("skipped because of --no-mitsuba");
     }
     if arguments.quick {
         return absent("skipped because of --quick");
     }
-    let wanted = studies.iter().any(|study| {
+    let uses = |study: &Study, engine: Engine| {
         let truths = std::iter::once(&study.truth).chain(&study.checks);
-        study.stress.is_some()
-            || study.series.iter().any(|series| series.engine == Engine::Mitsuba)
-            || truths.into_iter().any(|truth| truth.engine == Engine::Mitsuba)
-    });
-    if !wanted {
+        let engines = truths.map(|truth| truth.engine);
+        let series = study.series.iter().map(|series| series.engine);
+        engines.chain(series).any(|used| used == engine)
+    };
+    let with_driver = studies
+        .iter()
+        .any(|study| study.stress.is_some() || uses(study, Engine::Mitsuba));
+    let with_stock = studies.iter().any(|study| uses(study, Engine::StockMitsuba));
+    if !with_driver && !with_stock {
         return absent("no study uses it");
     }
     let environment = Environment::ensure(&arguments.drivers.installation(&arguments.target), &|what| {
@@ -301,11 +315,15 @@ fn mitsuba(arguments: &Arguments, studies: &[Study]) -> Result<(Result<Driver, S
     });
     let environment = environment
         .map_err(|error| Failure::environment(format!("{error}; use --no-mitsuba to run without Mitsuba")))?;
+    let stock = with_stock
+        .then(|| ExportedMitsuba::start(&environment, VARIANT, arguments.threads))
+        .transpose()
+        .map_err(Failure::environment)?;
     let hash = hash_sources(Renderer::MITSUBA, &environment);
     let limit = Duration::from_secs(arguments.time_limit);
     let mut driver = Driver::start(&environment, limit).map_err(Failure::environment)?;
     let hello = driver.hello().map_err(Failure::environment)?;
-    Ok((Ok(driver), format!("{hash} {}", hello.mitsuba)))
+    Ok((Ok(driver), stock, format!("{hash} {}", hello.mitsuba)))
 }
 
 fn write(arguments: &Arguments, reports: &[StudyReport]) -> Result<(), Failure> {

@@ -8,7 +8,7 @@ use crate::support::leaves::{Leaves, Slot};
 use whitstone_core::stream::{GROUP, NO_SHAPE};
 use whitstone_core::triangle::ShearedRay;
 use whitstone_core::{DVec2, Element, InstanceId, Interval, PreliminaryIntersection, ShapeHit};
-use whitstone_simd::{Doubles, Quad};
+use whitstone_simd::{Doubles, Quad, prefetch};
 
 /// A hit of which only the existence counts.
 const SOMEWHERE: PreliminaryIntersection = PreliminaryIntersection {
@@ -62,7 +62,7 @@ impl Best {
         // Field by field: a value that is written in pieces and then copied stalls the processor.
         self.hit = None;
         self.min = interval.min;
-        self.max = interval.max.next_down();
+        self.max = below(interval.max);
         self.skip = match query.skip().id() {
             Some((InstanceId::TOP_LEVEL, shape, triangle)) => Slot { shape, triangle },
             _ => Slot {
@@ -162,6 +162,8 @@ impl Best {
         count: usize,
     ) -> bool {
         let slots = &leaves.slots[first..];
+        // A hit compares its slot with that of the triangle which the ray leaves.
+        prefetch(&slots[..count]);
         let triangles = self.triangles(numbers, factor, count);
         let reached = Sides::new(d, &triangles).reach(d, &triangles, (1 << count) - 1);
         if reached.mask == 0 {
@@ -228,6 +230,16 @@ impl Best {
             self.hit = Some(SOMEWHERE);
         }
         other
+    }
+}
+
+/// The next smaller number; the first case is the usual one, without the branches of the other.
+#[inline(always)]
+fn below(x: f64) -> f64 {
+    if x > 0.0 {
+        f64::from_bits(x.to_bits() - 1)
+    } else {
+        x.next_down()
     }
 }
 

@@ -8,7 +8,7 @@ use whitstone_simd::{Doubles, Quad, QuadOrder, WideKernel, WideMachine};
 /// A ray in local coordinates, for the single-precision tests of boxes. Its parameter is scaled so
 /// that the largest component of the direction is 1 or -1, and counted from a point near the
 /// structure.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct BoxRay {
     /// 1 over the direction, finite. The fourth number counts nowhere, here and below.
     pub(super) reciprocal: [f32; 4],
@@ -19,10 +19,24 @@ pub(super) struct BoxRay {
     /// Lower bound of the interval.
     pub(super) min: f32,
     /// The near planes (index 0) and the far planes (index 1) of boxes, by axis.
-    pub(super) planes: [[Planes; 3]; 2],
+    pub(super) planes: &'static [[Planes; 3]; 2],
     /// The signs of the direction, x the lowest bit.
     pub(super) octant: usize,
     clock: Clock,
+}
+
+impl Default for BoxRay {
+    fn default() -> Self {
+        Self {
+            reciprocal: [0.0; 4],
+            near: [0.0; 4],
+            far: [0.0; 4],
+            min: 0.0,
+            planes: &SIDES[0],
+            octant: 0,
+            clock: Clock::default(),
+        }
+    }
 }
 
 impl BoxRay {
@@ -244,7 +258,7 @@ pub(super) fn prepare<Q: Quad>(
         near: q.store_rounded(q.sub(q.splat(0.0), q.add(offset, margin))),
         far: q.store_rounded(q.sub(margin, offset)),
         min: least(interval.min, scale, shift),
-        planes: SIDES[octant],
+        planes: &SIDES[octant],
         octant,
         clock: Clock::new(scale, shift),
     };
@@ -460,7 +474,7 @@ impl Rays {
             near: single(&self.near),
             far: single(&self.far),
             min: self.min[k],
-            planes: SIDES[octant],
+            planes: &SIDES[octant],
             octant,
             clock: self.clock(k),
         };
