@@ -21,6 +21,7 @@ mod reliability;
 mod run_time;
 mod slim;
 mod tidy;
+mod traversal;
 mod width;
 mod worst_cases;
 

@@ -1,7 +1,9 @@
 //! `readme`: generates the pictures and the table of numbers in README.md from the stored
 //! references.
 
-use crate::{formats, growth, licences, pages, plugins, reliability, run_time, verdict, worst_cases};
+use crate::{
+    formats, growth, licences, pages, plugins, reliability, run_time, traversal, verdict, worst_cases,
+};
 use clap::Args;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -28,6 +30,8 @@ const BEGIN_RUN_TIME: &str = "<!-- run time: written by `cargo xtask readme` -->
 const END_RUN_TIME: &str = "<!-- end of run time -->";
 const BEGIN_WORST: &str = "<!-- worst cases: written by `cargo xtask readme` -->";
 const END_WORST: &str = "<!-- end of worst cases -->";
+const BEGIN_RATES: &str = "<!-- rates: written by `cargo xtask readme` -->";
+const END_RATES: &str = "<!-- end of rates -->";
 /// The scenes on the contact sheet, three per row.
 const SHEET: [&str; 6] = [
     "classic",
@@ -80,7 +84,8 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     }
     let cases = validate(registry, Renderer::MITSUBA)?;
     let others = validate(registry, Renderer::POVRAY)?;
-    let times = stored(run_time::RESULT)?;
+    let times = all_stored(run_time::RESULTS)?;
+    let rates = traversal::section(&all_stored(traversal::RESULTS)?);
     let worst = worst_cases::tables(&stored(worst_cases::RESULT)?);
     let numbers = [
         ((BEGIN, END), summary(&cases)),
@@ -109,7 +114,10 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         ),
         (
             PathBuf::from(worst_cases::PAGE),
-            page(worst_cases::PAGE, &[((BEGIN_WORST, END_WORST), worst)])?,
+            page(
+                worst_cases::PAGE,
+                &[((BEGIN_WORST, END_WORST), worst), ((BEGIN_RATES, END_RATES), rates)],
+            )?,
         ),
         (PathBuf::from("docs/images/showcase.png"), sheet(registry)?),
         (PathBuf::from(plugins::FILE), plugins::json(registry).into_bytes()),
@@ -170,6 +178,20 @@ fn without_avx512() -> Result<Exit, Failure> {
         Some(1) => Ok(Exit::Differs),
         _ => Err(Failure::environment(format!("readme without AVX-512: {status}"))),
     }
+}
+
+/// Folder of the stored results.
+const STORED: &str = "studies/results";
+
+/// All stored results whose names begin like this, in the order of their names.
+fn all_stored(prefix: &str) -> Result<Vec<serde_json::Value>, Failure> {
+    let mut names: Vec<String> = std::fs::read_dir(STORED)
+        .map_err(|error| Failure::usage(format!("{STORED}: {error}")))?
+        .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
+        .filter(|name| name.starts_with(prefix))
+        .collect();
+    names.sort();
+    names.iter().map(|name| stored(&format!("{STORED}/{name}"))).collect()
 }
 
 /// A stored result.

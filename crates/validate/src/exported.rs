@@ -126,15 +126,15 @@ impl Drop for ExportedMitsuba {
     }
 }
 
-/// What a conversion may approximate so that Mitsuba's image still converges to that of the scene:
-/// it takes other samples of pixels and of area lights.
-const SAMPLES: [&str; 2] = ["[sampler]", "[[light]] area"];
+/// What a conversion may approximate: Mitsuba takes other samples of pixels and of area lights, and
+/// its glowing surfaces light others, which matters only if a surface scatters light.
+const SAMPLES: [&str; 3] = ["[sampler]", "[[light]] area", "[material] emissive"];
 
 /// A scene as Mitsuba's XML.
 pub struct Export {
     /// The file.
     pub file: PathBuf,
-    /// Features of the scene that make Mitsuba's image another one.
+    /// Features of the scene without which Mitsuba's image does not converge to that of the scene.
     pub lost: Vec<&'static str>,
 }
 

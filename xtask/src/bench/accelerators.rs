@@ -6,7 +6,7 @@ use super::chart;
 use super::choice::{Choice, build};
 use super::data;
 use super::fetch;
-use super::machine::processor_time;
+use super::machine::{date, load, processor, processor_time};
 use super::median;
 use super::prepare::prepare;
 use super::rays::{Difference, Mode, Rays};
@@ -15,6 +15,7 @@ use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::sync::Arc;
 use whitstone::core::{Accelerator, Element, FamilyName, Geometry, LoweredShape, Registry};
+use whitstone::core::simd::Level;
 use whitstone::{Exit, Failure};
 
 /// Benchmark accelerators on three meshes with three sets of rays each, interleaved with Embree
@@ -111,7 +112,11 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         whitstone::image::atomic::write_bytes(path, picture.as_bytes()).map_err(Failure::environment)?;
     }
     if let Some(path) = &arguments.json {
-        let text = format!("{:#}\n", json!({ "rows": rows, "summary": summary }));
+        let result = json!({
+            "processor": processor(), "simd": Level::current().to_string(), "date": date(), "load": load(),
+            "rounds": bench.rounds, "rows": rows, "summary": summary,
+        });
+        let text = format!("{result:#}\n");
         whitstone::image::atomic::write_bytes(path, text.as_bytes()).map_err(Failure::environment)?;
     }
     // Accelerators in single precision differ; their differences are shown but do not fail.

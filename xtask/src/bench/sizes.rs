@@ -7,7 +7,7 @@
 //! follow all. No Python runs while it is timed.
 
 use super::machine::{date, load, processor};
-use super::{median, povray};
+use super::{fetch, median, povray};
 use clap::Args;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -47,10 +47,39 @@ pub(super) struct Arguments {
     /// The program whose whole command is timed [default: `whitstone` beside this program]
     #[arg(long, value_name = "FILE")]
     whitstone: Option<PathBuf>,
+    #[command(flatten)]
+    folder: fetch::Folder,
     /// Write the results to this file as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
+
+/// A scene of the dragon, whose whole command is timed if the mesh is in the data folder.
+const DRAGON: &str = r#"# Stanford's dragon, 871,414 triangles in a text PLY file.
+
+[film]
+width = 1024
+height = 1024
+
+[camera]
+type = "perspective"
+look_at = { origin = [-0.05, 0.17, 0.33], target = [-0.01, 0.125, 0] }
+fov = 40
+
+[[light]]
+type = "directional"
+direction = [-1, -2, -1.5]
+irradiance = 3
+
+[[light]]
+type = "background"
+radiance = 0.2
+
+[[shape]]
+type = "mesh"
+file = "dragon.ply"
+material = { type = "matte", reflectance = [0.7, 0.6, 0.4] }
+"#;
 
 /// The scene that also exists in POV-Ray's language.
 const CLASSIC: &str = "scenes/showcase/classic.toml";
@@ -133,6 +162,16 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
             &program,
             registry,
         )?);
+    }
+    let folder = arguments.folder.ensure().map_err(Failure::environment)?;
+    if folder.join("dragon.ply").is_file() {
+        let scene = folder.join("dragon.toml");
+        std::fs::write(&scene, DRAGON).map_err(Failure::environment)?;
+        let mut whole = whole_commands(arguments, &scene, &environment, &program, registry)?;
+        whole["scene"] = json!("dragon (871,414 triangles, text PLY)");
+        commands.push(whole);
+    } else {
+        eprintln!("skipped: the whole command with the dragon, which --fetch downloads");
     }
     let result = json!({
         "processor": processor(), "cores": std::thread::available_parallelism().map_or(0, usize::from),

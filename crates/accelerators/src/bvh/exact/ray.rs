@@ -7,8 +7,9 @@ use whitstone_simd::{Doubles, Quad, QuadOrder, WideKernel, WideMachine};
 
 /// A ray in local coordinates, for the single-precision tests of boxes. Its parameter is scaled so
 /// that the largest component of the direction is 1 or -1, and counted from a point near the
-/// structure.
+/// structure. Aligned as [`Stack`](super::stack::Stack) is.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(align(64))]
 pub(super) struct BoxRay {
     /// 1 over the direction, finite. The fourth number counts nowhere, here and below.
     pub(super) reciprocal: [f32; 4],
