@@ -370,7 +370,7 @@ fn own_integrators_approach_our_image() -> Result<(), Failed> {
         mitsuba.write(&file)?;
         let image = exr_io::read(&file, Limits::IMAGE)?;
         let (ours, theirs) = (truth.rgb()?, image.rgb()?);
-        let pairs = ours.iter().flatten().zip(theirs.iter().flatten());
+        let pairs = ours.into_iter().flatten().zip(theirs.into_iter().flatten());
         let sum: f64 = pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum();
         errors.push((sum / ours.iter().map(|channel| channel.len() as f64).sum::<f64>()).sqrt());
     }

@@ -116,7 +116,10 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
             PathBuf::from(worst_cases::PAGE),
             page(
                 worst_cases::PAGE,
-                &[((BEGIN_WORST, END_WORST), worst), ((BEGIN_RATES, END_RATES), rates)],
+                &[
+                    ((BEGIN_WORST, END_WORST), worst),
+                    ((BEGIN_RATES, END_RATES), rates),
+                ],
             )?,
         ),
         (PathBuf::from("docs/images/showcase.png"), sheet(registry)?),
@@ -191,7 +194,10 @@ fn all_stored(prefix: &str) -> Result<Vec<serde_json::Value>, Failure> {
         .filter(|name| name.starts_with(prefix))
         .collect();
     names.sort();
-    names.iter().map(|name| stored(&format!("{STORED}/{name}"))).collect()
+    names
+        .iter()
+        .map(|name| stored(&format!("{STORED}/{name}")))
+        .collect()
 }
 
 /// A stored result.

@@ -189,7 +189,10 @@ fn pictures_of_most_threads(result: &Value) -> Vec<&Value> {
     let threads = |picture: &Value| picture["threads"].as_u64();
     let pictures = list(result, "pictures");
     let most = pictures.iter().filter_map(threads).max();
-    pictures.iter().filter(|picture| threads(picture) == most).collect()
+    pictures
+        .iter()
+        .filter(|picture| threads(picture) == most)
+        .collect()
 }
 
 /// A list in a sentence.
@@ -210,7 +213,7 @@ pub(crate) fn sentence(results: &[Value]) -> String {
             let pictures = pictures_of_most_threads(result);
             let threads = pictures.first().and_then(|picture| picture["threads"].as_u64());
             format!(
-                "{ratios} ({} threads of {}, {})",
+                "{ratios} on {} threads of {} ({})",
                 threads.unwrap_or(0),
                 text(result, "processor"),
                 text(result, "date")
@@ -226,7 +229,7 @@ pub(crate) fn sentence(results: &[Value]) -> String {
         .filter_map(|picture| text(picture, "scene").rsplit(['/', '.']).nth(1))
         .collect();
     wrapped(&format!(
-        "At {QUOTED} x {QUOTED} pixels and one sample per pixel ({}), Whitstone renders a loaded scene in this many times the time of Mitsuba's C++ integrator `path` (`llvm_ad_rgb`): {}. At each surface `path` follows one random ray; Whitstone follows every branch, two at glass. The command `render` takes {} times as long as the command `mitsuba -m llvm_ad_rgb`, from start to exit (its C++ program, not the script of its pip package). Neither runs Python. [All sizes and renderers](docs/run-time.md).",
+        "At {QUOTED} x {QUOTED} pixels and one sample per pixel ({}), the time in which Whitstone renders a loaded scene, divided by that of Mitsuba's C++ integrator `path` (`llvm_ad_rgb`), is {}. At each surface `path` follows one random ray; Whitstone follows every branch, two at glass. The command `render` takes {} times as long, from start to exit, as the command `mitsuba -m llvm_ad_rgb` (its C++ program, not the script of its pip package). Neither runs Python. [All sizes and renderers](docs/run-time.md).",
         names.join(", "),
         listed(&rendering),
         listed(&commands),

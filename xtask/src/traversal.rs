@@ -18,8 +18,8 @@ fn text<'v>(value: &'v Value, key: &str) -> &'v str {
 
 fn name(row: &Value) -> String {
     match row["quality"].as_str() {
+        None | Some("") => text(row, "accelerator").to_owned(),
         Some(quality) => format!("{}:{quality}", text(row, "accelerator")),
-        None => text(row, "accelerator").to_owned(),
     }
 }
 
@@ -130,11 +130,15 @@ mod tests {
             "processor": "P", "simd": "S", "date": "D", "load": 0.5, "rounds": 3, "summary": { "embree_version": "3" },
             "rows": [
                 row("best", "single", "primary", 1.0), row("best", "batch", "primary", 2.0),
-                row("best", "single", "shadow", 4.0), row("fast", "single", "primary", 9.0),
+                row("best", "single", "shadow", 4.0), row("", "single", "primary", 9.0),
             ],
         });
         let page = section(&[result]);
-        assert!(page.contains("| `bvh:best` | 1.00 / 2.00 | 4.00 / – | – / – | 2.00 / 2.00 |"), "{page}");
+        assert!(
+            page.contains("| `bvh:best` | 1.00 / 2.00 | 4.00 / – | – / – | 2.00 / 2.00 |"),
+            "{page}"
+        );
+        assert!(page.contains("| `bvh` | 9.00 / – |"), "{page}");
         assert!(page.contains("| bunny | 3.0, 1.00 / 3.0, 2.00 |"), "{page}");
         assert!(page.contains("Of 40 answers 0 differ"), "{page}");
     }

@@ -12,8 +12,8 @@ use whitstone_image::{Image, Limits, atomic, exr_io};
 use whitstone_metrics::Mask;
 use whitstone_render::{BuildOptions, Pipeline, RenderOptions};
 use whitstone_scene::{Description, Flattened, Sources};
-use whitstone_validate::exported::{self, ExportedMitsuba, Seconds};
 use whitstone_validate::driver::{Driver, DriverError, Rendered, SceneText, Setting};
+use whitstone_validate::exported::{self, ExportedMitsuba, Seconds};
 
 /// Shorter renderings, in seconds, are timed in batches, because clocks and schedulers have a
 /// limited resolution.

@@ -55,6 +55,21 @@ fn quoted(text: &str) -> String {
     }
 }
 
+/// A paragraph in lines of at most 100 characters.
+fn wrapped(text: &str) -> String {
+    let mut lines: Vec<String> = Vec::new();
+    for word in text.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if line.chars().count() + 1 + word.chars().count() <= 100 => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines.join("\n")
+}
+
 /// All studies with their curves, as Markdown. `plots` is the folder of the plots, relative to the
 /// page.
 pub fn table(reports: &[StudyReport], plots: &str) -> String {
@@ -65,11 +80,9 @@ pub fn table(reports: &[StudyReport], plots: &str) -> String {
         } else {
             format!(", [scene](../{})", report.scene)
         };
-        let _ = writeln!(
-            text,
-            "### {}\n\n{} [Study](../studies/{}.toml){scene}.\n",
-            report.title, report.about, report.study
-        );
+        let study = &report.study;
+        let about = format!("{} [Study](../studies/{study}.toml){scene}.", report.about);
+        let _ = writeln!(text, "### {}\n\n{}\n", report.title, wrapped(&about));
         let _ = writeln!(
             text,
             "| configuration | engine | settings | {}, first to last | slope against {} (95%) |\n|---|---|---|---|---|",
@@ -97,17 +110,12 @@ pub fn table(reports: &[StudyReport], plots: &str) -> String {
                 interval(series)
             );
         }
-        let _ = writeln!(
-            text,
-            "\nThe truth's own error: {:.1e}.{} Verdict: {}.",
-            report.floor_rmse,
-            report
-                .withheld
-                .iter()
-                .map(|why| format!(" {why}."))
-                .collect::<String>(),
-            report.verdict
+        let withheld: String = report.withheld.iter().map(|why| format!(" {why}.")).collect();
+        let verdict = format!(
+            "The truth's own error: {:.1e}.{withheld} Verdict: {}.",
+            report.floor_rmse, report.verdict
         );
+        let _ = writeln!(text, "\n{}", wrapped(&verdict));
         let _ = writeln!(text, "\n![{}]({plots}/{}.svg)\n", report.title, report.study);
     }
     text.trim_end().to_owned() + "\n"
@@ -156,5 +164,19 @@ pub(crate) fn ratio(both: &TimeTo) -> String {
         (true, ..) => "noisy".to_owned(),
         (false, Some(ratio), Some([least, most])) => format!("{ratio:.3} ({least:.3} to {most:.3})"),
         _ => "–".to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::wrapped;
+
+    #[test]
+    fn paragraphs_have_at_most_100_columns() {
+        let text = "word ".repeat(50);
+        let lines = wrapped(&text);
+        assert_eq!(lines.lines().count(), 3);
+        assert!(lines.lines().all(|line| line.len() <= 100));
+        assert_eq!(lines.replace('\n', " "), text.trim());
     }
 }

@@ -14,8 +14,8 @@ use clap::Args;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::sync::Arc;
-use whitstone::core::{Accelerator, Element, FamilyName, Geometry, LoweredShape, Registry};
 use whitstone::core::simd::Level;
+use whitstone::core::{Accelerator, Element, FamilyName, Geometry, LoweredShape, Registry};
 use whitstone::{Exit, Failure};
 
 /// Benchmark accelerators on three meshes with three sets of rays each, interleaved with Embree

@@ -223,7 +223,17 @@ mod tests {
         for word in digits {
             assert_eq!(short_whole(word), word.parse().ok(), "{word}");
         }
-        for word in ["", "-1", "+1", "1.", ".5", "1e3", "1234567890", "99999999999999999999", "٣"] {
+        for word in [
+            "",
+            "-1",
+            "+1",
+            "1.",
+            ".5",
+            "1e3",
+            "1234567890",
+            "99999999999999999999",
+            "٣",
+        ] {
             assert_eq!(short_whole(word), None, "{word}");
         }
     }
