@@ -16,6 +16,8 @@ use whitstone_scene::Flattened;
 const PROGRAM: &str = "
 import json, sys, time
 from whitstone_mitsuba.runtime import dr, mi
+from whitstone_protocol.serve import end_with_the_parent
+end_with_the_parent()
 mi.set_variant(sys.argv[1])
 dr.set_thread_count(int(sys.argv[2]))
 scene = image = None
@@ -44,7 +46,8 @@ pub struct Seconds {
     pub processor: f64,
 }
 
-/// A process of one variant of Mitsuba, such as `llvm_ad_rgb`. It ends when this is dropped.
+/// A process of one variant of Mitsuba, such as `llvm_ad_rgb`. It ends when this is dropped, or soon
+/// after this process has ended.
 pub struct ExportedMitsuba {
     child: Child,
     input: ChildStdin,

@@ -30,7 +30,7 @@ def _loaded(load: Callable[[], Answerer]) -> Answerer:
         return lambda request: {"ok": False, "kind": "internal", "error": text}
 
 
-def _end_with_the_parent() -> None:
+def end_with_the_parent() -> None:
     """Ends this process and its children soon after its parent process has ended, which cannot tell
     if it was killed. Only POSIX systems change the parent's number then.
     """
@@ -53,7 +53,7 @@ def run(load: Callable[[], Answerer]) -> int:
     # own use, and redirect it to 2.
     out = os.fdopen(os.dup(1), "w", encoding="utf-8", newline="\n")
     os.dup2(2, 1)
-    _end_with_the_parent()
+    end_with_the_parent()
     answer = _loaded(load)
     for line in sys.stdin:
         if not line.strip():
