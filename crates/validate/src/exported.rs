@@ -46,8 +46,8 @@ pub struct Seconds {
     pub processor: f64,
 }
 
-/// A process of one variant of Mitsuba, such as `llvm_ad_rgb`. It ends when this is dropped, or soon
-/// after this process has ended.
+/// A process of one variant of Mitsuba, such as `llvm_ad_rgb`. It ends when this is dropped, or
+/// soon after this process has ended.
 pub struct ExportedMitsuba {
     child: Child,
     input: ChildStdin,
