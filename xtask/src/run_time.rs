@@ -220,7 +220,10 @@ pub(crate) fn sentence(results: &[Value]) -> String {
             )
         })
         .collect();
-    let commands: Vec<String> = figures.iter().map(|([_, ratios], _)| ratios.clone()).collect();
+    let commands: Vec<String> = figures
+        .iter()
+        .map(|([_, ratios], result)| format!("{ratios} ({})", text(result, "processor")))
+        .collect();
     let names: Vec<&str> = results
         .first()
         .map(pictures_of_most_threads)
@@ -229,7 +232,7 @@ pub(crate) fn sentence(results: &[Value]) -> String {
         .filter_map(|picture| text(picture, "scene").rsplit(['/', '.']).nth(1))
         .collect();
     wrapped(&format!(
-        "At {QUOTED} x {QUOTED} pixels and one sample per pixel ({}), the time in which Whitstone renders a loaded scene, divided by that of Mitsuba's C++ integrator `path` (`llvm_ad_rgb`), is {}. At each surface `path` follows one random ray; Whitstone follows every branch, two at glass. The command `render` takes {} times as long, from start to exit, as the command `mitsuba -m llvm_ad_rgb` (its C++ program, not the script of its pip package). Neither runs Python. [All sizes and renderers](docs/run-time.md).",
+        "At {QUOTED} x {QUOTED} pixels and one sample per pixel ({}), the time in which Whitstone renders a loaded scene, divided by that of Mitsuba's C++ integrator `path` (`llvm_ad_rgb`), is {}. At each surface `path` follows one random ray; Whitstone follows every branch, two at glass. From start to exit, the time of the command `render` divided by that of the command `mitsuba -m llvm_ad_rgb` (its C++ program, not the script of its pip package) is {}. Neither runs Python. [All sizes and renderers](docs/run-time.md).",
         names.join(", "),
         listed(&rendering),
         listed(&commands),

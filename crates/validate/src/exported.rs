@@ -129,9 +129,13 @@ impl Drop for ExportedMitsuba {
     }
 }
 
-/// What a conversion may approximate: Mitsuba takes other samples of pixels and of area lights, and
-/// its glowing surfaces light others, which matters only if a surface scatters light.
-const SAMPLES: [&str; 3] = ["[sampler]", "[[light]] area", "[material] emissive"];
+/// What a conversion may approximate: Mitsuba takes other samples of pixels and of area lights.
+const SAMPLES: [&str; 2] = ["[sampler]", "[[light]] area"];
+
+/// In Mitsuba a glowing surface lights others. That matters unless the integrator is one for scenes
+/// in which no surface scatters light; otherwise the exporter notes that too.
+const GLOW: &str = "[material] emissive";
+const SCATTERS: &str = "<integrator type=\"direct\"";
 
 /// A scene as Mitsuba's XML.
 pub struct Export {
@@ -164,9 +168,12 @@ pub fn export(registry: &Registry, document: &Flattened, folder: &Path) -> Resul
         let all: Vec<String> = errors.0.into_iter().map(|error| error.message).collect();
         all.join("\n")
     })?;
+    let text = std::fs::read_to_string(&file).map_err(|error| error.to_string())?;
+    let glow_matters = text.contains(SCATTERS);
+    let is_harmless = |name: &str| SAMPLES.contains(&name) || name == GLOW && !glow_matters;
     let features = notes.into_iter().map(|note| note.feature);
     let lost = features
-        .filter(|feature| feature.treatment != Treatment::Kept && !SAMPLES.contains(&feature.name))
+        .filter(|feature| feature.treatment != Treatment::Kept && !is_harmless(feature.name))
         .map(|feature| feature.name)
         .collect();
     Ok(Export { file, lost })
