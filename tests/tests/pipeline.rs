@@ -5,9 +5,9 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use whitstone::core::{Aabb, BsdfFlags, DVec3, Light, LightBounds, LightFlags, LightSample, Rgb};
-use whitstone::render::{Film, Pipeline, Region, RenderOptions};
+use whitstone::render::{BuildOptions, Film, Pipeline, Region, RenderOptions};
 use whitstone::scene::Sources;
-use whitstone_tests::{build, load, root};
+use whitstone_tests::{bits, build, load, root};
 
 fn pipeline(text: &str) -> Pipeline {
     let camera = "[camera]\ntype = \"perspective\"\nlook_at = { origin = [0, 0, 5], target = [0, 0, 0] }\n";
@@ -39,6 +39,37 @@ fn constant_textures_are_colours() {
         let traces = !built.omitted.iter().any(|part| part.what == "reflected rays");
         assert_eq!(traces, lobes.contains(BsdfFlags::REFLECTION), "{k_refl}");
     }
+}
+
+/// How fast the accelerator is built depends on the number of rays, and no value of the image does.
+#[test]
+fn few_rays_are_traced_through_a_structure_that_is_built_fast() {
+    let shape = "[[shape]]\ntype = \"heightfield\"\nheight = { type = \"checker\", a = 0, b = 1, scale = 8 }\n\
+                 columns = 64\nrows = 64\n[accelerator]\ntype = \"bvh\"\n";
+    let camera = "[camera]\ntype = \"perspective\"\nlook_at = { origin = [0, 2, 5], target = [0, 0, 0] }\n";
+    let built = |single_image: bool, sampler: &str, light: &str| {
+        let text = format!("{camera}{shape}[film]\nwidth = 64\nheight = 48\n{sampler}{light}");
+        let sources = Sources::from_text("scene.toml", &text, Path::new("."), &[]).unwrap();
+        let options = BuildOptions {
+            single_image,
+            ..BuildOptions::default()
+        };
+        Pipeline::load(&sources, &whitstone::registry(), options)
+            .unwrap_or_else(|errors| panic!("{}", sources.report(&errors, false)))
+    };
+    let nodes = |pipeline: &Pipeline| pipeline.scene.accelerator.statistics()["nodes"];
+    let (fast, usual) = (built(true, "", ""), built(false, "", ""));
+    assert_ne!(nodes(&fast), nodes(&usual));
+    assert_eq!(bits(&fast, 1), bits(&usual, 1));
+    // 3,072 pixels, and 32 rays for each of 8,192 triangles.
+    let sampler = "[sampler]\ntype = \"grid\"\nsamples_per_axis = ";
+    assert_eq!(nodes(&built(true, &format!("{sampler}9\n"), "")), nodes(&fast));
+    assert_eq!(nodes(&built(true, &format!("{sampler}10\n"), "")), nodes(&usual));
+    let light = "[[light]]\ntype = \"point\"\nposition = [0, 9, 0]\nintensity = 1\n";
+    assert_eq!(
+        nodes(&built(true, &format!("{sampler}7\n"), light)),
+        nodes(&usual)
+    );
 }
 
 /// Shines up, and says that it reaches nothing.

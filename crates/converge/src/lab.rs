@@ -3,10 +3,10 @@
 
 use crate::cache::{Cache, Record};
 use crate::errors::{Measured, edges};
-use crate::study::{Against, Change, Engine, Study};
+use crate::study::{self, Against, Change, Engine, Series, Study};
 use crate::usage::{Memory, Ticks, processor_time};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 use whitstone_core::{Registry, SceneError, SceneErrors};
 use whitstone_image::{Image, Limits, atomic, exr_io};
 use whitstone_metrics::Mask;
@@ -14,6 +14,8 @@ use whitstone_render::{BuildOptions, Pipeline, RenderOptions};
 use whitstone_scene::{Description, Flattened, Sources};
 use whitstone_validate::driver::{Driver, DriverError, Rendered, SceneText, Setting};
 use whitstone_validate::exported::{self, ExportedMitsuba, Seconds};
+use whitstone_validate::subject::Once;
+use whitstone_validate::{Stop, Subject};
 
 /// Shorter renderings, in seconds, are timed in batches, because clocks and schedulers have a
 /// limited resolution.
@@ -40,6 +42,10 @@ pub struct Options {
     pub threads: usize,
     /// How the user calls this program, for the commands in reports.
     pub program: String,
+    /// The folder of all results.
+    pub target: PathBuf,
+    /// A request to stop early, which ends commands.
+    pub stop: Stop,
 }
 
 /// The renderers, the cache and the options.
@@ -55,6 +61,8 @@ pub struct Lab<'a> {
     driver_hash: String,
     pub(crate) cache: Cache,
     pub(crate) options: Options,
+    /// When it was made: times of commands are not kept for later runs.
+    pub(crate) started: SystemTime,
     /// Whether to stop after the first half of the times.
     pub(crate) halfway: bool,
 }
@@ -64,6 +72,16 @@ pub(crate) enum Ready {
     Whitstone(Box<Pipeline>),
     Mitsuba(Flattened),
     StockMitsuba(Exported),
+    Command(Box<Commanded>),
+}
+
+/// A scene for the command of a renderer.
+pub(crate) struct Commanded {
+    subject: Subject,
+    scene: Flattened,
+    size: [usize; 2],
+    samples: u32,
+    primitives: u64,
 }
 
 /// A scene for Mitsuba's own integrators.
@@ -114,6 +132,7 @@ impl<'a> Lab<'a> {
             driver_hash: driver_hash.to_owned(),
             cache,
             options,
+            started: SystemTime::now(),
             halfway: false,
         }
     }
@@ -191,6 +210,59 @@ impl<'a> Lab<'a> {
         }
     }
 
+    /// Builds and renders a setting of a series once, to warm up and to get the image.
+    pub(crate) fn first_of(
+        &mut self,
+        study: &Study,
+        series: &Series,
+        setting: &study::Setting,
+    ) -> Result<(Ready, Shot), String> {
+        let changes = study.changes(series, setting);
+        let Some(subject) = &series.subject else {
+            return self.first(study, series.engine, &changes);
+        };
+        let pipeline = self.build(study, &changes)?;
+        let mut scene = self.flatten(study, &changes)?;
+        if let Some(text) = subject.centered(&scene)? {
+            let centered = Change { text, span: 0..0 };
+            scene = self.flatten(study, &[&changes[..], &[centered]].concat())?;
+        }
+        let commanded = Commanded {
+            subject: subject.clone(),
+            scene,
+            size: [pipeline.film.size.width, pipeline.film.size.height].map(|size| size as usize),
+            samples: setting.samples,
+            primitives: primitives(&pipeline),
+        };
+        // The first run reads files that later ones find in memory.
+        self.run_command(&commanded)?;
+        let (image, seconds) = self.run_command(&commanded)?;
+        let shot = Shot {
+            image,
+            seconds,
+            cpu: f64::NAN,
+            build_s: 0.0,
+            rays: 0,
+            samples: commanded.samples,
+            primitives: Some(commanded.primitives),
+            memory: None,
+        };
+        Ok((Ready::Command(Box::new(commanded)), shot))
+    }
+
+    /// Runs a command; returns its image and the wall time of the whole command.
+    fn run_command(&self, commanded: &Commanded) -> Result<(Image, f64), String> {
+        commanded.subject.render_once(&Once {
+            registry: self.registry,
+            target: &self.options.target,
+            scene: &commanded.scene,
+            size: commanded.size,
+            samples: commanded.samples,
+            threads: self.options.threads,
+            stop: &self.options.stop,
+        })
+    }
+
     /// Builds and renders once, to warm up and to get the image.
     pub(crate) fn first(
         &mut self,
@@ -199,6 +271,7 @@ impl<'a> Lab<'a> {
         changes: &[Change],
     ) -> Result<(Ready, Shot), String> {
         match engine {
+            Engine::Command => Err("a command renders only in a series of its own".to_owned()),
             Engine::Whitstone => {
                 let memory = Memory::start();
                 let pipeline = self.build(study, changes)?;
@@ -369,6 +442,7 @@ impl<'a> Lab<'a> {
         std::thread::sleep(REST);
         if record.batch > 1 {
             match ready {
+                Ready::Command(_) => {}
                 Ready::Whitstone(pipeline) => drop(pipeline.render(self.render_options())),
                 Ready::Mitsuba(flattened) => drop(self.shoot_mitsuba(flattened)?),
                 Ready::StockMitsuba(scene) => drop(self.render_stock(scene)?),
@@ -394,6 +468,10 @@ impl<'a> Lab<'a> {
                 let (_, rendering) = self.render_stock(scene)?;
                 record.times.push(rendering.wall);
                 record.cpu.push(rendering.processor);
+            }
+            Ready::Command(commanded) => {
+                let (_, seconds) = self.run_command(commanded)?;
+                record.times.push(seconds);
             }
         }
         if let (Some(before), Some(now)) = (before, self.ticks()) {

@@ -81,7 +81,7 @@ pub fn svg(report: &StudyReport) -> String {
 /// The name in the legend; textbook variants are configurations of their own.
 fn name(series: &SeriesReport) -> &str {
     match series.engine {
-        Engine::Whitstone | Engine::Mitsuba | Engine::StockMitsuba => &series.configuration,
+        Engine::Whitstone | Engine::Mitsuba | Engine::StockMitsuba | Engine::Command => &series.configuration,
         engine => engine.name(),
     }
 }

@@ -42,7 +42,7 @@ impl Lab<'_> {
                 let setting = Setting {
                     label: format!("{}={:e}", about.parameter, step.parameter),
                     value: Some(step.parameter),
-                    changes: Vec::new(),
+                    ..Setting::default()
                 };
                 let mut point = Point::new(&setting, Err(&String::new()), command.clone());
                 point.problem = None;
@@ -54,6 +54,7 @@ impl Lab<'_> {
             let of = Series {
                 name: about.name.to_owned(),
                 engine: engine_of(engine.engine),
+                subject: None,
                 set: Vec::new(),
                 settings: Vec::new(),
                 slope: None,

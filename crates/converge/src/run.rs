@@ -90,7 +90,12 @@ impl Lab<'_> {
                     of.engine.name(),
                     of.settings[setting].label
                 ));
-                jobs.push(self.first_look(study, series, setting, truth_of(series)));
+                let job = self.first_look(study, series, setting, truth_of(series));
+                let hopeless = of.subject.is_some() && job.record.is_err();
+                jobs.push(job);
+                if hopeless {
+                    break;
+                }
             }
         }
         self.rounds(&mut jobs, progress);
@@ -205,9 +210,14 @@ impl Lab<'_> {
 
     fn look(&mut self, job: &mut Job<'_>, truth: &True) -> Result<Record, String> {
         let (study, series) = (job.study, &job.study.series[job.series]);
-        let changes = study.changes(series, &series.settings[job.setting]);
-        let flattened = self.flatten(study, &changes)?;
-        job.key = self.key("point", series.engine, &flattened, &truth.hash);
+        let setting = &series.settings[job.setting];
+        let flattened = self.flatten(study, &study.changes(series, setting))?;
+        let kind = match &series.subject {
+            None => "point".to_owned(),
+            // What a command renders and how long it takes is not known to the cache.
+            Some(subject) => format!("{subject:?} {} {:?}", setting.samples, self.started),
+        };
+        job.key = self.key(&kind, series.engine, &flattened, &truth.hash);
         let known = self.cache.record(&job.key).map(|record| Record {
             // More repeats may be wanted than last time.
             repeats: self.repeats(study, record.affordable),
@@ -216,7 +226,7 @@ impl Lab<'_> {
         if let Some(record) = known.clone().filter(Record::is_complete) {
             return Ok(record);
         }
-        let (ready, shot) = self.first(study, series.engine, &changes)?;
+        let (ready, shot) = self.first_of(study, series, setting)?;
         job.ready = Some(ready);
         // Times of the first session, or of an interrupted run, still count.
         if let Some(record) = known {

@@ -9,6 +9,7 @@ use toml::de::DeTable;
 use whitstone_core::config::decode;
 use whitstone_core::{SceneError, SceneErrors, SourceSpan};
 use whitstone_scene::Sources;
+use whitstone_validate::Subject;
 
 /// Largest accepted study file, in bytes.
 const MAX_BYTES: u64 = 1 << 20;
@@ -26,6 +27,8 @@ pub enum Engine {
     /// Mitsuba's own integrator on the exported scene: noisy, without Python while it renders.
     #[serde(rename = "stock mitsuba")]
     StockMitsuba,
+    /// The whole command of a renderer: it starts, reads, builds, renders and writes.
+    Command,
     /// Embree on the same triangles, in single precision; only in studies of stress families.
     Embree,
     /// Textbook formulas in double precision; only in studies of stress families.
@@ -57,7 +60,7 @@ impl From<Renderer> for Engine {
 
 impl Engine {
     /// All that render scenes.
-    pub const RENDERERS: [Self; 3] = [Self::Whitstone, Self::Mitsuba, Self::StockMitsuba];
+    pub const RENDERERS: [Self; 4] = [Self::Whitstone, Self::Mitsuba, Self::StockMitsuba, Self::Command];
 
     /// The name for people.
     pub fn name(self) -> &'static str {
@@ -65,6 +68,7 @@ impl Engine {
             Self::Whitstone => "whitstone",
             Self::Mitsuba => "mitsuba",
             Self::StockMitsuba => "stock mitsuba",
+            Self::Command => "whole command",
             Self::Embree => "embree",
             Self::NaiveF64 => "naive f64",
             Self::NaiveF32 => "naive f32",
@@ -98,6 +102,9 @@ impl Against {
         }
     }
 }
+
+/// The numbers of samples of a command.
+const SAMPLES: &[u32] = &[1, 4, 16, 64, 256];
 
 /// A text with its position in the file.
 type Text = Spanned<String>;
@@ -228,7 +235,7 @@ impl From<&Text> for Change {
 }
 
 /// One setting of a series.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Setting {
     /// The setting, such as `sampler.samples_per_axis=4`.
     pub label: String,
@@ -236,6 +243,8 @@ pub struct Setting {
     pub value: Option<f64>,
     /// The changes that it makes.
     pub changes: Vec<Change>,
+    /// The number of samples that it asks a command for.
+    pub samples: u32,
 }
 
 /// A configuration that is swept by one engine.
@@ -245,6 +254,8 @@ pub struct Series {
     pub name: String,
     /// The renderer.
     pub engine: Engine,
+    /// Its command, for [`Engine::Command`].
+    pub subject: Option<Subject>,
     /// The changes that all settings share.
     pub set: Vec<Change>,
     /// In the order of the study.
@@ -426,6 +437,36 @@ impl Study {
         }
     }
 
+    /// Adds a series that renders the scene by a command, with more and more samples. The changes
+    /// that the command needs apply to all series and to the truth.
+    pub fn add_command(&mut self, subject: &Subject) {
+        let change = |text: &str| Change {
+            text: text.to_owned(),
+            span: 0..0,
+        };
+        self.set.extend(subject.set.iter().map(|text| change(text)));
+        let samples = if subject.takes_samples() {
+            SAMPLES
+        } else {
+            &SAMPLES[..1]
+        };
+        let settings = samples.iter().map(|&samples| Setting {
+            label: format!("samples={samples}"),
+            value: Some(samples.into()),
+            changes: Vec::new(),
+            samples,
+        });
+        self.series.push(Series {
+            name: subject.name.clone(),
+            engine: Engine::Command,
+            subject: Some(subject.clone()),
+            // The sampler is the command's own.
+            set: vec![change("sampler={ type = \"center\" }")],
+            settings: settings.collect(),
+            slope: None,
+        });
+    }
+
     /// The changes of one setting, in the order of application.
     pub fn changes(&self, series: &Series, setting: &Setting) -> Vec<Change> {
         [&self.set[..], &series.set, &setting.changes].concat()
@@ -524,6 +565,7 @@ fn series(table: &SeriesTable) -> Vec<Series> {
             label: labels.join(" "),
             value: values.clone().find_map(|(_, value)| number(value)),
             changes,
+            samples: 0,
         }
     };
     let settings: Vec<Setting> = (0..count).map(setting).collect();
@@ -533,6 +575,7 @@ fn series(table: &SeriesTable) -> Vec<Series> {
         .map(|engine| Series {
             name: table.name.clone(),
             engine: (*engine).into(),
+            subject: None,
             set: changes(&table.set),
             settings: settings.clone(),
             slope: table.slope,

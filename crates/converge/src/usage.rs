@@ -75,15 +75,14 @@ impl Sum for Ticks {
     }
 }
 
-/// Processor time of all threads of a process, in ticks.
+/// Processor time of all threads of a process and of its children that have ended, in ticks.
 fn ticks(process: u32) -> Option<u64> {
     let text = fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
     // The name may contain anything, including parentheses. The process id and the name precede the
     // first column here.
     let (_, rest) = text.rsplit_once(')')?;
-    let mut columns = rest.split_whitespace().skip(11);
-    let [user, system] = [columns.next()?, columns.next()?].map(|column| column.parse::<u64>().ok());
-    Some(user? + system?)
+    let columns = rest.split_whitespace().skip(11).take(4);
+    columns.map(|column| column.parse::<u64>().ok()).sum()
 }
 
 /// Peak growth of the memory of this process.

@@ -46,6 +46,9 @@ pub struct BuildOptions<'a> {
     pub shared: Option<&'a Shared>,
     /// Called with the part that is about to be built.
     pub progress: Option<&'a dyn Fn(&str)>,
+    /// Whether one image is all that will be rendered: an accelerator may then weigh its own build
+    /// time against that of the rays. By default many rays are expected.
+    pub single_image: bool,
 }
 
 /// Shapes and their accelerator.
@@ -84,6 +87,8 @@ pub(crate) struct Builder<'d, 's, 'o> {
     pub(crate) warnings: Vec<SceneError>,
     pub(crate) coincident: Vec<Coincidence>,
     pub(crate) coincident_unknown: Vec<String>,
+    /// See [`Resources::expected_rays`].
+    pub(crate) expected_rays: Option<u64>,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -124,6 +129,7 @@ impl<'d, 's, 'o> Builder<'d, 's, 'o> {
             warnings: Vec::new(),
             coincident: Vec::new(),
             coincident_unknown: Vec::new(),
+            expected_rays: None,
         }
     }
 

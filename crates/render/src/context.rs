@@ -98,6 +98,10 @@ impl Resources for Builder<'_, '_, '_> {
         }
         operands::solid(shape, &plugin)
     }
+
+    fn expected_rays(&self) -> Option<u64> {
+        self.expected_rays
+    }
 }
 
 impl Storage for Builder<'_, '_, '_> {

@@ -8,8 +8,8 @@ use std::collections::{BTreeSet, HashSet};
 use std::sync::Arc;
 use std::time::Instant;
 use whitstone_core::{
-    Camera, Cameras, FamilyName, Integrator, Integrators, Lights, ObjectOrder, Registry, Sampler, Samplers,
-    Scene, SceneError, SceneErrors, Texture, TreeLimits, View,
+    BsdfFlags, Camera, Cameras, FamilyName, Integrator, Integrators, Lights, Material, ObjectOrder, Registry,
+    Sampler, Samplers, Scene, SceneError, SceneErrors, Texture, TreeLimits, View,
 };
 use whitstone_scene::{Checked, Description, FilmTable, Omitted, Plan, Sources};
 
@@ -127,6 +127,13 @@ impl Pipeline {
                 .map_or_else(Vec::new, |camera| coincident::eyes(camera, size)),
             lights: &lights,
         };
+        let images = [
+            size.width,
+            size.height,
+            sampler.as_ref().map_or(1, |sampler| sampler.count()),
+        ];
+        builder.expected_rays =
+            (options.single_image).then(|| expected_rays(images, lights.len(), &materials));
         let built = builder.structure(
             plan,
             (&description.shapes, &description.accelerator),
@@ -214,4 +221,15 @@ impl Pipeline {
             errors,
         }
     }
+}
+
+/// About how many rays an image takes: for each camera sample one ray, and one to each light;
+/// and for materials that reflect or refract, several times as many.
+fn expected_rays([width, height, samples]: [u32; 3], lights: usize, materials: &[Arc<dyn Material>]) -> u64 {
+    let specular = |material: &Arc<dyn Material>| material.flags().intersects(BsdfFlags::SPECULAR);
+    let bounces = if materials.iter().any(specular) { 8 } else { 1 };
+    [width, height, samples]
+        .into_iter()
+        .map(u64::from)
+        .fold(bounces * (1 + lights as u64), u64::saturating_mul)
 }

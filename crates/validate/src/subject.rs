@@ -8,6 +8,7 @@ mod camera;
 mod process;
 pub(crate) mod render;
 
+use crate::stop::Stop;
 use arguments::Arguments;
 pub(crate) use camera::shifted;
 use serde::Deserialize;
@@ -18,8 +19,8 @@ use toml::Spanned;
 use toml::de::DeTable;
 use whitstone_core::config::{Finite, IntegerIn, Positive, Table, decode};
 use whitstone_core::{Registry, SceneError, SceneErrors, nearest};
-use whitstone_image::Transfer;
-use whitstone_scene::Sources;
+use whitstone_image::{Image, Transfer};
+use whitstone_scene::{Flattened, Sources};
 
 /// The name of the file with subjects.
 pub const CONFIG_FILE: &str = "whitstone.toml";
@@ -69,6 +70,25 @@ pub struct Subject {
     pub scale: f64,
     /// Limits instead of the usual ones, with the reason.
     pub expect: Option<Expect>,
+}
+
+/// A single rendering by a subject.
+#[derive(Clone, Copy)]
+pub struct Once<'a> {
+    /// The formats of scenes.
+    pub registry: &'a Registry,
+    /// The folder of all results.
+    pub target: &'a Path,
+    /// The scene.
+    pub scene: &'a Flattened,
+    /// Columns and rows.
+    pub size: [usize; 2],
+    /// The value of `{samples}`.
+    pub samples: u32,
+    /// The value of `{threads}`.
+    pub threads: usize,
+    /// A request to stop early.
+    pub stop: &'a Stop,
 }
 
 /// Limits of a subject, with the reason.
@@ -398,6 +418,46 @@ impl Subject {
     /// where the subject samples.
     pub(crate) fn shifted(&self, scene: &str) -> Result<String, String> {
         shifted(scene, self.offset)
+    }
+
+    /// Renders a scene once. Returns the image and the wall time of the whole command in seconds.
+    ///
+    /// # Errors
+    /// If its format cannot express the scene, or the command fails.
+    pub fn render_once(&self, once: &Once<'_>) -> Result<(Image, f64), String> {
+        let subject = Self {
+            samples: once.samples,
+            runs: 1,
+            ..self.clone()
+        };
+        let job = render::Job {
+            registry: once.registry,
+            target: once.target,
+            folder: Path::new("converge"),
+            scene: once.scene,
+            size: once.size,
+            threads: once.threads,
+            stage: &|_| (),
+            stop: once.stop,
+        };
+        let rendered = render::render(&subject, &job).map_err(|error| error.to_string())?;
+        Ok((rendered.image, rendered.run.seconds))
+    }
+
+    /// The change of a flattened scene, as for `--set`, after which the subject samples the centres
+    /// of its pixels; none if it does so anyway.
+    ///
+    /// # Errors
+    /// If the camera cannot be shifted by a part of a pixel.
+    pub fn centered(&self, scene: &Flattened) -> Result<Option<String>, String> {
+        let back = self.offset.map(|part| -part);
+        let is_centered = self.offset == [0.0; 2];
+        (!is_centered).then(|| shifted(&scene.text, back)).transpose()
+    }
+
+    /// Whether its command depends on the number of samples.
+    pub fn takes_samples(&self) -> bool {
+        self.arguments.has("samples")
     }
 
     /// Whether its images have noise.

@@ -320,6 +320,7 @@ pub fn build_with<T>(
             reuse: !arguments.fresh,
         }),
         progress: Some(&progress),
+        single_image: true,
         ..BuildOptions::default()
     };
     let built = Pipeline::load_and(&sources, registry, options, note);

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::Arc;
 use whitstone::core::*;
-use whitstone_converge::{Cache, Lab, Options, Study, StudyReport, Verdict};
+use whitstone_converge::{Cache, Engine, Lab, Options, SeriesReport, Study, StudyReport, Verdict};
 use whitstone_testkit::Random;
 
 fn root() -> PathBuf {
@@ -21,6 +21,8 @@ fn measure(study: &Study, registry: &Registry, folder: &Path) -> Result<StudyRep
         budget: 1.0,
         threads: 0,
         program: "whitstone".to_owned(),
+        target: folder.to_owned(),
+        stop: whitstone::validate::Stop::default(),
     };
     let none = Err("not in a test".to_owned());
     let mut lab = Lab::new(registry, none, "", Cache::new(folder.to_owned(), true), options);
@@ -603,4 +605,68 @@ fn a_recommended_setting_reaches_the_error() {
         let rmse = (squares.sum::<f64>() / (3 * ours.len()) as f64).sqrt();
         assert!(rmse < 1.1 * error, "{scene}: {rmse} with {}", point.command);
     }
+}
+
+/// Another renderer takes part by its command; its times are those of whole commands.
+#[test]
+fn a_command_is_a_series_of_its_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("scene.toml");
+    let text = fs::read_to_string(root().join("scenes/shapes/sphere.toml")).unwrap();
+    fs::write(&scene, text).unwrap();
+    let program = env!("CARGO_BIN_EXE_whitstone");
+    let measured = |subject: &str| -> (Output, Value) {
+        let json = folder.path().join("results.json");
+        let output = Command::new(program)
+            .current_dir(folder.path())
+            .args([
+                "converge",
+                "scene.toml",
+                "--no-mitsuba",
+                "--repeats",
+                "1",
+                "--subject",
+                subject,
+                "--json",
+            ])
+            .arg(&json)
+            .output()
+            .unwrap();
+        let text = fs::read(&json).unwrap_or_default();
+        (output, serde_json::from_slice(&text).unwrap_or_default())
+    };
+    let sampler = r#"{{ type = \"sobol\", samples = {samples} }}"#;
+    let (output, value) = measured(&format!(
+        r#"twin={{ command = "'{program}' render {{scene}} -o {{output}} --set 'sampler={sampler}'" }}"#
+    ));
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let report: StudyReport = serde_json::from_value(value["studies"][0].clone()).unwrap();
+    let named = |name: &str, engine: Engine| {
+        let mut all = report.series.iter();
+        all.find(|series| series.configuration == name && series.engine == engine)
+            .unwrap_or_else(|| panic!("{name}"))
+    };
+    let sobol = named("sobol", Engine::Whitstone);
+    let rmse = |series: &SeriesReport| -> Vec<_> { series.points.iter().map(|point| point.rmse).collect() };
+    for name in ["whitstone", "twin"] {
+        let command = named(name, Engine::Command);
+        assert_eq!(rmse(command)[..4], rmse(sobol)[..4], "{name}");
+        assert_eq!(command.points.len(), 5);
+        assert!(command.points[0].seconds > sobol.points[0].seconds, "{name}");
+    }
+    let printed = String::from_utf8_lossy(&output.stdout);
+    assert!(printed.contains("whole commands: whitstone "), "{printed}");
+
+    // A command that fails is told once, and the others are measured.
+    let (output, value) = measured("broken={ command = 'false {scene} {output} {samples}' }");
+    assert_eq!(output.status.code(), Some(1));
+    let problems = value["studies"][0]["problems"].as_array().unwrap();
+    let broken = |problem: &&Value| problem.as_str().unwrap().contains("broken (whole command)");
+    assert_eq!(problems.iter().filter(broken).count(), 1, "{problems:?}");
+    let (output, _) = measured("broken={ command = 'false {scene}' }");
+    assert_eq!(output.status.code(), Some(2));
 }

@@ -21,13 +21,18 @@ const BITS: u32 = 12;
 /// Bits of an element's number.
 const NUMBER: u32 = 64 - 3 * BITS;
 
-/// Builds over all elements; returns the nodes and the contents of the leaves. The result depends
-/// only on the elements and their order.
-pub(super) fn build<T: Number>(items: &Items) -> (Vec<Binary>, Contents<T>) {
+/// Builds over all elements; returns the nodes and the contents of the leaves, or none if more than
+/// `max_in_cell` elements have the same code. The result depends only on the elements and their
+/// order.
+pub(super) fn build<T: Number>(items: &Items, max_in_cell: usize) -> Option<(Vec<Binary>, Contents<T>)> {
     let keys = sorted(keys(items));
+    let same = |ends: &[u64]| ends[0] >> NUMBER == ends[ends.len() - 1] >> NUMBER;
+    if keys.windows(max_in_cell.saturating_add(1)).any(same) {
+        return None;
+    }
     let contents = items.contents(&keys, |key| number(*key));
     if keys.is_empty() {
-        return (Vec::new(), contents);
+        return Some((Vec::new(), contents));
     }
     let builder = Builder { items };
     let corners = &contents.corners;
@@ -39,7 +44,7 @@ pub(super) fn build<T: Number>(items: &Items) -> (Vec<Binary>, Contents<T>) {
     } else {
         builder.subtree(&keys, corners, 0).1.concat()
     };
-    (nodes, contents)
+    Some((nodes, contents))
 }
 
 /// The element number in a key.

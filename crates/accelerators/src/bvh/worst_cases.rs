@@ -5,7 +5,9 @@ use super::{Bvh, Quality};
 use crate::bvh2::Bvh2;
 use crate::support::leaves::child::Kind;
 use std::sync::Arc;
-use whitstone_core::{Accelerators, DVec3, Geometry, Interval, LoweredShape, Ray, Registry, SelfHitFilter};
+use whitstone_core::{
+    Accelerator, Accelerators, DVec3, Geometry, Interval, LoweredShape, Ray, Registry, SelfHitFilter,
+};
 use whitstone_simd::Level;
 use whitstone_testkit::{Random, accelerator_agrees, build, tiny_ball};
 
@@ -85,8 +87,11 @@ fn cost_of_choice(ratio: f64, offset: f64) -> (String, f64) {
     let rays = rays(offset);
     let count: usize = match name.as_str() {
         "bvh" => {
-            let bvh = Bvh::new(geometry, Quality::Balanced, Level::current());
-            rays.iter().map(|ray| visited(&bvh, ray)).sum()
+            let count = |quality: Quality| -> usize {
+                let bvh = Bvh::new(geometry.clone(), quality, Level::current());
+                rays.iter().map(|ray| visited(&bvh, ray)).sum()
+            };
+            count(Quality::Balanced).max(count(Quality::Auto))
         }
         "bvh2" => {
             let bvh2 = build::<Accelerators, Bvh2>("", geometry).unwrap();
@@ -110,6 +115,23 @@ fn no_ratio_of_sizes_and_no_offset_makes_the_automatic_choice_slow() {
     assert_eq!(found[3].2.0, "bvh2");
 }
 
+/// Elements in one cell of the grid of the fast build.
+#[test]
+fn a_fast_build_is_given_up_where_it_would_be_slow() {
+    let nodes = |geometry: &Arc<Geometry>, quality: Quality| {
+        let bvh = Bvh::new(geometry.clone(), quality, Level::current());
+        bvh.statistics()["nodes"]
+    };
+    let even = scene(1e0, 0.0);
+    let [auto, fast, balanced] =
+        [Quality::Auto, Quality::Fast, Quality::Balanced].map(|quality| nodes(&even, quality));
+    assert!(auto == fast && fast != balanced, "{auto} {fast} {balanced}");
+    let uneven = scene(1e4, 0.0);
+    let [auto, fast, balanced] =
+        [Quality::Auto, Quality::Fast, Quality::Balanced].map(|quality| nodes(&uneven, quality));
+    assert!(auto == balanced && fast != balanced, "{auto} {fast} {balanced}");
+}
+
 /// What the choice avoids.
 #[test]
 fn single_precision_boxes_of_tiny_elements_do_not_help() {
@@ -130,7 +152,7 @@ fn hits_in_hard_geometry_are_those_of_testing_every_element() {
         let bvh2 = build::<Accelerators, Bvh2>("", geometry.clone()).unwrap();
         accelerator_agrees(&geometry, &*bvh2, 28);
         for ray in rays(offset).iter().take(20) {
-            let hit = |accelerator: &dyn whitstone_core::Accelerator| {
+            let hit = |accelerator: &dyn Accelerator| {
                 accelerator
                     .intersect(ray, Interval::FORWARD, SelfHitFilter::NOTHING)
                     .map(|hit| (hit.t.to_bits(), hit.primitive))

@@ -49,6 +49,12 @@ pub trait Resources {
         let _ = around;
         Err(SceneError::at(operand.span.clone(), "operands are not available here").into())
     }
+
+    /// About how many rays will be traced, if that is known and small enough to matter: an
+    /// accelerator may then build faster. No answer may depend on it.
+    fn expected_rays(&self) -> Option<u64> {
+        None
+    }
 }
 
 /// Memory limits, and results that are kept between runs.

@@ -6,7 +6,7 @@
 mod body;
 
 use super::{FileError, Triangles, fan, shorten};
-use body::{Binary, Body, Text};
+use body::{Binary, Body, ParallelText, Text};
 use std::collections::HashSet;
 use whitstone_core::{DVec2, DVec3};
 
@@ -137,7 +137,14 @@ pub(super) fn parse(bytes: &[u8], colors: bool) -> Result<Triangles, FileError> 
     header.check()?;
     let body = &bytes[header.length..];
     match header.format {
-        Format::Text => read(&header, Text::new(body, header.lines), colors),
+        Format::Text => {
+            let parallel = || read(&header, ParallelText::new(body), colors);
+            let read_again = || read(&header, Text::new(body, header.lines), colors);
+            match ParallelText::suits(body).then(parallel) {
+                Some(Ok(object)) => Ok(object),
+                _ => read_again(),
+            }
+        }
         Format::LittleEndian => read(&header, Binary::<false>::new(body), colors),
         Format::BigEndian => read(&header, Binary::<true>::new(body), colors),
     }
@@ -472,6 +479,53 @@ mod tests {
         // Not rounded to single precision, whatever type the header states.
         assert_eq!(object.positions[1].y, 0.1);
         assert_eq!(object.triangles.len(), 3);
+    }
+
+    /// Files that are read on several threads give the same as all others, errors included.
+    #[test]
+    fn long_text_is_read_as_short_text() {
+        use std::fmt::Write;
+        let count = 200_000;
+        let mut text = format!(
+            "ply\nformat ascii 1.0\nelement vertex {count}\nproperty float x\nproperty float y\n\
+             property float z\nelement face {count}\nproperty list uchar int vertex_indices\nend_header\n"
+        );
+        let header = text.len();
+        for number in 0..count {
+            let _ = writeln!(text, "{}.5e-3 -{number} .{number}", number % 97);
+        }
+        for number in 0..count - 1 {
+            let blank = if number % 1000 == 0 { "\r\n \n" } else { "" };
+            let _ = writeln!(text, "{blank}3 {number} {} 0", number + 1);
+        }
+        text += "3 1 2 0";
+        assert!(ParallelText::suits(text.as_bytes()) || rayon::current_num_threads() == 1);
+        let sequential = |text: &str| {
+            let head = Header::read(text.as_bytes()).unwrap();
+            read(
+                &head,
+                Text::new(&text.as_bytes()[head.length..], head.lines),
+                true,
+            )
+        };
+        let (found, expected) = (parse_all(text.as_bytes()).unwrap(), sequential(&text).unwrap());
+        assert_eq!(found.positions, expected.positions);
+        assert_eq!(found.triangles, expected.triangles);
+        let head = Header::read(text.as_bytes()).unwrap();
+        let object = read(&head, ParallelText::new(&text.as_bytes()[header..]), true).unwrap();
+        assert_eq!(object.positions, expected.positions);
+        for (from, to) in [
+            ("3 150000 150001 0\n", "3 150000 150001\n"),
+            ("3 150000 150001 0\n", "3 150000 150001 0 0\n"),
+            ("3 150000 150001 0\n", "3 150000 150001 999999\n"),
+            ("3 150000 150001 0\n", "3 150000 15x 0\n"),
+            ("3 1 2 0", ""),
+        ] {
+            let wrong = text.replacen(from, to, 1);
+            let (found, expected) = (fails(&wrong), sequential(&wrong).unwrap_err());
+            assert_eq!((found.line, &found.message), (expected.line, &expected.message));
+            assert!(read(&head, ParallelText::new(&wrong.as_bytes()[header..]), true).is_err());
+        }
     }
 
     #[test]

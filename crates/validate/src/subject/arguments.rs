@@ -46,23 +46,23 @@ impl Arguments {
         if words.is_empty() {
             return Err(Problem::new("expected a program and its arguments"));
         }
-        let words: Vec<Vec<Part>> = words.iter().map(|word| parts(word)).collect::<Result<_, _>>()?;
-        let has = |name: &str| {
-            words
-                .iter()
-                .flatten()
-                .any(|part| *part == Part::Placeholder(name_of(name)))
-        };
+        let found = Self(words.iter().map(|word| parts(word)).collect::<Result<_, _>>()?);
         for name in REQUIRED {
-            if !has(name) {
+            if !found.has(name) {
                 return Err(Problem::new(format!("the command lacks {{{name}}}")));
             }
         }
-        if needs_seed && !has("seed") {
+        if needs_seed && !found.has("seed") {
             let message = "the runs of a noisy subject differ by their seed, and the command lacks {seed}";
             return Err(Problem::new(message));
         }
-        Ok(Self(words))
+        Ok(found)
+    }
+
+    /// Whether a placeholder occurs.
+    pub(crate) fn has(&self, name: &str) -> bool {
+        let is_it = |part: &Part| matches!(part, Part::Placeholder(found) if *found == name);
+        self.0.iter().flatten().any(is_it)
     }
 
     /// The program and its arguments. A relative program with a folder in its name is looked up in
@@ -83,14 +83,6 @@ impl Arguments {
         };
         (program, words.collect())
     }
-}
-
-/// The placeholder of this name with a static lifetime.
-fn name_of(name: &str) -> &'static str {
-    PLACEHOLDERS
-        .into_iter()
-        .find(|known| *known == name)
-        .unwrap_or("")
 }
 
 fn parts(word: &str) -> Result<Vec<Part>, Problem> {

@@ -178,7 +178,6 @@ enum Ended {
 }
 
 fn wait(family: &mut Family, limits: &RunLimits, start: Instant) -> std::io::Result<Ended> {
-    let mut pause = Duration::from_millis(1);
     let mut measured = None;
     loop {
         if let Some(status) = family.child.try_wait()? {
@@ -204,8 +203,9 @@ fn wait(family: &mut Family, limits: &RunLimits, start: Instant) -> std::io::Res
                 return Ok(Ended::File);
             }
         }
-        thread::sleep(pause);
-        pause = (2 * pause).min(Duration::from_millis(20));
+        // Short runs are timed too.
+        let pause = start.elapsed() / 64;
+        thread::sleep(pause.clamp(Duration::from_millis(1), Duration::from_millis(20)));
     }
 }
 

@@ -2,20 +2,21 @@
 
 use super::page::{self, Marks};
 use super::{Drivers, Target};
+use crate::interrupt::{self, Watching};
 use crate::terminal::{Exit, Failure, make_folder, progress, set_message, write_json};
 use clap::Args;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use whitstone_converge::{
-    Cache, Engine, Lab, Options, Study, StudyReport, Verdict, csv, headline, plot, table, usage,
+    Cache, Engine, Lab, Options, SeriesReport, Study, StudyReport, Verdict, csv, headline, plot, table, usage,
 };
 use whitstone_core::Registry;
 use whitstone_image::atomic;
 use whitstone_validate::driver::Driver;
 use whitstone_validate::environment::Environment;
 use whitstone_validate::exported::ExportedMitsuba;
-use whitstone_validate::{Renderer, hash_sources};
+use whitstone_validate::{Renderer, Subject, hash_sources, quoted};
 
 /// Folder of the stored studies.
 const STUDIES: &str = "studies";
@@ -36,7 +37,7 @@ const PICTURES: &str = "images/converge";
 #[derive(Args, Debug)]
 #[command(
     help_template = super::HELP_TEMPLATE,
-    after_help = "Examples:\n  whitstone converge samples\n  whitstone converge studies/lens.toml --plots plots\n  whitstone converge scenes/showcase/cornell.toml\n  whitstone converge scenes/showcase/cornell.toml --recommend 0.005\n  whitstone converge --quick"
+    after_help = "Examples:\n  whitstone converge samples\n  whitstone converge studies/lens.toml --plots plots\n  whitstone converge scenes/showcase/cornell.toml\n  whitstone converge scenes/showcase/cornell.toml --recommend 0.005\n  whitstone converge scene.toml --subject mytracer --points\n  whitstone converge --quick"
 )]
 pub struct Arguments {
     /// Names of stored studies, study files, or scenes, whose samples per pixel are swept [default:
@@ -54,6 +55,14 @@ pub struct Arguments {
     /// number of samples. Mitsuba is not run
     #[arg(long, value_name = "ERROR", value_parser = super::positive, conflicts_with_all = ["quick", "list", "page"])]
     recommend: Option<f64>,
+    /// Add another renderer, and Whitstone's own command: the name of a table [subject.NAME], or
+    /// NAME={...}. Their times are those of whole commands, from the start of the process to the
+    /// written image; the value of {samples} is swept, and every error has the same truth
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["quick", "recommend", "page"])]
+    subject: Option<String>,
+    /// File with the subject's table [default: whitstone.toml in this folder or one above it]
+    #[arg(long, value_name = "FILE", requires = "subject")]
+    config: Option<PathBuf>,
     /// Print every point, not only the curves
     #[arg(long)]
     points: bool,
@@ -106,6 +115,20 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         }
         return Ok(Exit::Pass);
     }
+    for subject in commands(arguments, registry)? {
+        for study in studies.iter_mut().filter(|study| study.stress.is_none()) {
+            study.add_command(&subject);
+        }
+    }
+    // A signal ends the command that runs.
+    let _watching = arguments.subject.as_ref().map(|_| Watching::new());
+    let interrupted = || match interrupt::signal() {
+        Some(signal) => {
+            let kept = "finished measurements of Whitstone and Mitsuba are kept".to_owned();
+            Err(Failure::Interrupted { signal, kept })
+        }
+        None => Ok(()),
+    };
     let (driver, stock, driver_hash) = mitsuba(arguments, &studies)?;
     let options = Options {
         repeats: 7,
@@ -113,6 +136,8 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         budget: arguments.budget,
         threads: arguments.threads,
         program: program.to_owned(),
+        target: arguments.target.folder().to_owned(),
+        stop: interrupt::stop().clone(),
     };
     let cache = Cache::new(arguments.target.folder().join("converge"), !arguments.fresh);
     let mut lab = Lab::new(registry, driver, &driver_hash, cache, options);
@@ -125,12 +150,14 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     for study in studies.iter().filter(|_| !arguments.quick) {
         let stage = |what: &str| set_message(&bar, &format!("first session, {}: {what}", study.name));
         lab.measure_first_session(study, &stage).map_err(Failure::usage)?;
+        interrupted()?;
         bar.inc(1);
     }
     let mut reports: Vec<StudyReport> = Vec::new();
     for study in &studies {
         let stage = |what: &str| set_message(&bar, &format!("{}: {what}", study.name));
         let report = lab.measure(study, &stage).map_err(Failure::usage)?;
+        interrupted()?;
         bar.inc(1);
         bar.suspend(|| {
             print(&report, arguments.points);
@@ -283,6 +310,28 @@ check = [{{ set = ["sampler={{ type = \"sobol\", samples = 1024 }}"] }}]
 fn toml_text(text: &str) -> String {
     // JSON's escapes are a subset of TOML's.
     serde_json::Value::from(text).to_string()
+}
+
+/// The renderers of `--subject`: the one that it names, and this program.
+fn commands(arguments: &Arguments, registry: &Registry) -> Result<Vec<Subject>, Failure> {
+    let Some(name) = &arguments.subject else {
+        return Ok(Vec::new());
+    };
+    let subject = Subject::find(name, arguments.config.as_deref(), registry).map_err(Failure::usage)?;
+    let program = std::env::current_exe().map_err(Failure::environment)?;
+    let is_python = |name: &std::ffi::OsStr| name.to_string_lossy().starts_with("python");
+    if program.file_name().is_some_and(is_python) {
+        // Started from Python, the command is a script that this process does not know.
+        return Ok(vec![subject]);
+    }
+    let command = format!(
+        "{} render {{scene}} -o {{output}} --threads {{threads}} \
+         --set 'sampler={{{{ type = \"sobol\", samples = {{samples}} }}}}'",
+        quoted(&program.display().to_string())
+    );
+    let ours = format!("whitstone={{ command = {} }}", toml_text(&command));
+    let ours = Subject::find(&ours, None, registry).map_err(Failure::usage)?;
+    Ok(vec![ours, subject])
 }
 
 /// The driver, or the reason why there is none; Mitsuba's own integrators, if a study uses them;
@@ -449,6 +498,17 @@ fn print(report: &StudyReport, points: bool) {
             seconds(both.whitstone_s),
             seconds(both.mitsuba_s)
         );
+    }
+    let commands = || (report.series.iter()).filter(|series| series.engine == Engine::Command);
+    for (level, _) in report.levels() {
+        let reached = |series: &SeriesReport| match series.time_to.get(level) {
+            Some(reached) => format!("{} {:.4} s", series.configuration, reached.seconds),
+            None => format!("{} –", series.configuration),
+        };
+        let all: Vec<String> = commands().map(reached).collect();
+        if !all.is_empty() {
+            println!("  to an error of {level}, whole commands: {}", all.join(", "));
+        }
     }
     for what in &report.withheld {
         println!("  withheld: {what}");

@@ -2,6 +2,7 @@
 
 use super::{Element, Scalar};
 use crate::mesh::{FileError, shorten};
+use rayon::prelude::*;
 use std::str::SplitAsciiWhitespace;
 
 /// A body, from its beginning to its end.
@@ -158,24 +159,21 @@ impl Body for Text<'_> {
     }
 
     fn number(&mut self, scalar: Scalar) -> Result<f64, FileError> {
-        let (expected, range) = match scalar {
-            Scalar::I8 => ("a whole number from -128 to 127", -128.0..=127.0),
-            Scalar::U8 => ("a whole number from 0 to 255", 0.0..=255.0),
-            Scalar::I16 => ("a whole number from -32768 to 32767", -32768.0..=32767.0),
-            Scalar::U16 => ("a whole number from 0 to 65535", 0.0..=65535.0),
-            Scalar::I32 => (
-                "a whole number of 32 bits",
-                f64::from(i32::MIN)..=f64::from(i32::MAX),
-            ),
-            Scalar::U32 => ("a whole number of 32 bits from 0", 0.0..=f64::from(u32::MAX)),
-            Scalar::F32 | Scalar::F64 => ("a finite number", f64::MIN..=f64::MAX),
-        };
         let found = match self.words.next() {
             None => "the end of the line".to_owned(),
-            Some(word) => match short_whole(word).map_or_else(|| word.parse::<f64>(), Ok) {
-                Ok(x) if range.contains(&x) && (scalar.is_real() || x.fract() == 0.0) => return Ok(x),
-                _ => format!("\"{}\"", shorten(word)),
+            Some(word) => match parsed(word).filter(|&x| is_of_type(x, scalar)) {
+                Some(x) => return Ok(x),
+                None => format!("\"{}\"", shorten(word)),
             },
+        };
+        let expected = match scalar {
+            Scalar::I8 => "a whole number from -128 to 127",
+            Scalar::U8 => "a whole number from 0 to 255",
+            Scalar::I16 => "a whole number from -32768 to 32767",
+            Scalar::U16 => "a whole number from 0 to 65535",
+            Scalar::I32 => "a whole number of 32 bits",
+            Scalar::U32 => "a whole number of 32 bits from 0",
+            Scalar::F32 | Scalar::F64 => "a finite number",
         };
         Err(self.fault(format!("expected {expected}, found {found}")))
     }
@@ -195,6 +193,157 @@ impl Body for Text<'_> {
             ))),
         }
     }
+}
+
+/// A text body whose numbers are parsed on all threads, a block of lines at a time.
+///
+/// Its errors have no places: [`Text`] finds the error again.
+pub(super) struct ParallelText<'a> {
+    rest: &'a [u8],
+    block: Vec<Lines>,
+    /// The position in the block: lines of one part, and numbers of them.
+    part: usize,
+    line: usize,
+    number: usize,
+    /// The end of the numbers of the current line.
+    end: usize,
+}
+
+/// The numbers of consecutive lines that are not blank. NaN stands for words that are no numbers.
+#[derive(Default)]
+struct Lines {
+    numbers: Vec<f64>,
+    /// The end of each line in `numbers`.
+    ends: Vec<usize>,
+}
+
+impl Lines {
+    fn parse(text: &[u8]) -> Self {
+        let mut lines = Self::default();
+        for line in text.split(|&byte| byte == b'\n') {
+            match std::str::from_utf8(line.trim_ascii()) {
+                Ok("") => continue,
+                Ok(line) => {
+                    let words = line.split_ascii_whitespace();
+                    lines
+                        .numbers
+                        .extend(words.map(|word| parsed(word).unwrap_or(f64::NAN)));
+                }
+                Err(_) => lines.numbers.push(f64::NAN),
+            }
+            lines.ends.push(lines.numbers.len());
+        }
+        lines
+    }
+}
+
+/// Bytes of a part of a block, and parts of a block.
+const PART: usize = 1 << 16;
+const PARTS: usize = 32;
+
+impl<'a> ParallelText<'a> {
+    pub(super) fn new(body: &'a [u8]) -> Self {
+        Self {
+            rest: body,
+            block: Vec::new(),
+            part: 0,
+            line: 0,
+            number: 0,
+            end: 0,
+        }
+    }
+
+    /// Whether it is worthwhile.
+    pub(super) fn suits(body: &[u8]) -> bool {
+        body.len() > PART * PARTS && rayon::current_num_threads() > 1
+    }
+
+    /// Parses the next block.
+    fn read_block(&mut self) {
+        let mut parts = Vec::new();
+        while !self.rest.is_empty() && parts.len() < PARTS {
+            let ahead = self.rest.get(PART..).unwrap_or_default();
+            let end = ahead.iter().position(|&byte| byte == b'\n');
+            let (part, after) = self
+                .rest
+                .split_at(end.map_or(self.rest.len(), |end| PART + end + 1));
+            parts.push(part);
+            self.rest = after;
+        }
+        self.block = parts.into_par_iter().map(Lines::parse).collect();
+        (self.part, self.line) = (0, 0);
+    }
+}
+
+impl Body for ParallelText<'_> {
+    fn most(&self, element: &Element) -> u64 {
+        // Of the whole file, as far as it is not parsed.
+        let parsed: usize = self.block.iter().map(|lines| lines.ends.len()).sum();
+        (self.rest.len() / (2 * element.properties.len()).max(1) + parsed) as u64
+    }
+
+    fn begin(&mut self, _: &Element, _: u64) -> Result<(), FileError> {
+        loop {
+            let Some(lines) = self.block.get(self.part) else {
+                if self.rest.is_empty() {
+                    return Err(irregular());
+                }
+                self.read_block();
+                continue;
+            };
+            if let Some(&end) = lines.ends.get(self.line) {
+                self.number = self.line.checked_sub(1).map_or(0, |before| lines.ends[before]);
+                self.line += 1;
+                self.end = end;
+                return Ok(());
+            }
+            (self.part, self.line) = (self.part + 1, 0);
+        }
+    }
+
+    #[inline(always)]
+    fn number(&mut self, scalar: Scalar) -> Result<f64, FileError> {
+        let number = self.number;
+        self.number += 1;
+        let found = (self.block.get(self.part)).and_then(|lines| lines.numbers.get(number));
+        let good = found.filter(|&&x| number < self.end && is_of_type(x, scalar));
+        good.copied().ok_or_else(irregular)
+    }
+
+    fn length(&mut self, scalar: Scalar) -> Result<u32, FileError> {
+        length_of(self.number(scalar)?).ok_or_else(irregular)
+    }
+
+    fn end(&mut self, _: &Element) -> Result<(), FileError> {
+        if self.number == self.end {
+            Ok(())
+        } else {
+            Err(irregular())
+        }
+    }
+}
+
+fn irregular() -> FileError {
+    FileError::anywhere("an irregular line")
+}
+
+/// A number. Most are indices of a few digits.
+fn parsed(word: &str) -> Option<f64> {
+    short_whole(word).or_else(|| word.parse().ok())
+}
+
+/// Whether a property of this type can have this value.
+fn is_of_type(x: f64, scalar: Scalar) -> bool {
+    let range = match scalar {
+        Scalar::I8 => -128.0..=127.0,
+        Scalar::U8 => 0.0..=255.0,
+        Scalar::I16 => -32768.0..=32767.0,
+        Scalar::U16 => 0.0..=65535.0,
+        Scalar::I32 => f64::from(i32::MIN)..=f64::from(i32::MAX),
+        Scalar::U32 => 0.0..=f64::from(u32::MAX),
+        Scalar::F32 | Scalar::F64 => return x.is_finite(),
+    };
+    range.contains(&x) && x.fract() == 0.0
 }
 
 /// A number of a few digits, as most indices are: several times as fast as the general way.
