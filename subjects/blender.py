@@ -1,7 +1,8 @@
-"""Renders a scene document with Blender's Cycles: blender.py SCENE OUTPUT.pfm
+"""Renders a scene document with Blender's Cycles: blender.py SCENE OUTPUT.pfm [SAMPLES]
 
 Needs Python 3.11 with `bpy` 4.5. The image has direct light and mirrors, without light between
-diffuse surfaces. Every pixel has its sample in the middle: a box filter of a hundredth of a pixel.
+diffuse surfaces. With one sample, that of every pixel is in the middle: a box filter of a hundredth
+of a pixel. More samples are spread over the pixel.
 Cycles picks one light at random for each sample, so each light is rendered alone and the images are
 added.
 
@@ -136,7 +137,7 @@ def rendered(settings, scene):
     return pixels.reshape(scene.height, scene.width, 4)[::-1, :, :3].astype(float)
 
 
-def main(source, output):
+def main(source, output, samples):
     scene = document.read(source)
     bpy.ops.wm.read_factory_settings(use_empty=True)
     settings = bpy.context.scene
@@ -157,12 +158,12 @@ def main(source, output):
     settings.world = world
     render, cycles = settings.render, settings.cycles
     cycles.device = "CPU"
-    cycles.samples = 1
+    cycles.samples = samples
     cycles.use_adaptive_sampling = cycles.use_denoising = False
     cycles.max_bounces = cycles.glossy_bounces = cycles.transmission_bounces = scene.max_depth
     cycles.diffuse_bounces = 0
     cycles.caustics_reflective = cycles.caustics_refractive = False
-    cycles.pixel_filter_type, cycles.filter_width = "BOX", 0.01
+    cycles.pixel_filter_type, cycles.filter_width = "BOX", 0.01 if samples == 1 else 1.0
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0
     cycles.light_sampling_threshold = 0
     render.resolution_x, render.resolution_y = scene.width, scene.height
@@ -185,4 +186,4 @@ def main(source, output):
     document.write_pfm(output, total)
 
 
-main(*sys.argv[1:])
+main(*sys.argv[1:3], samples=int(*sys.argv[3:] or ["1"]))

@@ -62,9 +62,9 @@ pub(crate) fn page(results: &[Value]) -> String {
          The fixed cost dominates small images. A line through all sizes therefore gives the fixed cost and\n\
          the cost per pixel. A negative fixed cost counts as 0.\n\n\
          *Whole commands* go from the start of the process to its end, on all cores: starting, reading,\n\
-         building, tracing and writing an EXR file. Mitsuba finds its compiled kernels in Dr.Jit's cache.\n\
-         Its command is the C++ program `mitsuba` itself: the script of that name in its pip package first\n\
-         imports Mitsuba into Python, which takes longer.\n"
+         building, tracing and writing an EXR file. Mitsuba finds its compiled kernels in Dr.Jit's cache,\n\
+         except in a first run, where the cache is empty. Its command is the C++ program `mitsuba` itself:\n\
+         the script of that name in its pip package first imports Mitsuba into Python, which takes longer.\n"
     );
     for result in results {
         machine(&mut page, result);
@@ -174,13 +174,17 @@ fn quoted(result: &Value) -> [String; 2] {
     let place = list(result, "sizes")
         .iter()
         .position(|side| side.as_u64() == Some(QUOTED));
-    let commands = list(result, "commands").iter().filter_map(|scene| {
-        let of = |name: &str| {
-            let commands = list(scene, "commands");
-            commands.iter().find(|command| command["name"] == name)?["seconds"].as_f64()
-        };
-        Some(of(OURS)? / of("Mitsuba, llvm_ad_rgb")?)
-    });
+    let quoted = |scene: &&Value| scene["width"].as_u64() == Some(QUOTED);
+    let commands = list(result, "commands")
+        .iter()
+        .filter(quoted)
+        .filter_map(|scene| {
+            let of = |name: &str| {
+                let commands = list(scene, "commands");
+                commands.iter().find(|command| command["name"] == name)?["seconds"].as_f64()
+            };
+            Some(of(OURS)? / of("Mitsuba, llvm_ad_rgb")?)
+        });
     let ratios = used.iter().filter_map(|picture| ratio_at(picture, place?));
     [range(ratios), range(commands)]
 }

@@ -103,8 +103,8 @@ struct Eight {
 /// with scanned meshes of 70 thousand to 870 thousand triangles.
 const FEW_RAYS: u64 = 32;
 
-/// A fast build is given up if more elements than this lie in one cell of its grid, where it divides
-/// them without regard to their places.
+/// A fast build is given up if more elements than this lie in one cell of its grid, where it
+/// divides them without regard to their places.
 const MAX_IN_CELL: usize = 64;
 
 /// A fast build is given up if its expected cost exceeds that of a balanced binary tree, which is

@@ -5,9 +5,10 @@ use crate::cache::{Cache, Record};
 use crate::errors::{Measured, edges};
 use crate::study::{self, Against, Change, Engine, Series, Study};
 use crate::usage::{Memory, Ticks, processor_time};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
-use whitstone_core::{Registry, SceneError, SceneErrors};
+use whitstone_core::{FamilyName, Registry, SceneError, SceneErrors};
 use whitstone_image::{Image, Limits, atomic, exr_io};
 use whitstone_metrics::Mask;
 use whitstone_render::{BuildOptions, Pipeline, RenderOptions};
@@ -55,6 +56,8 @@ pub struct Lab<'a> {
     stock: Option<ExportedMitsuba>,
     /// Why Mitsuba takes no part.
     absent: String,
+    /// Why kernels of others take no part.
+    absent_kernels: BTreeMap<Engine, String>,
     /// Hash of this program: another build has other times, and perhaps other images.
     program_hash: String,
     /// Hash of the Mitsuba driver.
@@ -128,6 +131,7 @@ impl<'a> Lab<'a> {
             mitsuba,
             stock: None,
             absent,
+            absent_kernels: absent_kernels(registry),
             program_hash: blake3::hash(&program).to_hex().to_string(),
             driver_hash: driver_hash.to_owned(),
             cache,
@@ -145,12 +149,11 @@ impl<'a> Lab<'a> {
 
     /// Why an engine takes no part.
     pub(crate) fn absent(&self, engine: Engine) -> Option<&str> {
-        let is_absent = match engine {
-            Engine::Mitsuba => self.mitsuba.is_none(),
-            Engine::StockMitsuba => self.stock.is_none(),
-            _ => false,
-        };
-        is_absent.then_some(&*self.absent)
+        match engine {
+            Engine::Mitsuba if self.mitsuba.is_none() => Some(&self.absent),
+            Engine::StockMitsuba if self.stock.is_none() => Some(&self.absent),
+            _ => self.absent_kernels.get(&engine).map(|why| &**why),
+        }
     }
 
     /// Processor time of the whole machine and of the measured processes, if the system reports it.
@@ -272,7 +275,7 @@ impl<'a> Lab<'a> {
     ) -> Result<(Ready, Shot), String> {
         match engine {
             Engine::Command => Err("a command renders only in a series of its own".to_owned()),
-            Engine::Whitstone => {
+            Engine::Whitstone | Engine::Embree | Engine::Obvhs => {
                 let memory = Memory::start();
                 let pipeline = self.build(study, changes)?;
                 let mut shot = self.shoot_whitstone(&pipeline)?;
@@ -300,7 +303,6 @@ impl<'a> Lab<'a> {
                 let shot = self.shoot_stock(&exported)?;
                 Ok((Ready::StockMitsuba(exported), shot))
             }
-            Engine::Embree => Err("Embree renders scenes only as an accelerator of Whitstone".to_owned()),
             Engine::NaiveF64 | Engine::NaiveF32 => Err("textbook formulas cannot render scenes".to_owned()),
         }
     }
@@ -479,6 +481,27 @@ impl<'a> Lab<'a> {
         }
         Ok(())
     }
+}
+
+/// Kernels of others that this program lacks or cannot load, with the reason.
+fn absent_kernels(registry: &Registry) -> BTreeMap<Engine, String> {
+    let why = |engine: Engine| {
+        let name = engine.accelerator()?;
+        if registry.get(FamilyName::Accelerator, name).is_err() {
+            return Some(format!("this program was built without the feature `{name}`"));
+        }
+        let scene = format!(
+            "[camera]\ntype = \"perspective\"\nlook_at = {{ origin = [0, 0, 1], target = [0, 0, 0] }}\n[accelerator]\ntype = \"{name}\"\n"
+        );
+        let sources = Sources::from_text("a scene", &scene, Path::new(""), &[]).ok()?;
+        let built = Pipeline::load(&sources, registry, BuildOptions::default());
+        let error = built.err()?.0.into_iter().next()?;
+        Some(error.message)
+    };
+    let engines = Engine::RENDERERS.into_iter();
+    engines
+        .filter_map(|engine| Some((engine, why(engine)?)))
+        .collect()
 }
 
 fn primitives(pipeline: &Pipeline) -> u64 {

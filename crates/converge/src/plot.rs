@@ -45,11 +45,8 @@ pub fn svg(report: &StudyReport) -> String {
             names.push(name(series));
         }
     }
-    for (number, series) in series.iter().enumerate() {
-        let color = names
-            .iter()
-            .position(|name| *name == series.configuration)
-            .unwrap_or(0);
+    for (number, &series) in series.iter().enumerate() {
+        let color = names.iter().position(|known| *known == name(series)).unwrap_or(0);
         let ink = COLORS[color % COLORS.len()];
         let dashed = matches!(series.engine, Engine::Mitsuba | Engine::StockMitsuba);
         let timed = |point: &Point| Some([times.at(point.seconds?), errors.at(point.rmse?)]);
@@ -78,7 +75,7 @@ pub fn svg(report: &StudyReport) -> String {
     figure.finish()
 }
 
-/// The name in the legend; textbook variants are configurations of their own.
+/// What has a colour of its own: a configuration, or the code of others.
 fn name(series: &SeriesReport) -> &str {
     match series.engine {
         Engine::Whitstone | Engine::Mitsuba | Engine::StockMitsuba | Engine::Command => &series.configuration,

@@ -127,7 +127,8 @@ impl Lab<'_> {
     /// before anything is rendered.
     fn check(&self, study: &Study) -> Result<(), String> {
         let mut reports: Vec<String> = Vec::new();
-        for series in &study.series {
+        let takes_part = |series: &&Series| self.absent(series.engine).is_none();
+        for series in study.series.iter().filter(takes_part) {
             let ends = [series.settings.first(), series.settings.last()];
             for setting in ends.into_iter().flatten() {
                 if let Err(report) = self.build(study, &study.changes(series, setting))

@@ -29,8 +29,10 @@ pub enum Engine {
     StockMitsuba,
     /// The whole command of a renderer: it starts, reads, builds, renders and writes.
     Command,
-    /// Embree on the same triangles, in single precision; only in studies of stress families.
+    /// Embree on the same triangles, in single precision: an accelerator of Whitstone.
     Embree,
+    /// The hierarchies of the crate obvhs, likewise.
+    Obvhs,
     /// Textbook formulas in double precision; only in studies of stress families.
     #[serde(rename = "naive f64")]
     NaiveF64,
@@ -46,6 +48,8 @@ enum Renderer {
     Whitstone,
     Mitsuba,
     MitsubaStock,
+    Embree,
+    Obvhs,
 }
 
 impl From<Renderer> for Engine {
@@ -54,13 +58,27 @@ impl From<Renderer> for Engine {
             Renderer::Whitstone => Self::Whitstone,
             Renderer::Mitsuba => Self::Mitsuba,
             Renderer::MitsubaStock => Self::StockMitsuba,
+            Renderer::Embree => Self::Embree,
+            Renderer::Obvhs => Self::Obvhs,
         }
     }
 }
 
 impl Engine {
     /// All that render scenes.
-    pub const RENDERERS: [Self; 4] = [Self::Whitstone, Self::Mitsuba, Self::StockMitsuba, Self::Command];
+    pub const RENDERERS: [Self; 6] = [
+        Self::Whitstone,
+        Self::Mitsuba,
+        Self::StockMitsuba,
+        Self::Command,
+        Self::Embree,
+        Self::Obvhs,
+    ];
+
+    /// The type of Whitstone's accelerator that it is, for kernels of others.
+    pub(crate) fn accelerator(self) -> Option<&'static str> {
+        matches!(self, Self::Embree | Self::Obvhs).then(|| self.name())
+    }
 
     /// The name for people.
     pub fn name(self) -> &'static str {
@@ -70,6 +88,7 @@ impl Engine {
             Self::StockMitsuba => "stock mitsuba",
             Self::Command => "whole command",
             Self::Embree => "embree",
+            Self::Obvhs => "obvhs",
             Self::NaiveF64 => "naive f64",
             Self::NaiveF32 => "naive f32",
         }
@@ -572,13 +591,20 @@ fn series(table: &SeriesTable) -> Vec<Series> {
     table
         .engines
         .iter()
-        .map(|engine| Series {
-            name: table.name.clone(),
-            engine: (*engine).into(),
-            subject: None,
-            set: changes(&table.set),
-            settings: settings.clone(),
-            slope: table.slope,
+        .map(|engine| {
+            let engine = Engine::from(*engine);
+            let accelerator = engine.accelerator().map(|name| Change {
+                text: format!("accelerator={{ type = \"{name}\" }}"),
+                span: table.sweep.span(),
+            });
+            Series {
+                name: table.name.clone(),
+                engine,
+                subject: None,
+                set: changes(&table.set).into_iter().chain(accelerator).collect(),
+                settings: settings.clone(),
+                slope: table.slope,
+            }
         })
         .collect()
 }

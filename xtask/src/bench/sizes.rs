@@ -84,6 +84,10 @@ material = { type = "matte", reflectance = [0.7, 0.6, 0.4] }
 /// The scene that also exists in POV-Ray's language.
 const CLASSIC: &str = "scenes/showcase/classic.toml";
 
+/// The sizes of the images of whole commands.
+const COMMAND_SIZES: [u32; 3] = [256, 1024, 2048];
+const FIRST_RUN: &str = "Mitsuba, llvm_ad_rgb, first run (compiles its kernels)";
+
 const VARIANTS: [&str; 2] = ["llvm_ad_rgb", "scalar_rgb"];
 
 /// The times of one renderer at each size.
@@ -154,22 +158,21 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         }
     }
     let mut commands = Vec::new();
+    let whole = |scene: &Path| -> Result<Vec<Value>, Failure> {
+        let at = |side| whole_commands(arguments, (scene, side), &environment, &program, registry);
+        COMMAND_SIZES.into_iter().map(at).collect()
+    };
     for scene in &arguments.scenes {
-        commands.push(whole_commands(
-            arguments,
-            scene,
-            &environment,
-            &program,
-            registry,
-        )?);
+        commands.extend(whole(scene)?);
     }
     let folder = arguments.folder.ensure().map_err(Failure::environment)?;
     if folder.join("dragon.ply").is_file() {
         let scene = folder.join("dragon.toml");
         std::fs::write(&scene, DRAGON).map_err(Failure::environment)?;
-        let mut whole = whole_commands(arguments, &scene, &environment, &program, registry)?;
-        whole["scene"] = json!("dragon (871,414 triangles, text PLY)");
-        commands.push(whole);
+        for mut size in whole(&scene)? {
+            size["scene"] = json!("dragon (871,414 triangles, text PLY)");
+            commands.push(size);
+        }
     } else {
         eprintln!("skipped: the whole command with the dragon, which --fetch downloads");
     }
@@ -309,22 +312,21 @@ fn sizes(
     }))
 }
 
-/// The wall time of whole commands at 1024 x 1024, on all cores.
+/// The wall time of whole commands, on all cores.
 fn whole_commands(
     arguments: &Arguments,
-    scene: &Path,
+    (scene, side): (&Path, u32),
     environment: &Environment,
     program: &Path,
     registry: &Registry,
 ) -> Result<Value, Failure> {
-    const SIDE: u32 = 1024;
-    let (_, document) = built(scene, SIDE, registry)?;
+    let (_, document) = built(scene, side, registry)?;
     let folder = tempfile::tempdir().map_err(Failure::environment)?;
     let file = exported(&document, folder.path(), registry)?;
     let image = folder.path().join("image.exr");
     let ours = |aovs: &str| {
-        let [_, sampler] = overrides(SIDE);
-        let film = format!("film={{ width = {SIDE}, height = {SIDE}, aovs = [{aovs}] }}");
+        let [_, sampler] = overrides(side);
+        let film = format!("film={{ width = {side}, height = {side}, aovs = [{aovs}] }}");
         let mut command = Command::new(program);
         command
             .arg("render")
@@ -351,12 +353,18 @@ fn whole_commands(
             ours(layers),
         ),
         ("Mitsuba, llvm_ad_rgb", theirs(VARIANTS[0])),
+        (FIRST_RUN, theirs(VARIANTS[0])),
         ("Mitsuba, scalar_rgb", theirs(VARIANTS[1])),
     ];
-    let mut times = [const { Vec::new() }; 4];
+    let mut times = [const { Vec::new() }; 5];
     // The first round fills the caches of kernels and files.
     for round in 0..=arguments.rounds.max(1) {
         for ((name, command), times) in commands.iter_mut().zip(&mut times) {
+            // Dr.Jit keeps its kernels in the home folder.
+            let home = tempfile::tempdir().map_err(Failure::environment)?;
+            if *name == FIRST_RUN {
+                command.env("HOME", home.path());
+            }
             let begin = Instant::now();
             let output = command
                 .stdin(Stdio::null())
@@ -371,14 +379,14 @@ fn whole_commands(
             }
         }
     }
-    println!("{}: whole commands at {SIDE} x {SIDE}, seconds", scene.display());
+    println!("{}: whole commands at {side} x {side}, seconds", scene.display());
     let mut figures = Vec::new();
     for ((name, _), times) in commands.iter().zip(&mut times) {
         let seconds = median(times);
         println!("  {name}: {seconds:.3}");
         figures.push(json!({ "name": name, "seconds": seconds }));
     }
-    Ok(json!({ "scene": scene, "width": SIDE, "load": load(), "commands": figures }))
+    Ok(json!({ "scene": scene, "width": side, "load": load(), "commands": figures }))
 }
 
 /// Mitsuba's C++ program. The script `bin/mitsuba` of its package imports all of Mitsuba into
