@@ -83,6 +83,17 @@ def test_all_problems_are_told():
         whitstone.Scene("nowhere.toml")
 
 
+def test_ray_trees_are_limited():
+    scene = {**BALL, "integrator": {"type": "whitted", "max_depth": 9}}
+    scene["shape"] = [{"type": "sphere", "material": {"type": "dielectric", "interior_ior": 1.5}}]
+    with pytest.raises(whitstone.SceneError, match="more than 4 rays.*max_tree_rays"):
+        whitstone.Scene(scene, max_tree_rays=4).render()
+    with pytest.raises(whitstone.SceneError, match="more than 4 rays"):
+        whitstone.Scene(scene, max_tree_rays=4).with_({"film.width": 34}).pixel(16, 10)
+    whole = whitstone.Scene(scene, max_tree_rays=1000).render()
+    np.testing.assert_array_equal(whole.rgb, whitstone.render(scene).rgb)
+
+
 def test_rays():
     scene = whitstone.Scene(BALL)
     origins = np.array([[0.0, 0, 4], [0, 0, 4], [0, 5, 0]])

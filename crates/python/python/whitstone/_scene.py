@@ -71,7 +71,11 @@ class Scene:
     ``source`` is a file of any format that Whitstone reads, TOML text (recognised by a line break
     or an ``=``), or a dictionary with the same tables. ``changes`` maps paths of values such as
     ``"camera.fov"`` or ``"shape.0.radius"`` to other values. Paths in text and dictionaries are
-    relative to ``base``.
+    relative to ``base``. ``camera`` selects a camera of a file of another format, by name or index.
+
+    A scene that needs more than ``max_memory`` bytes for meshes and accelerators is an error (by
+    default: the available memory). So is a sample of a pixel that becomes more than
+    ``max_tree_rays`` rays by reflection and refraction (by default: 1048576).
 
     Raises :class:`SceneError` with all that is wrong with the scene.
 
@@ -89,6 +93,7 @@ class Scene:
         base: Union[str, "os.PathLike[str]"] = ".",
         camera: Optional[str] = None,
         max_memory: Optional[int] = None,
+        max_tree_rays: Optional[int] = None,
     ) -> None:
         overrides = _changes(changes or {})
         #: The path, or the TOML text.
@@ -100,10 +105,10 @@ class Scene:
         self.base = os.fspath(base)
         self.overrides = overrides
         if self.is_file:
-            self._native = _native.Scene.open(os.fspath(source), overrides, camera, max_memory)
+            self._native = _native.Scene.open(os.fspath(source), overrides, camera, max_memory, max_tree_rays)
         else:
             assert isinstance(source, str)
-            self._native = _native.Scene.parse(source, self.base, overrides, max_memory)
+            self._native = _native.Scene.parse(source, self.base, overrides, max_memory, max_tree_rays)
 
     def with_(self, changes: Mapping[str, Any]) -> "Scene":
         """The same scene with other values of some keys."""
