@@ -126,6 +126,27 @@ def test_rays_are_checked(origins, directions, expected):
         whitstone.Scene(BALL).trace(origins, directions)
 
 
+@pytest.mark.parametrize("kind", [complex, "M8[s]", object])
+def test_types_of_rays_are_checked(kind):
+    with pytest.raises(TypeError, match=str(np.dtype(kind))[:8]):
+        whitstone.Scene(BALL).trace(np.zeros((1, 3), kind), np.ones((1, 3)))
+
+
+def test_errors_name_the_argument():
+    scene = whitstone.Scene(BALL)
+    calls = {
+        "threads": lambda: scene.render(threads=-1),
+        "region": lambda: scene.render(region=(0, -1, 4, 4)),
+        "region of column": lambda: scene.render(region=(1, 2, 3)),
+        "y": lambda: scene.pixel(0, -1),
+        "max_memory": lambda: whitstone.Scene(BALL, max_memory=-1),
+        "max_tree_rays": lambda: whitstone.Scene(BALL, max_tree_rays=-1),
+    }
+    for name, call in calls.items():
+        with pytest.raises(ValueError, match=f"expected (a )?{name}.*at least 0, found"):
+            call()
+
+
 def test_progress():
     told = []
     whitstone.Scene(BALL).render(progress=lambda done, total: told.append((done, total)))
