@@ -10,14 +10,18 @@ const PACKAGES: [&str; 3] = [
     "protocol/whitstone_protocol",
 ];
 
+const REQUIREMENTS: [&str; 2] = ["mitsuba/requirements.txt", "mitsuba/requirements-llvm.txt"];
+
 fn main() -> io::Result<()> {
     let root = PathBuf::from(env::var_os("CARGO_MANIFEST_DIR").unwrap_or_default());
-    let mut files = vec![PathBuf::from("mitsuba/requirements.txt")];
+    let mut files: Vec<_> = REQUIREMENTS.map(PathBuf::from).to_vec();
     for package in PACKAGES {
         println!("cargo::rerun-if-changed={package}");
         sources(&root, Path::new(package), &mut files)?;
     }
-    println!("cargo::rerun-if-changed=mitsuba/requirements.txt");
+    for file in REQUIREMENTS {
+        println!("cargo::rerun-if-changed={file}");
+    }
     files.sort();
     let mut list = String::from("&[\n");
     for file in files {

@@ -23,9 +23,11 @@ mod tests {
             let main = format!("{package}/__main__.py");
             assert!(FILES.iter().any(|file| file.path == main), "{main}");
         }
-        assert!(FILES.iter().any(|file| file.path == "mitsuba/requirements.txt"));
+        for name in ["mitsuba/requirements.txt", "mitsuba/requirements-llvm.txt"] {
+            assert!(FILES.iter().any(|file| file.path == name), "{name}");
+        }
         let others = FILES.iter().filter(|file| !file.path.ends_with(".py"));
-        assert_eq!(others.count(), 1);
+        assert_eq!(others.count(), 2);
         assert!(FILES.is_sorted_by_key(|file| file.path));
     }
 }

@@ -17,6 +17,11 @@ fn validate(version: &str, behaviour: &str, reference: &str) -> (Output, String)
 /// The same with the fake and the results in a folder.
 fn validate_in(folder: &Path, version: &str, behaviour: &str, reference: &str) -> (Output, String) {
     fake_python(folder, version, behaviour).unwrap();
+    run(folder, reference)
+}
+
+/// Validates with the Python in a folder.
+fn run(folder: &Path, reference: &str) -> (Output, String) {
     let output = program!()
         .current_dir(root())
         .env("WHITSTONE_PYTHON", folder.join("python"))
@@ -76,6 +81,34 @@ fn another_version_is_refused() {
     let (output, text) = validate("3.10.0", "exit 9", "live");
     assert_eq!(output.status.code(), Some(3), "{text}");
     assert!(text.contains("3.10.0 is installed, 3.9.1 is pinned"), "{text}");
+}
+
+/// On a machine without LLVM the environment has one of its own.
+#[test]
+#[cfg(all(target_os = "linux", target_arch = "x86_64"))]
+fn llvm_is_installed_where_there_is_none() {
+    for (has_llvm, expected) in [
+        (true, &["requirements.txt"][..]),
+        (false, &["requirements.txt", "requirements-llvm.txt"]),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        fake_python(folder.path(), MITSUBA, "exit 9").unwrap();
+        let python = folder.path().join("python");
+        let log = folder.path().join("installed");
+        let pip = format!("\"-m pip\") echo \"$@\" >>'{}' ;;", log.display());
+        let llvm = format!("\"-m whitstone_mitsuba.llvm\") {has_llvm} ;;");
+        let script = fs::read_to_string(&python).unwrap();
+        let changed = script.replace("\"-m pip\") ;;", &format!("{pip}\n{llvm}"));
+        assert_ne!(script, changed);
+        fs::write(&python, changed).unwrap();
+        let (_, text) = run(folder.path(), "live");
+        let installed = fs::read_to_string(&log).unwrap_or_else(|error| panic!("{error}: {text}"));
+        let files = installed
+            .lines()
+            .map(|line| line.rsplit('/').next().unwrap_or(line));
+        assert_eq!(files.collect::<Vec<_>>(), expected, "{text}");
+        assert_eq!(text.contains("installing LLVM"), !has_llvm, "{text}");
+    }
 }
 
 #[test]

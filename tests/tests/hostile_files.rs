@@ -157,7 +157,7 @@ fn ray_trees_without_end_are_an_error() {
         let (code, text, time) = render(&["--max-tree-rays", "1000"]);
         assert_eq!(code, Some(2), "{text}");
         assert!(
-            text.contains("more than 1000 rays: decrease `max_depth` of the integrator, or increase its `min_contribution`, or set another limit with `--max-tree-rays`"),
+            text.contains("more than 1000 rays: decrease `max_depth` of the integrator, or increase its `min_contribution`, or set another limit (`--max-tree-rays`"),
             "{text}"
         );
         assert!(time < Duration::from_secs(5), "{time:?}");

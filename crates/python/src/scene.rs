@@ -53,10 +53,11 @@ pub(crate) fn scene_error(py: Python<'_>, error: &Error) -> PyErr {
     }
 }
 
-fn options(camera: Option<String>, max_memory: Option<u64>) -> SceneOptions {
+fn options(camera: Option<String>, max_memory: Option<u64>, max_tree_rays: Option<u32>) -> SceneOptions {
     SceneOptions {
         camera,
         max_memory,
+        max_tree_rays,
         ..SceneOptions::default()
     }
 }
@@ -69,16 +70,17 @@ fn changes(texts: &[String]) -> Vec<Change> {
 impl Scene {
     /// Reads and builds a scene file.
     #[staticmethod]
-    #[pyo3(signature = (path, overrides, camera=None, max_memory=None))]
+    #[pyo3(signature = (path, overrides, camera=None, max_memory=None, max_tree_rays=None))]
     fn open(
         py: Python<'_>,
         path: PathBuf,
         overrides: Vec<String>,
         camera: Option<String>,
         max_memory: Option<u64>,
+        max_tree_rays: Option<u32>,
     ) -> PyResult<Self> {
-        let work =
-            |_: &_| whitstone::Scene::open_with(path, &changes(&overrides), options(camera, max_memory));
+        let options = options(camera, max_memory, max_tree_rays);
+        let work = |_: &_| whitstone::Scene::open_with(path, &changes(&overrides), options);
         interruptible::run(py, None, work)?
             .map(Self)
             .map_err(|error| scene_error(py, &error))
@@ -86,16 +88,17 @@ impl Scene {
 
     /// Builds a scene from TOML text with paths relative to a folder.
     #[staticmethod]
-    #[pyo3(signature = (text, base, overrides, max_memory=None))]
+    #[pyo3(signature = (text, base, overrides, max_memory=None, max_tree_rays=None))]
     fn parse(
         py: Python<'_>,
         text: &str,
         base: PathBuf,
         overrides: Vec<String>,
         max_memory: Option<u64>,
+        max_tree_rays: Option<u32>,
     ) -> PyResult<Self> {
-        let work =
-            |_: &_| whitstone::Scene::parse_with(text, base, &changes(&overrides), options(None, max_memory));
+        let options = options(None, max_memory, max_tree_rays);
+        let work = |_: &_| whitstone::Scene::parse_with(text, base, &changes(&overrides), options);
         interruptible::run(py, None, work)?
             .map(Self)
             .map_err(|error| scene_error(py, &error))
@@ -184,7 +187,7 @@ impl Scene {
                 "the pixel ({x}, {y}) is outside of the image of {width} x {height} pixels"
             )));
         }
-        let mut scratch = Scratch::default();
+        let mut scratch = Scratch::within(self.0.pipeline().tree_limits);
         let work = |_: &_| self.0.pipeline().pixel([x, y], &mut scratch);
         let value = interruptible::run(py, None, work)?;
         match scratch.too_large {

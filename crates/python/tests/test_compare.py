@@ -43,6 +43,26 @@ def test_shapes_are_checked(shape):
         whitstone.compare(np.zeros(shape), np.zeros(shape))
 
 
+@pytest.mark.parametrize(
+    "array, expected",
+    [
+        (np.zeros((2, 2, 3), np.uint8), "sRGB"),
+        (np.zeros((2, 2, 3), complex), "complex128"),
+        (np.zeros((2, 2, 3), bool), "bool"),
+        (None, "object"),
+    ],
+)
+def test_types_are_checked(array, expected):
+    with pytest.raises(TypeError, match=expected):
+        whitstone.compare(array, np.zeros((2, 2, 3)))
+
+
+@pytest.mark.parametrize("layout", [np.asfortranarray, lambda a: a[::-1, ::-1][::-1, ::-1], lambda a: a.astype(">f8")])
+def test_any_layout_of_memory(layout):
+    ours, reference = noise(), noise(seed=2)
+    assert whitstone.compare(layout(ours), layout(reference)).metrics == whitstone.compare(ours, reference).metrics
+
+
 def test_other_sizes_and_nan_are_refused():
     with pytest.raises(ValueError, match="32"):
         whitstone.compare(noise(), noise((24, 33, 3)))

@@ -83,6 +83,17 @@ def test_all_problems_are_told():
         whitstone.Scene("nowhere.toml")
 
 
+def test_ray_trees_are_limited():
+    scene = {**BALL, "integrator": {"type": "whitted", "max_depth": 9}}
+    scene["shape"] = [{"type": "sphere", "material": {"type": "dielectric", "interior_ior": 1.5}}]
+    with pytest.raises(whitstone.SceneError, match="more than 4 rays.*max_tree_rays"):
+        whitstone.Scene(scene, max_tree_rays=4).render()
+    with pytest.raises(whitstone.SceneError, match="more than 4 rays"):
+        whitstone.Scene(scene, max_tree_rays=4).with_({"film.width": 34}).pixel(16, 10)
+    whole = whitstone.Scene(scene, max_tree_rays=1000).render()
+    np.testing.assert_array_equal(whole.rgb, whitstone.render(scene).rgb)
+
+
 def test_rays():
     scene = whitstone.Scene(BALL)
     origins = np.array([[0.0, 0, 4], [0, 0, 4], [0, 5, 0]])
@@ -113,6 +124,27 @@ def test_rays():
 def test_rays_are_checked(origins, directions, expected):
     with pytest.raises(ValueError, match=expected):
         whitstone.Scene(BALL).trace(origins, directions)
+
+
+@pytest.mark.parametrize("kind", [complex, "M8[s]", object])
+def test_types_of_rays_are_checked(kind):
+    with pytest.raises(TypeError, match=str(np.dtype(kind))[:8]):
+        whitstone.Scene(BALL).trace(np.zeros((1, 3), kind), np.ones((1, 3)))
+
+
+def test_errors_name_the_argument():
+    scene = whitstone.Scene(BALL)
+    calls = {
+        "threads": lambda: scene.render(threads=-1),
+        "region": lambda: scene.render(region=(0, -1, 4, 4)),
+        "region of column": lambda: scene.render(region=(1, 2, 3)),
+        "y": lambda: scene.pixel(0, -1),
+        "max_memory": lambda: whitstone.Scene(BALL, max_memory=-1),
+        "max_tree_rays": lambda: whitstone.Scene(BALL, max_tree_rays=-1),
+    }
+    for name, call in calls.items():
+        with pytest.raises(ValueError, match=f"expected (a )?{name}.*at least 0, found"):
+            call()
 
 
 def test_progress():

@@ -53,7 +53,7 @@ fn too_large([x, y]: [u32; 2], tree: TooLarge) -> String {
                 "one sample of pixel ({x}, {y}) becomes more than {} rays",
                 limits.rays
             ),
-            ", or set another limit with `--max-tree-rays`",
+            ", or set another limit (`--max-tree-rays`, `max_tree_rays` in Python)",
         )
     } else {
         (

@@ -139,6 +139,14 @@ pub enum EnvironmentError {
         /// The cause.
         problem: String,
     },
+    /// The Python environment cannot be written.
+    #[error("cannot write the Python environment of Mitsuba to {}: {problem}; choose another folder with `--target`, or use an installed Mitsuba with `--mitsuba`", folder.display())]
+    Folder {
+        /// Its folder.
+        folder: PathBuf,
+        /// The cause.
+        problem: std::io::Error,
+    },
     /// The given Python does not work.
     #[error("`--mitsuba {}`: {problem}", python.display())]
     Python {
@@ -173,26 +181,23 @@ impl Environment {
             folder,
             environment,
         } = Place::find(installation)?;
-        let requirements = environment.package.join("requirements.txt");
         let complete = folder.join("complete");
         if environment.is_complete(&folder) {
             return Ok(environment);
         }
-        let io = |step| {
-            move |error: std::io::Error| EnvironmentError::Step {
-                step,
-                output: error.to_string(),
-            }
+        let unwritable = |problem| EnvironmentError::Folder {
+            folder: folder.clone(),
+            problem,
         };
-        let lock = File::create(installation.folder.join(format!("python-{key}.lock")))
-            .map_err(io("lock the Python environment"))?;
-        lock.lock().map_err(io("lock the Python environment"))?;
+        let lock =
+            File::create(installation.folder.join(format!("python-{key}.lock"))).map_err(unwritable)?;
+        lock.lock().map_err(unwritable)?;
         if complete.is_file() {
             return Ok(environment);
         }
         // The remains of an interrupted installation.
         if folder.exists() {
-            fs::remove_dir_all(&folder).map_err(io("remove a broken Python environment"))?;
+            fs::remove_dir_all(&folder).map_err(unwritable)?;
         }
         say(&format!("creating a Python environment in {}", folder.display()));
         run(
@@ -201,21 +206,18 @@ impl Environment {
         )?;
         say("installing Mitsuba (once; about 100 MB)");
         run(
-            Command::new(&environment.python)
-                .args([
-                    "-m",
-                    "pip",
-                    "install",
-                    "--disable-pip-version-check",
-                    "--no-input",
-                    "-q",
-                    "--require-hashes",
-                    "-r",
-                ])
-                .arg(&requirements),
+            &mut environment.install("requirements.txt"),
             "install Mitsuba (is PyPI reachable?)",
         )?;
-        fs::write(&complete, version).map_err(io("mark the Python environment as complete"))?;
+        // The package is for this platform only. Elsewhere the driver says what is missing.
+        if cfg!(all(target_os = "linux", target_arch = "x86_64")) && !environment.finds_llvm() {
+            say("installing LLVM (once; about 35 MB), because this machine has no libLLVM 16 or newer");
+            run(
+                &mut environment.install("requirements-llvm.txt"),
+                "install LLVM (is PyPI reachable? A system package such as libllvm19 serves as well)",
+            )?;
+        }
+        fs::write(&complete, version).map_err(unwritable)?;
         Ok(environment)
     }
 
@@ -292,6 +294,29 @@ impl Environment {
     pub fn folder(&self) -> &Path {
         let programs = self.python.parent();
         programs.and_then(Path::parent).unwrap_or(&self.python)
+    }
+
+    /// The command that installs pinned requirements of the driver.
+    fn install(&self, requirements: &str) -> Command {
+        let mut command = Command::new(&self.python);
+        command
+            .args(["-m", "pip", "install", "--disable-pip-version-check"])
+            .args(["--no-input", "-q", "--require-hashes", "-r"])
+            .arg(self.package.join(requirements));
+        command
+    }
+
+    /// Whether the driver finds the LLVM that Dr.Jit needs.
+    fn finds_llvm(&self) -> bool {
+        let status = Command::new(&self.python)
+            .args(["-m", "whitstone_mitsuba.llvm"])
+            .env("PYTHONPATH", &self.package)
+            .env("PYTHONDONTWRITEBYTECODE", "1")
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .status();
+        status.is_ok_and(|status| status.success())
     }
 
     fn is_complete(&self, folder: &Path) -> bool {
@@ -422,7 +447,10 @@ fn run(command: &mut Command, step: &'static str) -> Result<(), EnvironmentError
         return Ok(());
     }
     let text = reader.join().unwrap_or_default();
-    let lines: Vec<&str> = text.lines().collect();
+    let mut lines: Vec<&str> = text.lines().collect();
+    // pip repeats the fault of the network for each try.
+    let is_retry = |line: &str| line.starts_with("WARNING: Retrying");
+    lines.dedup_by(|second, first| is_retry(second) && is_retry(first));
     let tail = lines[lines.len().saturating_sub(20)..].join("\n");
     Err(fail(format!("{status}\n{tail}")))
 }

@@ -573,10 +573,10 @@ impl<'a> Validator<'a> {
             Err(error @ (StoredError::Missing { .. } | StoredError::Stale { .. })) => {
                 let accept = self.command("reference --accept", path);
                 let new = format!("{error}; render a new one with: {accept}");
-                let other = self.other_reference(path);
-                let other = other.map(|other| format!("{error}; {other} has a stored reference"));
-                Err(match error {
-                    StoredError::Missing { .. } => NoReference::NoTwin(other.unwrap_or(new), Vec::new()),
+                Err(match (&error, self.other_reference(path)) {
+                    (StoredError::Missing { .. }, Some(other)) => {
+                        NoReference::NoTwin(format!("{error}; {other} has a stored reference"), Vec::new())
+                    }
                     _ => NoReference::Problem(new),
                 })
             }

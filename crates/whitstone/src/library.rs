@@ -82,6 +82,9 @@ pub struct SceneOptions {
     pub registry: Arc<Registry>,
     /// Memory limit in bytes for meshes and accelerators; by default the available memory.
     pub max_memory: Option<u64>,
+    /// Maximum number of rays of one sample of a pixel; by default that of
+    /// [`whitstone_core::TreeLimits`].
+    pub max_tree_rays: Option<u32>,
     /// Camera of a file of another format, by name or index; by default the first.
     pub camera: Option<String>,
 }
@@ -92,6 +95,7 @@ impl SceneOptions {
         Self {
             registry: Arc::new(registry),
             max_memory: None,
+            max_tree_rays: None,
             camera: None,
         }
     }
@@ -260,6 +264,7 @@ impl Scene {
         let sources = origin.read(&changes, &options)?;
         let build = BuildOptions {
             max_memory: options.max_memory,
+            max_tree_rays: options.max_tree_rays,
             shared: Some(&shared),
             ..BuildOptions::default()
         };

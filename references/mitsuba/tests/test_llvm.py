@@ -1,6 +1,8 @@
 """Which files are accepted as a usable libLLVM."""
 
 import os
+import subprocess
+import sys
 import tempfile
 import unittest
 from unittest import mock
@@ -26,6 +28,31 @@ class Llvm(unittest.TestCase):
         for path in ("/usr/lib/x86_64-linux-gnu/libLLVM-14.so.1", "/usr/lib/x86_64-linux-gnu/libLLVM-15.so.1"):
             if os.path.exists(path):
                 self.assertIsNone(llvm.version_of(path))
+
+    def test_that_of_this_python_is_a_candidate(self):
+        with tempfile.TemporaryDirectory() as folder:
+            library = os.path.join(os.path.realpath(folder), "lib", "libLLVM.so.99.1")
+            os.mkdir(os.path.dirname(library))
+            with open(library, "wb"):
+                pass
+            self.assertNotIn(library, llvm.candidates())
+            with mock.patch.object(llvm.sys, "prefix", folder):
+                self.assertIn(library, llvm.candidates())
+
+    def test_the_exit_code_says_whether_there_is_one(self):
+        # A file that is no library comes first, and nothing else is looked at.
+        nothing = "import runpy, glob, shutil; glob.glob = lambda *_: []; shutil.which = lambda _: '/nowhere'\n"
+        code = nothing + "runpy.run_module('whitstone_mitsuba.llvm', run_name='__main__')"
+        child = subprocess.run(
+            [sys.executable, "-c", code],
+            env={**os.environ, llvm.VARIABLE: __file__},
+            cwd=os.path.dirname(os.path.dirname(os.path.abspath(__file__))),
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        self.assertEqual(child.returncode, 1)
+        self.assertIn(__file__, child.stderr)
 
     def test_none(self):
         with mock.patch.object(llvm, "candidates", lambda: iter(["/nowhere/libLLVM.so"])):

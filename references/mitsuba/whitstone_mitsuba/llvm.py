@@ -76,7 +76,7 @@ def _rust_libraries() -> Iterator[str]:
 
 
 def _system_libraries() -> Iterator[str]:
-    """libLLVM from the system's packages, highest version in the name first."""
+    """libLLVM from the system's packages or those of this Python, highest version in the name first."""
     patterns = (
         "/usr/lib/llvm-*/lib/libLLVM*.so*",
         "/usr/lib/*-linux-gnu/libLLVM*.so*",
@@ -84,6 +84,7 @@ def _system_libraries() -> Iterator[str]:
         "/usr/lib/libLLVM*.so*",
         "/usr/local/lib/libLLVM*.so*",
         "/opt/homebrew/opt/llvm/lib/libLLVM*.dylib",
+        os.path.join(glob.escape(sys.prefix), "lib", "libLLVM*.so*"),
     )
     found = {os.path.realpath(path) for pattern in patterns for path in glob.glob(pattern)}
 
@@ -115,8 +116,9 @@ def find() -> Llvm:
         tried.append(path)
     listing = "".join(f"\n  {path}" for path in tried) or "\n  (no candidates were found)"
     raise EnvironmentFailure(
-        f"no usable libLLVM (version {MINIMUM_MAJOR} or later) was found. Install a Rust toolchain (it contains a suitable libLLVM) or a "
-        f"system package such as libllvm19, or set {VARIABLE} to the library file. Tried:{listing}"
+        f"no usable libLLVM (version {MINIMUM_MAJOR} or later) was found. Install a system package such as libllvm19, a Rust toolchain (it "
+        f"contains a suitable libLLVM) or, on Linux x86-64, the Python package karellen-llvm-core; or set {VARIABLE} to the library file. "
+        f"Tried:{listing}"
     )
 
 
@@ -125,3 +127,11 @@ def prepare() -> Llvm:
     llvm = find()
     os.environ[VARIABLE] = llvm.path
     return llvm
+
+
+if __name__ == "__main__":
+    # Asked by the harness when it makes the environment: without a library it installs one.
+    try:
+        print(find().path)
+    except EnvironmentFailure as failure:
+        sys.exit(str(failure))

@@ -15,6 +15,12 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 
+def check_type(name: str, array: "npt.NDArray[Any]") -> None:
+    """Checks that an array has real numbers: NumPy would convert what is none, such as dates."""
+    if array.dtype.kind not in "fiu":
+        raise TypeError(f"expected {name} of real numbers, found the type {array.dtype}")
+
+
 class Image:
     """Linear radiance of shape (height, width, 3) in single precision, and layers."""
 
@@ -26,15 +32,18 @@ class Image:
     ) -> None:
         import numpy as np
 
-        array = np.ascontiguousarray(rgb, dtype=np.float32)
+        array = np.asarray(rgb)
+        check_type("an array", array)
+        if array.dtype == np.uint8:
+            raise TypeError("expected linear radiance, found 8-bit values, which are usually sRGB; convert them first")
         if array.ndim == 2:
-            array = np.ascontiguousarray(np.repeat(array[:, :, None], 3, axis=2))
+            array = np.repeat(array[:, :, None], 3, axis=2)
         if array.ndim != 3 or array.shape[2] not in (3, 4):
             raise ValueError(
                 f"expected an array of shape (height, width, 3), (height, width, 4) or (height, width), found {array.shape}"
             )
         #: Radiance in W/(m² sr), linear Rec. 709.
-        self.rgb: "npt.NDArray[np.float32]" = np.ascontiguousarray(array[:, :, :3])
+        self.rgb: "npt.NDArray[np.float32]" = np.ascontiguousarray(array[:, :, :3], dtype=np.float32)
         #: Layers by the name of their channel, each of shape (height, width).
         self.layers: Dict[str, "npt.NDArray[np.float32]"] = dict(layers or {})
         #: Samples, rays and times of the rendering.
@@ -195,7 +204,8 @@ def compare(
     times the reference plus ``absolute`` times the mean of the reference. ``perceptual`` adds FLIP
     and SSIM.
 
-    Raises ``ValueError`` if the sizes differ or a value is not finite.
+    Raises ``ValueError`` if the sizes differ or a value is not finite, and ``TypeError`` for what
+    holds no real numbers, or 8-bit values: they are usually not linear.
 
     >>> import numpy as np
     >>> grey = np.full((4, 4, 3), 0.5)

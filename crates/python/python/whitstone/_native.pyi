@@ -35,10 +35,15 @@ class Scene:
         overrides: Sequence[str],
         camera: Optional[str] = None,
         max_memory: Optional[int] = None,
+        max_tree_rays: Optional[int] = None,
     ) -> "Scene": ...
     @staticmethod
     def parse(
-        text: str, base: Path, overrides: Sequence[str], max_memory: Optional[int] = None
+        text: str,
+        base: Path,
+        overrides: Sequence[str],
+        max_memory: Optional[int] = None,
+        max_tree_rays: Optional[int] = None,
     ) -> "Scene": ...
     def with_(self, overrides: Sequence[str]) -> "Scene": ...
     @property

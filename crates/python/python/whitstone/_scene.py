@@ -16,7 +16,7 @@ from typing import (
 )
 
 from . import _native, _toml
-from ._image import Image
+from ._image import Image, check_type
 
 if TYPE_CHECKING:
     import numpy as np
@@ -48,17 +48,27 @@ def _rays(
     """Checks arrays of rays."""
     import numpy as np
 
-    origin = np.ascontiguousarray(origins, dtype=np.float64)
-    direction = np.ascontiguousarray(directions, dtype=np.float64)
-    for name, array in (("origins", origin), ("directions", direction)):
+    def checked(name: str, source: "npt.ArrayLike") -> "npt.NDArray[np.float64]":
+        array = np.asarray(source)
         if array.ndim != 2 or array.shape[1] != 3:
             raise ValueError(f"expected {name} of shape (n, 3), found {array.shape}")
+        check_type(name, array)
+        return np.ascontiguousarray(array, dtype=np.float64)
+
+    origin, direction = checked("origins", origins), checked("directions", directions)
     if origin.shape != direction.shape:
         raise ValueError(
             f"expected as many directions as origins, found {origin.shape[0]} origins "
             f"and {direction.shape[0]} directions"
         )
     return origin, direction
+
+
+def _check_not_negative(**numbers: Optional[int]) -> None:
+    """The errors of the native module do not name the argument."""
+    for name, number in numbers.items():
+        if number is not None and number < 0:
+            raise ValueError(f"expected {name} of at least 0, found {number}")
 
 
 def _changes(changes: Mapping[str, Any]) -> List[str]:
@@ -71,7 +81,11 @@ class Scene:
     ``source`` is a file of any format that Whitstone reads, TOML text (recognised by a line break
     or an ``=``), or a dictionary with the same tables. ``changes`` maps paths of values such as
     ``"camera.fov"`` or ``"shape.0.radius"`` to other values. Paths in text and dictionaries are
-    relative to ``base``.
+    relative to ``base``. ``camera`` selects a camera of a file of another format, by name or index.
+
+    A scene that needs more than ``max_memory`` bytes for meshes and accelerators is an error (by
+    default: the available memory). So is a sample of a pixel that becomes more than
+    ``max_tree_rays`` rays by reflection and refraction (by default: 1048576).
 
     Raises :class:`SceneError` with all that is wrong with the scene.
 
@@ -89,7 +103,9 @@ class Scene:
         base: Union[str, "os.PathLike[str]"] = ".",
         camera: Optional[str] = None,
         max_memory: Optional[int] = None,
+        max_tree_rays: Optional[int] = None,
     ) -> None:
+        _check_not_negative(max_memory=max_memory, max_tree_rays=max_tree_rays)
         overrides = _changes(changes or {})
         #: The path, or the TOML text.
         self.source: Union[str, os.PathLike[str]]
@@ -100,10 +116,10 @@ class Scene:
         self.base = os.fspath(base)
         self.overrides = overrides
         if self.is_file:
-            self._native = _native.Scene.open(os.fspath(source), overrides, camera, max_memory)
+            self._native = _native.Scene.open(os.fspath(source), overrides, camera, max_memory, max_tree_rays)
         else:
             assert isinstance(source, str)
-            self._native = _native.Scene.parse(source, self.base, overrides, max_memory)
+            self._native = _native.Scene.parse(source, self.base, overrides, max_memory, max_tree_rays)
 
     def with_(self, changes: Mapping[str, Any]) -> "Scene":
         """The same scene with other values of some keys."""
@@ -143,6 +159,9 @@ class Scene:
         a bar (by ``tqdm``, if it is installed), or a function of the finished and all pixels.
         Ctrl-C stops the rendering.
         """
+        _check_not_negative(threads=threads)
+        if region is not None and (len(region) != 4 or min(region) < 0):
+            raise ValueError(f"expected a region of column, row, width and height of at least 0, found {region}")
         bar = None
         report: Optional[Callable[[int, int], Any]] = progress if callable(progress) else None
         if progress is True:
@@ -157,6 +176,7 @@ class Scene:
 
     def pixel(self, x: int, y: int) -> Tuple[float, float, float]:
         """The radiance of one pixel in double precision; the image has it in single precision."""
+        _check_not_negative(x=x, y=y)
         r, g, b = self._native.pixel(x, y)
         return r, g, b
 

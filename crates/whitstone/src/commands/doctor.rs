@@ -256,11 +256,12 @@ fn print(findings: &Findings) {
 /// Advice for the most common problems, in addition to the problem's own message.
 fn advice(problem: &str) -> &'static str {
     let problem = problem.to_lowercase();
-    if problem.contains("llvm") {
-        "install libLLVM 16 or newer (on Debian: apt-get install libllvm19), or set DRJIT_LIBLLVM_PATH to its path; \
-         the library of a Rust toolchain works too: $(rustc --print sysroot)/lib"
-    } else if problem.contains("python environment") || problem.contains("install mitsuba") {
+    if problem.contains("is pypi reachable") {
         "allow access to PyPI once (or set PIP_INDEX_URL to a mirror), then run `doctor` again"
+    } else if problem.contains("llvm") {
+        "install libLLVM 16 or newer (on Debian: apt-get install libllvm19), or set DRJIT_LIBLLVM_PATH to its path; \
+         the library of a Rust toolchain works too: $(rustc --print sysroot)/lib; on Linux x86-64 also: pip install \
+         karellen-llvm-core"
     } else {
         "fix the problem reported above; until then, use `validate --reference stored`"
     }

@@ -357,7 +357,11 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     };
     let references = match validator.not_live() {
         None => "live".to_owned(),
-        Some(why) => format!("stored ({why})"),
+        // A warning has told the rest.
+        Some(why) => {
+            let first = why.lines().next().unwrap_or_default();
+            format!("stored ({})", first.trim_end_matches(':'))
+        }
     };
     let results = Results {
         summary: Summary {
