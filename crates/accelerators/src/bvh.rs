@@ -100,7 +100,7 @@ struct Eight {
 }
 
 /// With fewer rays an element than this, a fast build saves more time than its rays cost. Measured
-/// with scanned meshes of 70 thousand to 870 thousand triangles.
+/// with scanned meshes; see `docs/accelerators.md`.
 const FEW_RAYS: u64 = 32;
 
 /// A fast build is given up if more elements than this lie in one cell of its grid, where it
