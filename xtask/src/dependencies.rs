@@ -12,7 +12,7 @@ const RULES: &str = "deny.toml";
 /// The problems of the dependencies, including those of other platforms and of tests.
 pub(crate) fn check() -> Vec<String> {
     // Packages outside the workspace have lock files of their own, which can become outdated.
-    for outside in ["examples/embed", "examples/plugin-superquadric"] {
+    for outside in ["examples/embed", "examples/plugin-superquadric", "tests/fuzz"] {
         if let Err(problem) = metadata(&["--manifest-path", &format!("{outside}/Cargo.toml")]) {
             return vec![format!(
                 "{problem}\n  copy Cargo.lock to {outside} and run `cargo metadata` there"

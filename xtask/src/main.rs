@@ -7,6 +7,7 @@ mod bench;
 mod dependencies;
 mod features;
 mod formats;
+mod fuzz;
 mod gallery;
 mod growth;
 mod licences;
@@ -52,6 +53,7 @@ enum Verb {
     /// Write the generated meshes and pictures of scenes/assets again
     Assets,
     Bench(bench::Arguments),
+    Fuzz(fuzz::Arguments),
     Gallery(gallery::Arguments),
     Oracle(oracle::Arguments),
     Readme(readme::Arguments),
@@ -77,6 +79,7 @@ fn main() -> ExitCode {
         Verb::Features => features::run(&registry),
         Verb::Assets => assets::write(),
         Verb::Bench(arguments) => bench::run(arguments, &registry),
+        Verb::Fuzz(arguments) => fuzz::run(arguments),
         Verb::Gallery(arguments) => gallery::run(arguments, &registry),
         Verb::Oracle(arguments) => oracle::run(arguments, &registry),
         Verb::Slim(arguments) => slim::run(arguments, &registry),

@@ -41,7 +41,16 @@ pub(crate) fn page(result: &Value) -> String {
     page
 }
 
-const BY_TESTS: &str = "## Promises that tests keep
+const BY_TESTS: &str = "## Fuzzing
+
+`cargo xtask fuzz` feeds damaged files to everything that reads files: scenes of every format,
+meshes, materials and images. It is guided by coverage (libFuzzer, with the counters of the stable
+compiler): a damaged file that reaches new code is damaged further. Scenes that are valid are also
+rendered. A panic, an answer that takes more than 10 s, more than 2 GiB of memory, or an error
+without a text or place is a finding. It runs as long as one likes: `cargo xtask fuzz gltf ply
+--seconds 3600`.
+
+## Promises that tests keep
 
 | promise | test |
 |---|---|

@@ -1,0 +1,206 @@
+//! `fuzz`: coverage-guided fuzzing of everything that reads files.
+//!
+//! The package `tests/fuzz` is compiled with the coverage counters of LLVM, which the stable
+//! compiler has as well, and runs under libFuzzer.
+
+use clap::Args;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use whitstone::{Exit, Failure};
+
+/// The kinds of files, by their extension.
+const KINDS: [&str; 14] = [
+    "toml", "gltf", "glb", "xml", "pbrt", "obj", "mtl", "ply", "stl", "exr", "png", "jpg", "hdr", "pfm",
+];
+/// Larger seeds make an execution slow.
+const MAX_SEED: u64 = 20_000;
+/// Counters for each branch, and comparisons, so that words and numbers are found.
+const FLAGS: &str = "-Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4 \
+    -Cllvm-args=-sanitizer-coverage-inline-8bit-counters -Cllvm-args=-sanitizer-coverage-pc-table \
+    -Cllvm-args=-sanitizer-coverage-trace-compares";
+/// Everything is below it.
+const FOLDER: &str = "target/fuzz";
+
+/// Feed damaged files to everything that reads files, guided by coverage
+///
+/// Each kind of file is mutated for some time. A file may be refused with an error; a panic, an
+/// execution of more than 10 s, or more than 2 GiB of memory is a finding. The seeds are the scenes
+/// and assets of the repository, and the files below the folder WHITSTONE_TEST_DATA. What is learnt
+/// stays in target/fuzz/corpus for the next run; findings are in target/fuzz/findings. Needs a C++
+/// compiler.
+///
+/// Exit code 0 without a finding, 1 with one.
+#[derive(Args, Debug)]
+#[command(
+    help_template = whitstone::commands::HELP_TEMPLATE,
+    after_help = "Examples:\n  cargo xtask fuzz\n  cargo xtask fuzz ply gltf --seconds 3600"
+)]
+pub(crate) struct Arguments {
+    /// Kinds of files [default: all]
+    #[arg(value_name = "KIND", value_parser = KINDS)]
+    kinds: Vec<String>,
+    /// Time for each kind
+    #[arg(long, value_name = "SECONDS", default_value_t = 60)]
+    seconds: u64,
+}
+
+/// Runs the command.
+pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Failure> {
+    let program = build()?;
+    let kinds: Vec<&str> = match arguments.kinds.as_slice() {
+        [] => KINDS.to_vec(),
+        kinds => kinds.iter().map(String::as_str).collect(),
+    };
+    let mut found = 0;
+    for kind in kinds {
+        found += fuzz(&program, kind, arguments.seconds)?;
+    }
+    Ok(if found == 0 { Exit::Pass } else { Exit::Differs })
+}
+
+/// Compiles the target; returns its path.
+fn build() -> Result<PathBuf, Failure> {
+    let version = Command::new("rustc").arg("-vV").output();
+    let version = version.map_err(Failure::environment)?.stdout;
+    let version = String::from_utf8_lossy(&version).into_owned();
+    let host = version.lines().find_map(|line| line.strip_prefix("host: "));
+    let host = host.ok_or_else(|| Failure::environment("rustc does not name its host"))?;
+    // With `--target`, the flags do not apply to build scripts.
+    let status = Command::new("cargo")
+        .args([
+            "build",
+            "--release",
+            "--locked",
+            "--quiet",
+            "--manifest-path",
+            "tests/fuzz/Cargo.toml",
+        ])
+        .args(["--target-dir", FOLDER, "--target", host])
+        .env("RUSTFLAGS", FLAGS)
+        .status()
+        .map_err(Failure::environment)?;
+    if !status.success() {
+        return Err(Failure::environment(
+            "the fuzz target does not compile; see above",
+        ));
+    }
+    let program = Path::new(FOLDER).join(host).join("release/whitstone-fuzz");
+    std::path::absolute(program).map_err(Failure::environment)
+}
+
+/// Fuzzes one kind of file; returns the number of findings.
+fn fuzz(program: &Path, kind: &str, seconds: u64) -> Result<usize, Failure> {
+    let folder = |name: &str| -> Result<PathBuf, Failure> {
+        let path = Path::new(FOLDER).join(name).join(kind);
+        fs::create_dir_all(&path).map_err(Failure::environment)?;
+        Ok(path)
+    };
+    let [corpus, seeds, findings] = [folder("corpus")?, folder("seeds")?, folder("findings")?];
+    let sources = std::env::var_os("WHITSTONE_TEST_DATA").map(PathBuf::from);
+    for source in [PathBuf::from("scenes")].into_iter().chain(sources) {
+        gather(&source, kind, &seeds)?;
+    }
+    convert(kind, &seeds);
+    // Files of /dev/shm are in memory.
+    let memory = Path::new("/dev/shm");
+    let parent = if memory.is_dir() {
+        memory.to_owned()
+    } else {
+        std::env::temp_dir()
+    };
+    let inputs = tempfile::tempdir_in(parent).map_err(Failure::environment)?;
+    let before = count(&findings);
+    let output = Command::new(program)
+        .args([&corpus, &seeds])
+        .arg(format!("-max_total_time={seconds}"))
+        .arg(format!("-artifact_prefix={}/", findings.display()))
+        .args([
+            "-timeout=10",
+            "-rss_limit_mb=2048",
+            "-max_len=20000",
+            "-print_final_stats=1",
+        ])
+        .env("WHITSTONE_FUZZ", kind)
+        .env("WHITSTONE_FUZZ_FOLDER", inputs.path())
+        // Threads would make the counters differ from run to run.
+        .env("RAYON_NUM_THREADS", "1")
+        .stdin(Stdio::null())
+        .output()
+        .map_err(Failure::environment)?;
+    let text = String::from_utf8_lossy(&output.stderr);
+    let executed = text
+        .lines()
+        .find_map(|line| line.strip_prefix("stat::number_of_executed_units: "));
+    let found = (count(&findings) - before).max(usize::from(!output.status.success()));
+    println!(
+        "{kind:<5} {:>9} executions, {} files in the corpus, findings: {found}",
+        executed.unwrap_or("unknown"),
+        count(&corpus)
+    );
+    if found > 0 {
+        let lines: Vec<&str> = text.lines().filter(|line| !line.starts_with('#')).collect();
+        println!("{}", lines[lines.len().saturating_sub(30)..].join("\n"));
+        println!(
+            "to see it again: WHITSTONE_FUZZ={kind} {} FILE",
+            program.display()
+        );
+    }
+    Ok(found)
+}
+
+/// The number of files in a folder.
+fn count(folder: &Path) -> usize {
+    fs::read_dir(folder).map_or(0, Iterator::count)
+}
+
+/// Copies small files of a kind from below a folder, each under the hash of its path.
+fn gather(folder: &Path, kind: &str, seeds: &Path) -> Result<(), Failure> {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let path = entry.path();
+        let Ok(metadata) = fs::symlink_metadata(&path) else {
+            continue;
+        };
+        if metadata.is_dir() {
+            gather(&path, kind, seeds)?;
+        } else if metadata.is_file()
+            && metadata.len() <= MAX_SEED
+            && path
+                .extension()
+                .is_some_and(|extension| extension.eq_ignore_ascii_case(kind))
+        {
+            let name = path.display().to_string().replace(['/', '\\'], "-");
+            fs::copy(&path, seeds.join(name)).map_err(Failure::environment)?;
+        }
+    }
+    Ok(())
+}
+
+/// Makes seeds of a kind that Whitstone writes, from some scenes. Not every format can express
+/// every scene.
+fn convert(kind: &str, seeds: &Path) {
+    let Ok(program) = std::env::current_exe() else {
+        return;
+    };
+    for scene in [
+        "shapes/sphere",
+        "shapes/csg",
+        "materials/matte",
+        "showcase/cornell",
+        "lights/point",
+    ] {
+        let to = seeds.join(format!("{}.{kind}", scene.replace('/', "-")));
+        let scene = format!("scenes/{scene}.toml");
+        let mut command = Command::new(&program);
+        match kind {
+            "gltf" | "glb" | "xml" | "pbrt" => command.arg("convert").arg(scene).arg(to),
+            "exr" | "png" => {
+                let small = ["--set", "film.width=8", "--set", "film.height=6"];
+                command.arg("render").arg(scene).arg("-o").arg(to).args(small)
+            }
+            _ => return,
+        };
+        // A seed that is missing costs nothing but time.
+        let _ = command.stdout(Stdio::null()).stderr(Stdio::null()).status();
+    }
+}
