@@ -10,8 +10,9 @@ use std::process::{Command, Stdio};
 use whitstone::{Exit, Failure};
 
 /// The kinds of files, by their extension.
-const KINDS: [&str; 14] = [
+const KINDS: [&str; 15] = [
     "toml", "gltf", "glb", "xml", "pbrt", "obj", "mtl", "ply", "stl", "exr", "png", "jpg", "hdr", "pfm",
+    "tif",
 ];
 /// Larger seeds make an execution slow.
 const MAX_SEED: u64 = 20_000;
@@ -26,9 +27,9 @@ const FOLDER: &str = "target/fuzz";
 ///
 /// Each kind of file is mutated for some time. A file may be refused with an error; a panic, an
 /// execution of more than 10 s, or more than 2 GiB of memory is a finding. The seeds are the scenes
-/// and assets of the repository, and the files below the folder WHITSTONE_TEST_DATA. What is learnt
-/// stays in target/fuzz/corpus for the next run; findings are in target/fuzz/findings. Needs a C++
-/// compiler.
+/// and assets of the repository, and the files below the folder WHITSTONE_TEST_DATA. Inputs that
+/// reached new code stay in target/fuzz/corpus for the next run; findings are in
+/// target/fuzz/findings. Needs a C++ compiler.
 ///
 /// Exit code 0 without a finding, 1 with one.
 #[derive(Args, Debug)]
@@ -154,7 +155,7 @@ fn count(folder: &Path) -> usize {
     fs::read_dir(folder).map_or(0, Iterator::count)
 }
 
-/// Copies small files of a kind from below a folder, each under the hash of its path.
+/// Copies small files of a kind from below a folder, each under its path, with dashes.
 fn gather(folder: &Path, kind: &str, seeds: &Path) -> Result<(), Failure> {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let path = entry.path();

@@ -35,6 +35,7 @@ use crate::support::leaves::state::{Query, Search};
 use crate::support::leaves::{Leaves, Number};
 use binned::Binned;
 use exact::Sixteen;
+use morton::Keys;
 use node::Node;
 use packet::USUAL_DEPTH;
 use schemars::JsonSchema;
@@ -257,11 +258,13 @@ fn build<T: Corners, const N: usize>(
     };
     let (wide, slots, numbers) = match quality {
         Quality::Auto => {
-            let fast = morton::build(&items, MAX_IN_CELL).map(widened);
+            let keys = Keys::new(&items);
+            let is_even = !keys.any_cell_has_more_than(MAX_IN_CELL);
+            let fast = is_even.then(|| widened(morton::build(&items, &keys)));
             fast.filter(|(wide, slots, _)| wide.cost <= MAX_COST * (slots.len() as f64).log2())
                 .unwrap_or_else(|| widened(balanced()))
         }
-        Quality::Fast => widened(morton::build(&items, usize::MAX).unwrap_or_else(balanced)),
+        Quality::Fast => widened(morton::build(&items, &Keys::new(&items))),
         Quality::Balanced => widened(balanced()),
         Quality::Best => {
             let corners = items.corners();

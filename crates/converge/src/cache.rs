@@ -80,6 +80,11 @@ impl Cache {
         hasher.finalize().to_hex()[..24].to_owned()
     }
 
+    /// The record that this run has stored.
+    pub fn record_of_this_run(&self, key: &str) -> Option<Record> {
+        self.record(key).filter(|_| self.kept.borrow().contains(key))
+    }
+
     /// The stored record; a file that cannot be read counts as missing.
     pub fn record(&self, key: &str) -> Option<Record> {
         let bytes = std::fs::read(self.folder.join(format!("{key}.json"))).ok();

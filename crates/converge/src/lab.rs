@@ -7,7 +7,7 @@ use crate::study::{self, Against, Change, Engine, Series, Study};
 use crate::usage::{Memory, Ticks, processor_time};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant};
 use whitstone_core::{FamilyName, Registry, SceneError, SceneErrors};
 use whitstone_image::{Image, Limits, atomic, exr_io};
 use whitstone_metrics::Mask;
@@ -64,8 +64,6 @@ pub struct Lab<'a> {
     driver_hash: String,
     pub(crate) cache: Cache,
     pub(crate) options: Options,
-    /// When it was made: times of commands are not kept for later runs.
-    pub(crate) started: SystemTime,
     /// Whether to stop after the first half of the times.
     pub(crate) halfway: bool,
 }
@@ -136,7 +134,6 @@ impl<'a> Lab<'a> {
             driver_hash: driver_hash.to_owned(),
             cache,
             options,
-            started: SystemTime::now(),
             halfway: false,
         }
     }
@@ -234,7 +231,7 @@ impl<'a> Lab<'a> {
             subject: subject.clone(),
             scene,
             size: [pipeline.film.size.width, pipeline.film.size.height].map(|size| size as usize),
-            samples: setting.samples,
+            samples: setting.value.map_or(1, |samples| samples as u32),
             primitives: primitives(&pipeline),
         };
         // The first run reads files that later ones find in memory.

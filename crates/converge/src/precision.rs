@@ -42,7 +42,7 @@ impl Lab<'_> {
                 let setting = Setting {
                     label: format!("{}={:e}", about.parameter, step.parameter),
                     value: Some(step.parameter),
-                    ..Setting::default()
+                    changes: Vec::new(),
                 };
                 let mut point = Point::new(&setting, Err(&String::new()), command.clone());
                 point.problem = None;

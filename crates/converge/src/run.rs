@@ -215,11 +215,16 @@ impl Lab<'_> {
         let flattened = self.flatten(study, &study.changes(series, setting))?;
         let kind = match &series.subject {
             None => "point".to_owned(),
-            // What a command renders and how long it takes is not known to the cache.
-            Some(subject) => format!("{subject:?} {} {:?}", setting.samples, self.started),
+            Some(subject) => format!("{} {}", subject.name, setting.label),
         };
         job.key = self.key(&kind, series.engine, &flattened, &truth.hash);
-        let known = self.cache.record(&job.key).map(|record| Record {
+        // A command, or the library that is installed, may be another one in the next run.
+        let is_known = series.subject.is_none() && series.engine != Engine::Embree;
+        let known = match is_known {
+            true => self.cache.record(&job.key),
+            false => self.cache.record_of_this_run(&job.key),
+        };
+        let known = known.map(|record| Record {
             // More repeats may be wanted than last time.
             repeats: self.repeats(study, record.affordable),
             ..record

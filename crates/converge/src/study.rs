@@ -254,7 +254,7 @@ impl From<&Text> for Change {
 }
 
 /// One setting of a series.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Setting {
     /// The setting, such as `sampler.samples_per_axis=4`.
     pub label: String,
@@ -262,8 +262,6 @@ pub struct Setting {
     pub value: Option<f64>,
     /// The changes that it makes.
     pub changes: Vec<Change>,
-    /// The number of samples that it asks a command for.
-    pub samples: u32,
 }
 
 /// A configuration that is swept by one engine.
@@ -473,7 +471,6 @@ impl Study {
             label: format!("samples={samples}"),
             value: Some(samples.into()),
             changes: Vec::new(),
-            samples,
         });
         self.series.push(Series {
             name: subject.name.clone(),
@@ -584,7 +581,6 @@ fn series(table: &SeriesTable) -> Vec<Series> {
             label: labels.join(" "),
             value: values.clone().find_map(|(_, value)| number(value)),
             changes,
-            samples: 0,
         }
     };
     let settings: Vec<Setting> = (0..count).map(setting).collect();

@@ -279,10 +279,20 @@ impl Place {
     }
 
     fn run(&self, arguments: &[&str]) -> Output {
+        self.converge(&["study.toml", "--repeats", "3"], arguments)
+    }
+
+    /// Of the scene, without a study.
+    fn of_scene(&self, arguments: &[&str]) -> Output {
+        self.converge(&["scene.toml", "--no-mitsuba", "--repeats", "1"], arguments)
+    }
+
+    fn converge(&self, first: &[&str], more: &[&str]) -> Output {
         Command::new(env!("CARGO_BIN_EXE_whitstone"))
             .current_dir(self.0.path())
-            .args(["converge", "study.toml", "--repeats", "3", "--json", "out.json"])
-            .args(arguments)
+            .args(["converge", "--json", "out.json"])
+            .args(first)
+            .args(more)
             .output()
             .unwrap()
     }
@@ -502,19 +512,7 @@ fn nothing_is_claimed_of_a_truth_that_has_not_converged() {
 #[test]
 fn a_scene_has_a_study_without_writing_one() {
     let place = Place::new(STUDY);
-    let output = Command::new(env!("CARGO_BIN_EXE_whitstone"))
-        .current_dir(place.0.path())
-        .args([
-            "converge",
-            "scene.toml",
-            "--no-mitsuba",
-            "--repeats",
-            "1",
-            "--json",
-            "out.json",
-        ])
-        .output()
-        .unwrap();
+    let output = place.of_scene(&[]);
     assert_eq!(output.status.code(), Some(0), "{}", texts(&output));
     let series = place.json()["studies"][0]["series"].as_array().unwrap().len();
     assert_eq!(series, 4);
@@ -610,40 +608,17 @@ fn a_recommended_setting_reaches_the_error() {
 /// Another renderer takes part by its command; its times are those of whole commands.
 #[test]
 fn a_command_is_a_series_of_its_own() {
-    let folder = tempfile::tempdir().unwrap();
-    let scene = folder.path().join("scene.toml");
-    let text = fs::read_to_string(root().join("scenes/shapes/sphere.toml")).unwrap();
-    fs::write(&scene, text).unwrap();
-    let program = env!("CARGO_BIN_EXE_whitstone");
-    let measured = |subject: &str| -> (Output, Value) {
-        let json = folder.path().join("results.json");
-        let output = Command::new(program)
-            .current_dir(folder.path())
-            .args([
-                "converge",
-                "scene.toml",
-                "--no-mitsuba",
-                "--repeats",
-                "1",
-                "--subject",
-                subject,
-                "--json",
-            ])
-            .arg(&json)
-            .output()
-            .unwrap();
-        let text = fs::read(&json).unwrap_or_default();
-        (output, serde_json::from_slice(&text).unwrap_or_default())
+    let place = Place::new(STUDY);
+    let measured = |subject: &str| {
+        let output = place.of_scene(&["--subject", subject]);
+        (output, place.json())
     };
+    let program = env!("CARGO_BIN_EXE_whitstone");
     let sampler = r#"{{ type = \"sobol\", samples = {samples} }}"#;
     let (output, value) = measured(&format!(
         r#"twin={{ command = "'{program}' render {{scene}} -o {{output}} --set 'sampler={sampler}'" }}"#
     ));
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    assert!(output.status.success(), "{}", texts(&output));
     let report: StudyReport = serde_json::from_value(value["studies"][0].clone()).unwrap();
     let named = |name: &str, engine: Engine| {
         let mut all = report.series.iter();
@@ -661,7 +636,7 @@ fn a_command_is_a_series_of_its_own() {
     let printed = String::from_utf8_lossy(&output.stdout);
     assert!(printed.contains("whole commands: whitstone "), "{printed}");
 
-    // A command that fails is told once, and the others are measured.
+    // The report names a failing command once; the other series are measured.
     let (output, value) = measured("broken={ command = 'false {scene} {output} {samples}' }");
     assert_eq!(output.status.code(), Some(1));
     let problems = value["studies"][0]["problems"].as_array().unwrap();

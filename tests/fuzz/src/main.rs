@@ -1,8 +1,8 @@
 //! The fuzz target. The environment variable `WHITSTONE_FUZZ` names the kind of file that the input
 //! is read as, by its extension; `WHITSTONE_FUZZ_FOLDER` the folder where that file is written.
 //!
-//! An input may be refused, with an error that says something; anything else than an answer is a
-//! finding: a panic, a hang, too much memory.
+//! An input may be refused with an error. A panic, a hang, too much memory, or an error without a
+//! message or place is a finding.
 
 #![no_main]
 

@@ -21,30 +21,41 @@ const BITS: u32 = 12;
 /// Bits of an element's number.
 const NUMBER: u32 = 64 - 3 * BITS;
 
-/// Builds over all elements; returns the nodes and the contents of the leaves, or none if more than
-/// `max_in_cell` elements have the same code. The result depends only on the elements and their
-/// order.
-pub(super) fn build<T: Number>(items: &Items, max_in_cell: usize) -> Option<(Vec<Binary>, Contents<T>)> {
-    let keys = sorted(keys(items));
-    let same = |ends: &[u64]| ends[0] >> NUMBER == ends[ends.len() - 1] >> NUMBER;
-    if keys.windows(max_in_cell.saturating_add(1)).any(same) {
-        return None;
+/// The elements by their place: a code and a number each, sorted.
+pub(super) struct Keys(Vec<u64>);
+
+impl Keys {
+    pub(super) fn new(items: &Items) -> Self {
+        Self(sorted(keys(items)))
     }
-    let contents = items.contents(&keys, |key| number(*key));
+
+    /// Whether more than `count` elements have the same code.
+    pub(super) fn any_cell_has_more_than(&self, count: usize) -> bool {
+        let code = |key: u64| key >> NUMBER;
+        self.0
+            .windows(count + 1)
+            .any(|run| code(run[0]) == code(run[count]))
+    }
+}
+
+/// Builds over all elements; returns the nodes and the contents of the leaves. The result depends
+/// only on the elements and their order.
+pub(super) fn build<T: Number>(items: &Items, Keys(keys): &Keys) -> (Vec<Binary>, Contents<T>) {
+    let contents = items.contents(keys, |key| number(*key));
     if keys.is_empty() {
-        return Some((Vec::new(), contents));
+        return (Vec::new(), contents);
     }
     let builder = Builder { items };
     let corners = &contents.corners;
     let nodes = if rayon::current_num_threads() == 1 {
         // The same without a copy.
         let mut nodes = Vec::with_capacity(2 * keys.len());
-        builder.node(&keys, corners, &mut nodes, 0);
+        builder.node(keys, corners, &mut nodes, 0);
         nodes
     } else {
-        builder.subtree(&keys, corners, 0).1.concat()
+        builder.subtree(keys, corners, 0).1.concat()
     };
-    Some((nodes, contents))
+    (nodes, contents)
 }
 
 /// The element number in a key.

@@ -11,7 +11,7 @@ pub trait Context: Resources + Storage + Diagnostics {}
 
 impl<T: Resources + Storage + Diagnostics> Context for T {}
 
-/// The parts of the scene, and the files, that a plugin refers to.
+/// The parts of the scene, and the files, that a plugin refers to, and how much it will be used.
 pub trait Resources {
     /// The texture or constant that a parameter refers to. A shared texture is built once.
     fn texture(&mut self, reference: &TextureRef) -> Result<ColorSource, SceneErrors>;

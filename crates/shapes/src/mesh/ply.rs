@@ -138,11 +138,10 @@ pub(super) fn parse(bytes: &[u8], colors: bool) -> Result<Triangles, FileError> 
     let body = &bytes[header.length..];
     match header.format {
         Format::Text => {
-            let parallel = || read(&header, ParallelText::new(body), colors);
-            let read_again = || read(&header, Text::new(body, header.lines), colors);
-            match ParallelText::suits(body).then(parallel) {
+            let parallel = ParallelText::suits(body).then(|| ParallelText::new(body));
+            match parallel.map(|body| read(&header, body, colors)) {
                 Some(Ok(object)) => Ok(object),
-                _ => read_again(),
+                _ => read(&header, Text::new(body, header.lines), colors),
             }
         }
         Format::LittleEndian => read(&header, Binary::<false>::new(body), colors),
@@ -514,6 +513,10 @@ mod tests {
         let head = Header::read(text.as_bytes()).unwrap();
         let object = read(&head, ParallelText::new(&text.as_bytes()[header..]), true).unwrap();
         assert_eq!(object.positions, expected.positions);
+        // A line that is too long for a block.
+        let long = format!("{}{}", &text[..text.len() - 1], "0".repeat(200_000));
+        assert!(read(&head, ParallelText::new(&long.as_bytes()[header..]), true).is_err());
+        assert_eq!(parse_all(long.as_bytes()).unwrap().triangles, expected.triangles);
         for (from, to) in [
             ("3 150000 150001 0\n", "3 150000 150001\n"),
             ("3 150000 150001 0\n", "3 150000 150001 0 0\n"),

@@ -357,7 +357,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     };
     let references = match validator.not_live() {
         None => "live".to_owned(),
-        // A warning has told the rest.
+        // The rest is in the warning above.
         Some(why) => {
             let first = why.lines().next().unwrap_or_default();
             format!("stored ({})", first.trim_end_matches(':'))

@@ -195,9 +195,8 @@ impl Body for Text<'_> {
     }
 }
 
-/// A text body whose numbers are parsed on all threads, a block of lines at a time.
-///
-/// Its errors have no places: [`Text`] finds the error again.
+/// A text body whose numbers are parsed on all threads, a block of lines at a time. It serves files
+/// without errors: where it fails, [`Text`] reads the file again and finds the error with its line.
 pub(super) struct ParallelText<'a> {
     rest: &'a [u8],
     block: Vec<Lines>,
@@ -258,8 +257,8 @@ impl<'a> ParallelText<'a> {
         body.len() > PART * PARTS && rayon::current_num_threads() > 1
     }
 
-    /// Parses the next block.
-    fn read_block(&mut self) {
+    /// Parses the next block. Its memory is bounded: a long line is left to [`Text`].
+    fn read_block(&mut self) -> Result<(), FileError> {
         let mut parts = Vec::new();
         while !self.rest.is_empty() && parts.len() < PARTS {
             let ahead = self.rest.get(PART..).unwrap_or_default();
@@ -267,11 +266,15 @@ impl<'a> ParallelText<'a> {
             let (part, after) = self
                 .rest
                 .split_at(end.map_or(self.rest.len(), |end| PART + end + 1));
+            if part.len() > 2 * PART {
+                return Err(irregular());
+            }
             parts.push(part);
             self.rest = after;
         }
         self.block = parts.into_par_iter().map(Lines::parse).collect();
         (self.part, self.line) = (0, 0);
+        Ok(())
     }
 }
 
@@ -288,7 +291,7 @@ impl Body for ParallelText<'_> {
                 if self.rest.is_empty() {
                     return Err(irregular());
                 }
-                self.read_block();
+                self.read_block()?;
                 continue;
             };
             if let Some(&end) = lines.ends.get(self.line) {
