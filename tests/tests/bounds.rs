@@ -3,7 +3,8 @@
 use std::path::Path;
 use whitstone::core::{DVec2, Interval, SelfHitFilter};
 use whitstone::image::Raster;
-use whitstone::render::Pipeline;
+use whitstone::render::{BuildOptions, Pipeline};
+use whitstone::scene::Sources;
 use whitstone::{registry, wireframe};
 use whitstone_tests::{load, program, root};
 
@@ -103,12 +104,14 @@ fn explain_draws_the_levels_that_are_asked_for() {
     };
     let file = folder.path().join("bounds.png");
     for kind in STRUCTURES {
-        let pipeline = load(
-            &root().join(format!("scenes/accelerators/{kind}.toml")),
-            &[],
-            &registry(),
-        )
-        .unwrap();
+        // As the command builds it: for one image, which decides how a `bvh` is built.
+        let path = root().join(format!("scenes/accelerators/{kind}.toml"));
+        let sources = Sources::load(&path, &[], &registry()).unwrap();
+        let options = BuildOptions {
+            single_image: true,
+            ..BuildOptions::default()
+        };
+        let pipeline = Pipeline::load(&sources, &registry(), options).unwrap();
         let outlines = |deepest| pipeline.scene.accelerator.debug_bounds(deepest).unwrap();
         let counts = [0, 1, 2].map(|deepest| outlines(deepest).len());
         // A grid of one level has no third.
