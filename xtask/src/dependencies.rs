@@ -1,8 +1,9 @@
-//! Checks the dependencies of the workspace: every licence is allowed by `deny.toml`, and the table
-//! in `Cargo.toml` is sorted and matches their use.
+//! Checks the dependencies of the workspace: every licence is allowed by `deny.toml`, the table in
+//! `Cargo.toml` is sorted and matches their use, and published packages contain their licence.
 
 use serde_json::Value;
 use std::collections::BTreeSet;
+use std::path::Path;
 use std::process::Command;
 
 /// The file with the allowed licences, which cargo-deny reads too. Its check of licences is
@@ -31,7 +32,21 @@ pub(crate) fn check() -> Vec<String> {
     let manifest = std::fs::read_to_string("Cargo.toml").unwrap_or_default();
     problems.extend(check_order(&manifest));
     problems.extend(check_table(&table(&manifest), &metadata));
+    problems.extend(missing_licences(&metadata));
     problems
+}
+
+/// The published packages of the workspace that lack the text of a licence: the links to those in
+/// the root become files when a package is made.
+fn missing_licences(metadata: &Value) -> Vec<String> {
+    let own =
+        packages(metadata).filter(|package| package["source"].is_null() && package["publish"].is_null());
+    let folders = own.filter_map(|package| Path::new(package["manifest_path"].as_str()?).parent());
+    let files = folders.flat_map(|folder| ["LICENSE-MIT", "LICENSE-APACHE"].map(|name| folder.join(name)));
+    files
+        .filter(|file| !file.is_file())
+        .map(|file| format!("{} is missing; link it to the file in the root", file.display()))
+        .collect()
 }
 
 /// SPDX identifiers, with exceptions where they have one.

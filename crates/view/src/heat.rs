@@ -32,27 +32,31 @@ pub(crate) fn numbers(
     let missing = AtomicBool::new(false);
     let rows: Vec<Vec<f32>> = (0..size.height)
         .into_par_iter()
-        .map_init(Scratch::default, |scratch, y| {
-            if missing.load(Ordering::Relaxed) {
-                return Vec::new();
-            }
-            if !go_on() {
-                missing.store(true, Ordering::Relaxed);
-            }
-            let numbers = (0..size.width).map(|x| number(pipeline, shown, [x, y], scratch));
-            let numbers: Option<Vec<f32>> = numbers.collect();
-            numbers.unwrap_or_else(|| {
-                missing.store(true, Ordering::Relaxed);
-                Vec::new()
-            })
-        })
+        .map_init(
+            || Scratch::within(pipeline.tree_limits),
+            |scratch, y| {
+                if missing.load(Ordering::Relaxed) {
+                    return Vec::new();
+                }
+                if !go_on() {
+                    missing.store(true, Ordering::Relaxed);
+                }
+                let numbers = (0..size.width).map(|x| number(pipeline, shown, [x, y], scratch));
+                let numbers: Option<Vec<f32>> = numbers.collect();
+                numbers.unwrap_or_else(|| {
+                    missing.store(true, Ordering::Relaxed);
+                    Vec::new()
+                })
+            },
+        )
         .collect();
     (!missing.into_inner()).then(|| rows.concat())
 }
 
 /// Whether the accelerator counts what a map shows.
 pub(crate) fn is_counted(pipeline: &Pipeline, shown: Shown) -> bool {
-    number(pipeline, shown, [0, 0], &mut Scratch::default()).is_some()
+    let mut scratch = Scratch::within(pipeline.tree_limits);
+    number(pipeline, shown, [0, 0], &mut scratch).is_some()
 }
 
 fn number(pipeline: &Pipeline, shown: Shown, [x, y]: [u32; 2], scratch: &mut Scratch) -> Option<f32> {

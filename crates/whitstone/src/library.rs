@@ -314,10 +314,43 @@ impl Scene {
 
     /// The nearest hit of each ray, traced on all threads of the current pool. Directions need not
     /// be of unit length; the parameter of a hit is its distance in metres.
+    ///
+    #[cfg_attr(feature = "plugins", doc = "```")]
+    #[cfg_attr(not(feature = "plugins"), doc = "```ignore")]
+    /// use whitstone::Scene;
+    /// use whitstone::core::{DVec3, Ray};
+    ///
+    /// let scene = Scene::parse(
+    ///     r#"
+    ///     camera = { type = "perspective", look_at = { origin = [0, 0, 4], target = [0, 0, 0] } }
+    ///     shape = [{ type = "sphere" }]
+    ///     "#,
+    ///     ".",
+    /// )?;
+    /// let towards = |direction| Ray::new(DVec3::new(0.0, 0.0, 4.0), direction);
+    /// let rays = [towards(DVec3::new(0.0, 0.0, -2.0)), towards(DVec3::Y)];
+    /// let hits = scene.trace(&rays);
+    /// assert_eq!(hits[0].map(|hit| (hit.t, hit.shape)), Some((3.0, 0)));
+    /// assert_eq!(hits[1], None);
+    ///
+    /// let mut again = [None; 2];
+    /// scene.trace_into(&rays, &mut again);
+    /// assert_eq!(again[..], hits);
+    /// # Ok::<(), whitstone::Error>(())
+    /// ```
     pub fn trace(&self, rays: &[Ray]) -> Vec<Option<PreliminaryIntersection>> {
-        let unit = |ray: &Ray| Ray::new(ray.origin, ray.direction.normalize());
-        let rays: Vec<Ray> = rays.iter().map(unit).collect();
-        self.0.pipeline.trace(&rays)
+        let mut hits = vec![None; rays.len()];
+        self.trace_into(rays, &mut hits);
+        hits
+    }
+
+    /// [`Self::trace`] into memory of the caller. This is several times as fast for many rays in a
+    /// simple scene, where most of the time of [`Self::trace`] goes to getting new memory.
+    ///
+    /// # Panics
+    /// `hits` has another length than `rays`.
+    pub fn trace_into(&self, rays: &[Ray], hits: &mut [Option<PreliminaryIntersection>]) {
+        self.0.pipeline.trace_into(rays, hits);
     }
 
     /// The oracle for this scene: first hits of rays and values of pixels in arbitrary precision,

@@ -115,6 +115,7 @@ class Scene:
         self.source = source
         self.base = os.fspath(base)
         self.overrides = overrides
+        self.camera = camera
         if self.is_file:
             self._native = _native.Scene.open(os.fspath(source), overrides, camera, max_memory, max_tree_rays)
         else:

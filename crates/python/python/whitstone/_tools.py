@@ -63,7 +63,7 @@ def _file(scene: Union[Source, Scene]) -> Iterator[List[str]]:
         scene = Scene(scene)
     changes = [argument for change in scene.overrides for argument in ("--set", change)]
     if scene.is_file:
-        yield [os.fspath(scene.source), *changes]
+        yield [os.fspath(scene.source), *changes, *(["--camera", scene.camera] if scene.camera is not None else [])]
         return
     # In the folder that the paths of the scene are relative to.
     handle, path = tempfile.mkstemp(prefix=".whitstone-", suffix=".toml", dir=scene.base)
@@ -73,6 +73,22 @@ def _file(scene: Union[Source, Scene]) -> Iterator[List[str]]:
         yield [path, *changes]
     finally:
         os.unlink(path)
+
+
+@contextlib.contextmanager
+def _scene_file(scene: Union[Source, Scene]) -> Iterator[List[str]]:
+    """Like :func:`_file`, for a command that takes no camera."""
+    with contextlib.ExitStack() as stack:
+        arguments = stack.enter_context(_file(scene))
+        if "--camera" in arguments:
+            # The scene with that camera alone, in a file of its own.
+            name = os.path.splitext(os.path.basename(arguments[0]))[0]
+            path = os.path.join(stack.enter_context(tempfile.TemporaryDirectory()), f"{name}.toml")
+            done = _run(["convert", *arguments, path])
+            if done.returncode != 0:
+                raise CommandError(done.stdout.strip(), done.returncode)
+            arguments = [path]
+        yield arguments
 
 
 def _run(arguments: Sequence[str]) -> "subprocess.CompletedProcess[str]":
@@ -138,7 +154,7 @@ def validate(
     options += ["--mitsuba", os.fspath(mitsuba)] if mitsuba is not None else []
     options += ["--oracle"] if oracle else []
     with contextlib.ExitStack() as stack:
-        named = [stack.enter_context(_file(scene)) for scene in scenes]
+        named = [stack.enter_context(_scene_file(scene)) for scene in scenes]
         changes = {tuple(arguments[1:]) for arguments in named}
         if len(changes) > 1:
             raise ValueError("scenes with different changes cannot be validated by one call")
