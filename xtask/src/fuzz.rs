@@ -1,19 +1,24 @@
-//! `fuzz`: coverage-guided fuzzing of everything that reads files.
+//! `fuzz`: coverage-guided fuzzing of everything that reads files, and random scenes.
 //!
 //! The package `tests/fuzz` is compiled with the coverage counters of LLVM, which the stable
 //! compiler has as well, and runs under libFuzzer.
+
+mod random_scene;
+mod scenes;
 
 use clap::Args;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use whitstone::core::Registry;
 use whitstone::{Exit, Failure};
 
-/// The kinds of files, by their extension.
-const KINDS: [&str; 15] = [
-    "toml", "gltf", "glb", "xml", "pbrt", "obj", "mtl", "ply", "stl", "exr", "png", "jpg", "hdr", "pfm",
-    "tif",
+/// The kinds of files, by their extension, and random scenes.
+const KINDS: [&str; 16] = [
+    SCENES, "toml", "gltf", "glb", "xml", "pbrt", "obj", "mtl", "ply", "stl", "exr", "png", "jpg", "hdr",
+    "pfm", "tif",
 ];
+const SCENES: &str = "scenes";
 /// Larger seeds make an execution slow.
 const MAX_SEED: u64 = 20_000;
 /// Counters for each branch, and comparisons, so that words and numbers are found.
@@ -31,11 +36,14 @@ const FOLDER: &str = "target/fuzz";
 /// reached new code stay in target/fuzz/corpus for the next run; findings are in
 /// target/fuzz/findings. Needs a C++ compiler.
 ///
+/// The kind `scenes` makes random scenes from the JSON Schema. One that is valid must have the same
+/// image, bit for bit, with other accelerators, threads and vector instructions.
+///
 /// Exit code 0 without a finding, 1 with one.
 #[derive(Args, Debug)]
 #[command(
     help_template = whitstone::commands::HELP_TEMPLATE,
-    after_help = "Examples:\n  cargo xtask fuzz\n  cargo xtask fuzz ply gltf --seconds 3600"
+    after_help = "Examples:\n  cargo xtask fuzz\n  cargo xtask fuzz ply gltf --seconds 3600\n  cargo xtask fuzz scenes --first 1000000"
 )]
 pub(crate) struct Arguments {
     /// Kinds of files [default: all]
@@ -44,20 +52,40 @@ pub(crate) struct Arguments {
     /// Time for each kind
     #[arg(long, value_name = "SECONDS", default_value_t = 60)]
     seconds: u64,
+    /// Number of the first random scene; each number is another scene, the same in every run
+    #[arg(long, value_name = "NUMBER", default_value_t = 0)]
+    first: u64,
+    /// Render random scenes from this number on, and print what became of each
+    #[arg(long, value_name = "NUMBER", hide = true)]
+    worker: Option<u64>,
 }
 
 /// Runs the command.
-pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Failure> {
-    let program = build()?;
+pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
+    if let Some(first) = arguments.worker {
+        return scenes::work(first, registry);
+    }
     let kinds: Vec<&str> = match arguments.kinds.as_slice() {
         [] => KINDS.to_vec(),
         kinds => kinds.iter().map(String::as_str).collect(),
     };
     let mut found = 0;
-    for kind in kinds {
+    if kinds.contains(&SCENES) {
+        found += scenes::run(arguments.first, arguments.seconds, registry)?;
+    }
+    let files: Vec<&str> = kinds.into_iter().filter(|kind| *kind != SCENES).collect();
+    if files.is_empty() {
+        return Ok(exit(found));
+    }
+    let program = build()?;
+    for kind in files {
         found += fuzz(&program, kind, arguments.seconds)?;
     }
-    Ok(if found == 0 { Exit::Pass } else { Exit::Differs })
+    Ok(exit(found))
+}
+
+fn exit(found: usize) -> Exit {
+    if found == 0 { Exit::Pass } else { Exit::Differs }
 }
 
 /// Compiles the target; returns its path.

@@ -79,7 +79,7 @@ fn main() -> ExitCode {
         Verb::Features => features::run(&registry),
         Verb::Assets => assets::write(),
         Verb::Bench(arguments) => bench::run(arguments, &registry),
-        Verb::Fuzz(arguments) => fuzz::run(arguments),
+        Verb::Fuzz(arguments) => fuzz::run(arguments, &registry),
         Verb::Gallery(arguments) => gallery::run(arguments, &registry),
         Verb::Oracle(arguments) => oracle::run(arguments, &registry),
         Verb::Slim(arguments) => slim::run(arguments, &registry),

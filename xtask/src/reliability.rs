@@ -312,7 +312,7 @@ impl Subject {
 }
 
 /// A random number below `count`, the same in every run.
-fn pick(seed: u64, count: usize) -> usize {
+pub(crate) fn pick(seed: u64, count: usize) -> usize {
     // SplitMix64 (Steele, Lea, Flood, *Fast splittable pseudorandom number generators*, 2014).
     let mut z = seed.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

@@ -344,7 +344,7 @@ impl Scene {
         hits
     }
 
-    /// [`Self::trace`] into memory of the caller. This is several times as fast for many rays in a
+    /// [`Self::trace`] into memory of the caller. This is two to three times as fast for many rays in a
     /// simple scene, where most of the time of [`Self::trace`] goes to getting new memory.
     ///
     /// # Panics

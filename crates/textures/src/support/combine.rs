@@ -13,6 +13,10 @@ pub(crate) fn parts(
         .iter()
         .filter_map(|reference| errors.take(context.texture(reference)))
         .collect();
+    // A texture that could not be built has told why where it was built first, and nothing here.
+    if built.len() < references.len() {
+        return Err(errors);
+    }
     errors.into_result(built)
 }
 

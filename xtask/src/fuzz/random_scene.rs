@@ -1,0 +1,324 @@
+//! Random scenes from the JSON Schema of scenes.
+
+use serde_json::{Map, Value as Json};
+use toml::{Table, Value};
+
+/// Deeper tables take the alternative that refers to no other definition, if there is one.
+const DEEP: usize = 5;
+/// An optional key is present in one table of so many.
+const RARE: usize = 4;
+
+/// How often a part of a scene is tried.
+const TRIES: usize = 5;
+
+/// Ids of the shared materials and textures, which every scene defines.
+const IDS: [&str; 2] = ["one", "two"];
+const MESHES: [&str; 4] = [
+    "assets/star.obj",
+    "assets/torus.obj",
+    "assets/terrain.ply",
+    "assets/icosphere.ply",
+];
+const IMAGES: [&str; 3] = ["assets/checker.png", "assets/corners.png", "assets/leaf.png"];
+const EXTREMES: [f64; 10] = [0.0, -0.0, 1e-320, 1e-30, 1e-9, 1e9, 1e30, 1e308, -1e308, f64::NAN];
+
+/// A sequence of random numbers.
+pub(super) struct Random(u64);
+
+impl Random {
+    pub(super) fn new(seed: u64) -> Self {
+        Self(seed.wrapping_mul(0x2545_f491_4f6c_dd1d))
+    }
+
+    /// A number below `count`, which is at least 1.
+    pub(super) fn below(&mut self, count: usize) -> usize {
+        self.0 = self.0.wrapping_add(1);
+        crate::reliability::pick(self.0, count)
+    }
+
+    fn one_of<'a, T>(&mut self, list: &'a [T]) -> Option<&'a T> {
+        (!list.is_empty()).then(|| &list[self.below(list.len())])
+    }
+
+    /// From 0 to 1.
+    fn part(&mut self) -> f64 {
+        self.below(1 << 20) as f64 / f64::from(1 << 20)
+    }
+}
+
+/// How far the numbers of a scene are from ordinary ones.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Numbers {
+    /// Tenths up to 2.
+    Plain,
+    /// Of any magnitude up to a million.
+    Spread,
+    /// Also those of [`EXTREMES`].
+    Extreme,
+}
+
+pub(super) struct Generator<'a> {
+    definitions: &'a Map<String, Json>,
+    random: Random,
+    numbers: Numbers,
+    /// Shapes that have an id.
+    shapes: usize,
+}
+
+impl<'a> Generator<'a> {
+    /// `schema` is that of a whole scene; the same seed gives the same scene.
+    pub(super) fn new(schema: &'a Json, seed: u64) -> Result<Self, String> {
+        let definitions = schema["$defs"].as_object();
+        let mut random = Random::new(seed);
+        let numbers = match random.below(10) {
+            0..6 => Numbers::Plain,
+            6..9 => Numbers::Spread,
+            _ => Numbers::Extreme,
+        };
+        Ok(Self {
+            definitions: definitions.ok_or("the schema has no definitions")?,
+            random,
+            numbers,
+            shapes: 0,
+        })
+    }
+
+    /// A scene of at most 16 x 12 pixels. Each part is tried some times until `is_valid` accepts
+    /// the scene with it, and is otherwise left out.
+    pub(super) fn scene(mut self, is_valid: &dyn Fn(&Table) -> bool) -> Table {
+        let layers = ["depth", "normal", "uv", "shape_id", "primitive_id"];
+        let layers = layers.into_iter().filter(|_| self.random.below(2) == 0);
+        let layers: Vec<Value> = layers.map(Value::from).collect();
+        let mut scene = Table::from_iter([("film".to_owned(), film(16, 12, layers).into())]);
+        let sphere = Table::from_iter([("type".to_owned(), Value::from("sphere"))]);
+        scene.insert("shape".into(), vec![Value::from(sphere.clone())].into());
+        let plain = [("texture", "constant"), ("material", "matte")];
+        for (family, name) in plain {
+            let shared = Table::from_iter([("type".to_owned(), Value::from(name))]);
+            let shared = IDS.map(|id| (id.to_owned(), Value::from(shared.clone())));
+            scene.insert(family.into(), Table::from_iter(shared).into());
+        }
+        let group = |shape: Value| {
+            let group = Table::from_iter([("shape".to_owned(), Value::from(vec![shape]))]);
+            Value::from(Table::from_iter([("group".to_owned(), group.into())]))
+        };
+        scene.insert("group".into(), group(sphere.into()));
+
+        let mut grow = |scene: &mut Table, add: &mut dyn FnMut(&mut Self, &mut Table)| {
+            for _ in 0..TRIES {
+                let mut grown = scene.clone();
+                add(&mut self, &mut grown);
+                if is_valid(&grown) {
+                    *scene = grown;
+                    return;
+                }
+            }
+        };
+        for (family, _) in plain {
+            for id in IDS {
+                grow(&mut scene, &mut |this, scene| {
+                    if let Some(shared) = scene.get_mut(family).and_then(Value::as_table_mut) {
+                        shared.insert(id.to_owned(), this.named(family, 2));
+                    }
+                });
+            }
+        }
+        grow(&mut scene, &mut |this, scene| {
+            scene.insert("group".into(), group(this.named("shape", 2)));
+        });
+        for family in ["camera", "sampler", "integrator"] {
+            grow(&mut scene, &mut |this, scene| {
+                if family == "camera" || this.random.below(3) == 0 {
+                    scene.insert(family.into(), this.named(family, 0));
+                }
+            });
+        }
+        for (family, most) in [("shape", 5), ("light", 3)] {
+            for _ in 0..most {
+                grow(&mut scene, &mut |this, scene| {
+                    if this.random.below(2) == 0 {
+                        let list = scene.entry(family).or_insert_with(|| Value::Array(Vec::new()));
+                        if let Some(list) = list.as_array_mut() {
+                            list.push(this.named(family, 0));
+                        }
+                    }
+                });
+            }
+        }
+        if contains(&Value::from(scene.clone()), "fractal") {
+            // Milliseconds a ray.
+            scene.insert("film".into(), film(4, 3, Vec::new()).into());
+        }
+        scene
+    }
+
+    /// A table of a family.
+    fn named(&mut self, family: &str, depth: usize) -> Value {
+        let definition = &self.definitions[family];
+        let mut value = self.value(definition, family, family, depth);
+        // Most random cameras see nothing.
+        if family == "camera"
+            && self.random.below(8) > 0
+            && let Some(table) = value.as_table_mut()
+        {
+            let mut place = || Value::from(self.random.part() * 8.0 - 4.0);
+            let origin = vec![place(), place(), Value::from(4.0)];
+            let target = vec![Value::from(0.0); 3];
+            let look_at = [("origin", origin), ("target", target)];
+            let look_at = look_at.map(|(key, place)| (key.to_owned(), place.into()));
+            table.remove("transform");
+            table.insert("look_at".into(), Table::from_iter(look_at).into());
+        }
+        value
+    }
+
+    /// A value that fits a schema. `owner` is the definition around it, `key` its key there.
+    fn value(&mut self, schema: &Json, owner: &str, key: &str, depth: usize) -> Value {
+        if let Some(reference) = schema["$ref"].as_str() {
+            let name = reference.trim_start_matches("#/$defs/");
+            let definition = &self.definitions[name];
+            return self.value(definition, name, key, depth);
+        }
+        for list in ["anyOf", "oneOf", "allOf"] {
+            let Some(choices) = schema[list].as_array() else {
+                continue;
+            };
+            let leaves: Vec<&Json> = choices.iter().filter(|choice| choice["$ref"].is_null()).collect();
+            let all: Vec<&Json> = choices.iter().collect();
+            let choices = if depth > DEEP && !leaves.is_empty() {
+                leaves
+            } else {
+                all
+            };
+            if let Some(choice) = self.random.one_of(&choices) {
+                return self.value(choice, owner, key, depth + 1);
+            }
+        }
+        if let Some(text) = schema["const"].as_str() {
+            return text.into();
+        }
+        if let Some(choices) = schema["enum"].as_array()
+            && let Some(choice) = self.random.one_of(choices)
+        {
+            return literal(choice);
+        }
+        match schema["type"].as_str() {
+            Some("boolean") => Value::from(self.random.below(2) == 0),
+            Some("integer") => Value::from(self.integer(schema)),
+            Some("number") => Value::from(self.number(schema)),
+            Some("string") => Value::from(self.text(owner, key)),
+            Some("array") => self.array(schema, owner, key, depth),
+            _ => self.table(schema, owner, depth).into(),
+        }
+    }
+
+    fn table(&mut self, schema: &Json, owner: &str, depth: usize) -> Table {
+        let required = schema["required"].as_array();
+        let required: Vec<&str> = required.into_iter().flatten().filter_map(Json::as_str).collect();
+        let properties = schema["properties"].as_object();
+        let mut table = Table::new();
+        for (key, schema) in properties.into_iter().flatten() {
+            let rare = if depth > DEEP { 4 * RARE } else { RARE };
+            if required.contains(&key.as_str()) || self.random.below(rare) == 0 {
+                table.insert(key.clone(), self.value(schema, owner, key, depth + 1));
+            }
+        }
+        table
+    }
+
+    fn array(&mut self, schema: &Json, owner: &str, key: &str, depth: usize) -> Value {
+        let least = schema["minItems"].as_u64().unwrap_or(0) as usize;
+        let most = schema["maxItems"]
+            .as_u64()
+            .map_or(least + 3, |most| most as usize);
+        let count = least + self.random.below((most - least).min(3) + 1);
+        let list: Vec<Value> = (0..count)
+            .map(|_| self.value(&schema["items"], owner, key, depth + 1))
+            .collect();
+        list.into()
+    }
+
+    fn text(&mut self, owner: &str, key: &str) -> String {
+        let of = |list: &[&str], random: &mut Random| random.one_of(list).map_or("", |text| text).to_owned();
+        match key {
+            "id" => {
+                self.shapes += 1;
+                format!("shape{}", self.shapes)
+            }
+            "group" => key.to_owned(),
+            "part" => String::new(),
+            "file" if owner.starts_with("texture") => of(&IMAGES, &mut self.random),
+            "file" => of(&MESHES, &mut self.random),
+            _ => of(&IDS, &mut self.random),
+        }
+    }
+
+    fn integer(&mut self, schema: &Json) -> i64 {
+        let least = schema["minimum"].as_i64().unwrap_or(-2);
+        let most = schema["maximum"].as_i64().unwrap_or(i64::MAX);
+        match self.random.below(20) {
+            0 if self.numbers == Numbers::Extreme => most,
+            1 => least.saturating_add(100).min(most),
+            _ => least.saturating_add(self.random.below(6) as i64).min(most),
+        }
+    }
+
+    fn number(&mut self, schema: &Json) -> f64 {
+        let above = schema["exclusiveMinimum"].as_f64();
+        let least = schema["minimum"].as_f64().or(above);
+        let most = schema["maximum"].as_f64();
+        if let Some(default) = schema["default"].as_f64()
+            && self.random.below(6) == 0
+        {
+            return default;
+        }
+        let chance = self.random.below(20);
+        let value = match self.numbers {
+            Numbers::Extreme if chance == 0 => self.random.one_of(&EXTREMES).copied().unwrap_or(0.0),
+            Numbers::Extreme | Numbers::Spread if chance < 4 => {
+                let sign = if self.random.below(2) == 0 { 1.0 } else { -1.0 };
+                sign * 10f64.powf(12.0 * self.random.part() - 6.0)
+            }
+            _ => (self.random.below(41) as f64 - 20.0) / 10.0,
+        };
+        // Most numbers that are too small are the negative of one that is not.
+        let value = if least.is_some_and(|least| value < least) {
+            value.abs()
+        } else {
+            value
+        };
+        let value = if above == Some(value) { value + 0.5 } else { value };
+        most.map_or(value, |most| value.min(most))
+    }
+}
+
+fn film(width: i64, height: i64, layers: Vec<Value>) -> Table {
+    let entries: [(&str, Value); 3] = [
+        ("width", width.into()),
+        ("height", height.into()),
+        ("aovs", layers.into()),
+    ];
+    entries
+        .into_iter()
+        .map(|(key, value)| (key.to_owned(), value))
+        .collect()
+}
+
+/// Whether a text is anywhere in a value.
+fn contains(value: &Value, text: &str) -> bool {
+    match value {
+        Value::String(found) => found == text,
+        Value::Array(list) => list.iter().any(|item| contains(item, text)),
+        Value::Table(table) => table.values().any(|item| contains(item, text)),
+        _ => false,
+    }
+}
+
+fn literal(value: &Json) -> Value {
+    match (value.as_str(), value.as_i64(), value.as_f64()) {
+        (Some(text), ..) => text.into(),
+        (_, Some(number), _) => number.into(),
+        (.., Some(number)) => number.into(),
+        _ => Value::from(value.as_bool().unwrap_or(false)),
+    }
+}

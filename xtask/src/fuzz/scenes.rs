@@ -1,0 +1,296 @@
+//! `fuzz scenes`: random scenes, whose image must not depend on the accelerator, the number of
+//! threads or the vector instructions.
+//!
+//! The instructions are chosen once in a process, so each set has its own: a worker. It makes the
+//! scenes of a range of numbers and prints a line for each.
+
+use super::random_scene::{Generator, Random};
+use std::collections::BTreeMap;
+use std::fs;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::io::{BufRead, BufReader, Write};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::thread;
+use std::time::{Duration, Instant};
+use toml::Table;
+use whitstone::core::{FamilyName, Registry};
+use whitstone::render::{BuildOptions, Film, Pipeline, RenderOptions};
+use whitstone::scene::{Sources, scene_schema};
+use whitstone::{Exit, Failure};
+
+/// The values of `WHITSTONE_SIMD` of the workers. The first one also varies accelerator and
+/// threads.
+const LEVELS: [&str; 3] = ["avx512", "avx2", "baseline"];
+/// Accelerators that each scene is rendered with, beside its own.
+const OTHERS: usize = 3;
+/// Memory that a scene may take, in bytes.
+const MEMORY: u64 = 256 << 20;
+/// Rays that a sample may become.
+const TREE_RAYS: u32 = 1 << 12;
+/// Pairs of a ray and an element that are all tested.
+const MOST_TESTS: u64 = 10_000_000;
+/// Time in which a scene must be answered. Without an accelerator it may take longer.
+const LIMIT: Duration = Duration::from_secs(10);
+/// Time after which a worker is given up.
+const PATIENCE: Duration = Duration::from_secs(300);
+/// The folder that paths of the scenes are relative to.
+const BASE: &str = "scenes";
+const FINDINGS: &str = "target/fuzz/findings/scenes";
+/// More are not looked for in one run.
+const ENOUGH: usize = 20;
+
+/// What became of a scene.
+enum Answer {
+    /// Hash of its image.
+    Image(u64),
+    /// With the first error.
+    Refused(String),
+    Finding(String),
+}
+
+impl Answer {
+    fn line(&self) -> String {
+        match self {
+            Self::Image(hash) => format!("image {hash:016x}"),
+            Self::Refused(text) => format!("refused {}", text.replace('\n', " ")),
+            Self::Finding(text) => format!("finding {}", text.replace('\n', " ")),
+        }
+    }
+}
+
+/// The scene of this number, as TOML. Most are valid: one in four is left as it comes.
+fn text(schema: &serde_json::Value, number: u64, registry: &Registry) -> Result<String, String> {
+    let is_valid = |scene: &Table| {
+        number.is_multiple_of(4)
+            || toml::to_string(scene).is_ok_and(|text| matches!(build(&text, &[], registry), Ok(Ok(_))))
+    };
+    let scene = Generator::new(schema, number)?.scene(&is_valid);
+    toml::to_string(&scene).map_err(|error| error.to_string())
+}
+
+/// Renders the scenes from a number on, and prints what became of each, until it is killed.
+pub(super) fn work(first: u64, registry: &Registry) -> Result<Exit, Failure> {
+    let schema = scene_schema(registry);
+    let vary = std::env::var("WHITSTONE_SIMD").as_deref() == Ok(LEVELS[0]);
+    let mut out = std::io::stdout().lock();
+    for number in first.. {
+        let text = text(&schema, number, registry).map_err(Failure::environment)?;
+        let answer = answer(&text, number, vary, registry);
+        if writeln!(out, "{}", answer.line())
+            .and_then(|()| out.flush())
+            .is_err()
+        {
+            // Nobody reads any more.
+            break;
+        }
+    }
+    Ok(Exit::Pass)
+}
+
+/// Renders a scene, if it is valid, in as many ways as `vary` says.
+fn answer(text: &str, number: u64, vary: bool, registry: &Registry) -> Answer {
+    let start = Instant::now();
+    let mut tests = 0;
+    let found = image(text, &[], 1, registry, &mut tests);
+    if start.elapsed() > LIMIT {
+        return Answer::Finding(format!("takes {:.0} s", start.elapsed().as_secs_f64()));
+    }
+    let first = match found {
+        Ok(Ok(first)) => first,
+        Ok(Err(error)) => return Answer::Refused(error),
+        Err(problem) => return Answer::Finding(problem),
+    };
+    if vary {
+        let threads = [(Vec::new(), 3)];
+        let others = accelerators(number, tests < MOST_TESTS, registry).into_iter();
+        let others = others.map(|name| (vec![format!("accelerator={{type=\"{name}\"}}")], 1));
+        for (changes, threads) in threads.into_iter().chain(others) {
+            let with = || format!("{} and {threads} threads", changes.join(""));
+            match image(text, &changes, threads, registry, &mut tests) {
+                Ok(Ok(image)) if image == first => {}
+                Ok(Ok(_)) => return Answer::Finding(format!("another image with {}", with())),
+                Ok(Err(error)) => return Answer::Finding(format!("refused with {}: {error}", with())),
+                Err(problem) => return Answer::Finding(format!("{problem}, with {}", with())),
+            }
+        }
+    }
+    Answer::Image(first)
+}
+
+/// Some accelerators, among them the one that tests everything, if that is not too slow.
+fn accelerators(number: u64, brute_force: bool, registry: &Registry) -> Vec<&'static str> {
+    let mut names: Vec<&str> = registry
+        .entries()
+        .filter(|entry| entry.family == FamilyName::Accelerator && entry.name != "brute_force")
+        .map(|entry| entry.name)
+        .collect();
+    let mut random = Random::new(!number);
+    let mut chosen = if brute_force {
+        vec!["brute_force"]
+    } else {
+        Vec::new()
+    };
+    while chosen.len() < OTHERS && !names.is_empty() {
+        chosen.push(names.swap_remove(random.below(names.len())));
+    }
+    chosen
+}
+
+/// A scene that is built, or the error with which it is refused. The outer error is a finding.
+fn build(text: &str, changes: &[String], registry: &Registry) -> Result<Result<Pipeline, String>, String> {
+    let options = BuildOptions {
+        max_memory: Some(MEMORY),
+        max_tree_rays: Some(TREE_RAYS),
+        ..BuildOptions::default()
+    };
+    let sources = Sources::from_text("scene.toml", text, Path::new(BASE), changes)
+        .map_err(|error| format!("no TOML: {}", error.sources.report(&error.errors, false)))?;
+    let errors = match Pipeline::load(&sources, registry, options) {
+        Ok(pipeline) => return Ok(Ok(pipeline)),
+        Err(errors) => errors.0,
+    };
+    match errors.into_iter().map(|error| error.message).next() {
+        None => Err("refused without an error".to_owned()),
+        Some(message) if message.is_empty() => Err("an error without a message".to_owned()),
+        Some(message) => Ok(Err(message)),
+    }
+}
+
+/// Hash of the image of a scene, or the error with which it is refused. The outer error is a
+/// finding. `tests` becomes the number of pairs of a ray and an element.
+fn image(
+    text: &str,
+    changes: &[String],
+    threads: usize,
+    registry: &Registry,
+    tests: &mut u64,
+) -> Result<Result<u64, String>, String> {
+    let pipeline = match build(text, changes, registry)? {
+        Ok(pipeline) => pipeline,
+        Err(error) => return Ok(Err(error)),
+    };
+    let film = pipeline.render(RenderOptions {
+        threads,
+        ..RenderOptions::default()
+    });
+    let groups = pipeline.groups.iter().map(|built| built.group.geometry());
+    let geometries = std::iter::once(&pipeline.scene.geometry).chain(groups);
+    let elements: usize = geometries.map(|geometry| geometry.elements().count()).sum();
+    *tests = film.counters.total() * elements as u64;
+    // The place of the first tree that is too large depends on the threads.
+    Ok(match film.check() {
+        Ok(()) => Ok(hash(&film)),
+        Err(_) => Err("the ray tree of a sample is too large".to_owned()),
+    })
+}
+
+fn hash(film: &Film) -> u64 {
+    let layers = film.layers.iter().flat_map(|(_, values)| values);
+    let values = film.rgb.as_flattened().iter().chain(layers);
+    let mut hasher = DefaultHasher::new();
+    for value in values {
+        value.to_bits().hash(&mut hasher);
+    }
+    hasher.finish()
+}
+
+/// A process that renders scenes.
+struct Worker {
+    child: Child,
+    lines: Receiver<String>,
+}
+
+impl Worker {
+    fn start(level: &str, first: u64) -> Result<Self, Failure> {
+        let program = std::env::current_exe().map_err(Failure::environment)?;
+        let mut child = Command::new(program)
+            .args(["fuzz", "--worker", &first.to_string()])
+            .env("WHITSTONE_SIMD", level)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .spawn()
+            .map_err(Failure::environment)?;
+        let (sender, lines) = channel();
+        if let Some(pipe) = child.stdout.take() {
+            // Ends with the pipe.
+            thread::spawn(move || {
+                for line in BufReader::new(pipe).lines().map_while(Result::ok) {
+                    if sender.send(line).is_err() {
+                        break;
+                    }
+                }
+            });
+        }
+        Ok(Self { child, lines })
+    }
+
+    /// The line of the next scene, or what went wrong instead.
+    fn next(&self) -> Result<String, String> {
+        self.lines.recv_timeout(PATIENCE).map_err(|error| match error {
+            RecvTimeoutError::Timeout => "no answer".to_owned(),
+            RecvTimeoutError::Disconnected => "the process ended".to_owned(),
+        })
+    }
+}
+
+impl Drop for Worker {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Renders random scenes for some time; returns the number of findings.
+pub(super) fn run(first: u64, seconds: u64, registry: &Registry) -> Result<usize, Failure> {
+    let schema = scene_schema(registry);
+    let end = Instant::now() + Duration::from_secs(seconds);
+    let start_all = |first| {
+        let workers: Result<Vec<Worker>, Failure> =
+            LEVELS.iter().map(|level| Worker::start(level, first)).collect();
+        workers
+    };
+    let mut workers = start_all(first)?;
+    let (mut valid, mut number) = (0, first);
+    let mut findings = BTreeMap::new();
+    while Instant::now() < end && findings.len() < ENOUGH {
+        let lines: Vec<Result<String, String>> = workers.iter().map(Worker::next).collect();
+        let ended = lines.iter().any(Result::is_err);
+        let told = lines.iter().zip(LEVELS).find_map(|(line, level)| match line {
+            Err(problem) => Some(format!("{problem}, with WHITSTONE_SIMD={level}")),
+            Ok(line) => line
+                .strip_prefix("finding ")
+                .map(|text| format!("{text}, with WHITSTONE_SIMD={level}")),
+        });
+        let differs = || {
+            let other = lines.iter().zip(LEVELS).find(|(line, _)| **line != lines[0]);
+            other.map(|(_, level)| format!("another image with WHITSTONE_SIMD={level}"))
+        };
+        if let Some(finding) = told.or_else(differs) {
+            findings.insert(number, finding);
+        } else if lines[0].as_ref().is_ok_and(|line| !line.starts_with("refused")) {
+            valid += 1;
+        }
+        number += 1;
+        if ended {
+            workers = start_all(number)?;
+        }
+    }
+    drop(workers);
+    println!(
+        "scenes {:>9} random scenes, of which {valid} are valid, from number {first}; findings: {}",
+        number - first,
+        findings.len()
+    );
+    for (number, finding) in &findings {
+        let file = Path::new(FINDINGS).join(format!("{number}.toml"));
+        let text = text(&schema, *number, registry).map_err(Failure::environment)?;
+        fs::create_dir_all(FINDINGS).map_err(Failure::environment)?;
+        // Beside the folders that its paths are relative to.
+        let text = text.replace("\"assets/", "\"../../../../scenes/assets/");
+        fs::write(&file, text).map_err(Failure::environment)?;
+        println!("{}: {finding}", file.display());
+    }
+    Ok(findings.len())
+}
