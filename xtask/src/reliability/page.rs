@@ -50,10 +50,10 @@ rendered. A panic, an answer that takes more than 10 s, more than 2 GiB of memor
 without a text or place is a finding. It runs as long as one likes: `cargo xtask fuzz gltf ply
 --seconds 3600`.
 
-`cargo xtask fuzz scenes` makes random scenes from the JSON Schema, three in four of them valid, with
-all plugins, and with numbers from ordinary to extreme. A valid scene is rendered with three other
-accelerators, with three threads, and with each set of vector instructions; all images must be the
-same, bit for bit. CI does so for 20 s.
+`cargo xtask fuzz scenes` makes random scenes from the JSON Schema, three in four of them valid,
+with all plugins, and with numbers from ordinary to extreme. A valid scene is rendered with three
+other accelerators, with three threads, and with each set of vector instructions; all images must be
+the same, bit for bit. CI does so for 20 s.
 
 ## Promises that tests keep
 
