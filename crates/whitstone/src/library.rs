@@ -344,8 +344,8 @@ impl Scene {
         hits
     }
 
-    /// [`Self::trace`] into memory of the caller. This is two to three times as fast for many rays in a
-    /// simple scene, where most of the time of [`Self::trace`] goes to getting new memory.
+    /// [`Self::trace`] into memory of the caller. This is two to three times as fast for many rays
+    /// in a simple scene, where most of the time of [`Self::trace`] goes to getting new memory.
     ///
     /// # Panics
     /// `hits` has another length than `rays`.
