@@ -16,6 +16,7 @@ use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 use whitstone::image::atomic;
 use whitstone::{Exit, Failure};
+use whitstone_testkit::Random;
 
 pub(crate) use page::{PAGE, RESULT, page};
 
@@ -312,12 +313,8 @@ impl Subject {
 }
 
 /// A random number below `count`, the same in every run.
-pub(crate) fn pick(seed: u64, count: usize) -> usize {
-    // SplitMix64 (Steele, Lea, Flood, *Fast splittable pseudorandom number generators*, 2014).
-    let mut z = seed.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    ((z ^ (z >> 31)) % count.max(1) as u64) as usize
+fn pick(seed: u64, count: usize) -> usize {
+    Random::new(seed).below(count.max(1))
 }
 
 /// Runs a command with a time limit; `None` if it did not end.

@@ -2,6 +2,7 @@
 
 use serde_json::{Map, Value as Json};
 use toml::{Table, Value};
+use whitstone_testkit::Random;
 
 /// Deeper tables take the alternative that refers to no other definition, if there is one.
 const DEEP: usize = 5;
@@ -21,30 +22,6 @@ const MESHES: [&str; 4] = [
 ];
 const IMAGES: [&str; 3] = ["assets/checker.png", "assets/corners.png", "assets/leaf.png"];
 const EXTREMES: [f64; 10] = [0.0, -0.0, 1e-320, 1e-30, 1e-9, 1e9, 1e30, 1e308, -1e308, f64::NAN];
-
-/// A sequence of random numbers.
-pub(super) struct Random(u64);
-
-impl Random {
-    pub(super) fn new(seed: u64) -> Self {
-        Self(seed.wrapping_mul(0x2545_f491_4f6c_dd1d))
-    }
-
-    /// A number below `count`, which is at least 1.
-    pub(super) fn below(&mut self, count: usize) -> usize {
-        self.0 = self.0.wrapping_add(1);
-        crate::reliability::pick(self.0, count)
-    }
-
-    fn one_of<'a, T>(&mut self, list: &'a [T]) -> Option<&'a T> {
-        (!list.is_empty()).then(|| &list[self.below(list.len())])
-    }
-
-    /// From 0 to 1.
-    fn part(&mut self) -> f64 {
-        self.below(1 << 20) as f64 / f64::from(1 << 20)
-    }
-}
 
 /// How far the numbers of a scene are from ordinary ones.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -161,7 +138,7 @@ impl<'a> Generator<'a> {
             && self.random.below(8) > 0
             && let Some(table) = value.as_table_mut()
         {
-            let mut place = || Value::from(self.random.part() * 8.0 - 4.0);
+            let mut place = || Value::from(self.random.unit() * 8.0 - 4.0);
             let origin = vec![place(), place(), Value::from(4.0)];
             let target = vec![Value::from(0.0); 3];
             let look_at = [("origin", origin), ("target", target)];
@@ -190,7 +167,7 @@ impl<'a> Generator<'a> {
             } else {
                 all
             };
-            if let Some(choice) = self.random.one_of(&choices) {
+            if let Some(choice) = one_of(&choices, &mut self.random) {
                 return self.value(choice, owner, key, depth + 1);
             }
         }
@@ -198,7 +175,7 @@ impl<'a> Generator<'a> {
             return text.into();
         }
         if let Some(choices) = schema["enum"].as_array()
-            && let Some(choice) = self.random.one_of(choices)
+            && let Some(choice) = one_of(choices, &mut self.random)
         {
             return literal(choice);
         }
@@ -239,7 +216,7 @@ impl<'a> Generator<'a> {
     }
 
     fn text(&mut self, owner: &str, key: &str) -> String {
-        let of = |list: &[&str], random: &mut Random| random.one_of(list).map_or("", |text| text).to_owned();
+        let of = |list: &[&str], random: &mut Random| one_of(list, random).map_or("", |text| text).to_owned();
         match key {
             "id" => {
                 self.shapes += 1;
@@ -274,10 +251,10 @@ impl<'a> Generator<'a> {
         }
         let chance = self.random.below(20);
         let value = match self.numbers {
-            Numbers::Extreme if chance == 0 => self.random.one_of(&EXTREMES).copied().unwrap_or(0.0),
+            Numbers::Extreme if chance == 0 => one_of(&EXTREMES, &mut self.random).copied().unwrap_or(0.0),
             Numbers::Extreme | Numbers::Spread if chance < 4 => {
                 let sign = if self.random.below(2) == 0 { 1.0 } else { -1.0 };
-                sign * 10f64.powf(12.0 * self.random.part() - 6.0)
+                sign * 10f64.powf(12.0 * self.random.unit() - 6.0)
             }
             _ => (self.random.below(41) as f64 - 20.0) / 10.0,
         };
@@ -312,6 +289,10 @@ fn contains(value: &Value, text: &str) -> bool {
         Value::Table(table) => table.values().any(|item| contains(item, text)),
         _ => false,
     }
+}
+
+fn one_of<'a, T>(list: &'a [T], random: &mut Random) -> Option<&'a T> {
+    (!list.is_empty()).then(|| &list[random.below(list.len())])
 }
 
 fn literal(value: &Json) -> Value {

@@ -4,7 +4,7 @@
 //! The instructions are chosen once in a process, so each set has its own: a worker. It makes the
 //! scenes of a range of numbers and prints a line for each.
 
-use super::random_scene::{Generator, Random};
+use super::random_scene::Generator;
 use std::collections::BTreeMap;
 use std::fs;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -19,6 +19,7 @@ use whitstone::core::{FamilyName, Registry};
 use whitstone::render::{BuildOptions, Film, Pipeline, RenderOptions};
 use whitstone::scene::{Sources, scene_schema};
 use whitstone::{Exit, Failure};
+use whitstone_testkit::Random;
 
 /// The values of `WHITSTONE_SIMD` of the workers. The first one also varies accelerator and
 /// threads.
