@@ -6,6 +6,7 @@ pub(crate) mod instance;
 pub(crate) mod mesh_defects;
 pub(crate) mod ray;
 pub(crate) mod scene_geometry;
+pub(crate) mod search_limit;
 pub(crate) mod shape;
 pub(crate) mod shape_kernel;
 pub mod solid;

@@ -18,6 +18,7 @@ pub use geometry::instance::{Group, Instance};
 pub use geometry::mesh_defects::MeshDefects;
 pub use geometry::ray::{Aabb, Interval, Ray};
 pub use geometry::scene_geometry::{Element, Geometry, TriangleMesh};
+pub use geometry::search_limit::{LimitReached, SearchLimit};
 pub use geometry::shape::{
     InstanceId, LoweredShape, PreliminaryIntersection, SelfHitFilter, Shape, ShapeHit, SurfaceAttributes,
     SurfaceInteraction,

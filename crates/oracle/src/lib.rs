@@ -32,6 +32,7 @@ pub use root::Root;
 use interval::{Decided, Undecided};
 use shapes::{Placed, Surface};
 use std::cmp::Ordering;
+use std::time::{Duration, Instant};
 use vector::Line;
 use whitstone_core::{Interval, Ray, SceneErrors};
 use whitstone_scene::Description;
@@ -41,6 +42,10 @@ const FIRST_BITS: usize = 128;
 
 /// Precision of the last attempt, in bits: sums of products of up to eight doubles are exact.
 pub const MAX_BITS: usize = 1024;
+
+/// After this time, an undecided ray is not repeated with more bits: each attempt takes at least as
+/// long as the one before.
+const PATIENCE: Duration = Duration::from_millis(200);
 
 /// The nearest hit of a ray.
 #[derive(Clone, Debug)]
@@ -58,7 +63,7 @@ pub enum Nearest {
     /// The ray certainly hits nothing.
     Miss,
     /// The ray touches a surface, lies in one, or passes so close to an edge that no precision
-    /// decides.
+    /// decides; or an answer would take too long.
     Unknown,
 }
 
@@ -93,10 +98,11 @@ impl Oracle {
     /// The nearest hit inside the open interval.
     pub fn nearest(&self, ray: &Ray, interval: Interval) -> Nearest {
         let mut bits = FIRST_BITS;
+        let begin = Instant::now();
         loop {
             match self.attempt(ray, interval, bits) {
                 Ok(nearest) => return nearest,
-                Err(Undecided) if bits >= MAX_BITS => return Nearest::Unknown,
+                Err(Undecided) if bits >= MAX_BITS || begin.elapsed() > PATIENCE => return Nearest::Unknown,
                 Err(Undecided) => bits *= 2,
             }
         }
@@ -123,7 +129,7 @@ impl Oracle {
     fn attempt(&self, ray: &Ray, interval: Interval, bits: usize) -> Decided<Nearest> {
         let line = Line::of(ray, bits);
         let mut ahead = Vec::new();
-        for root in self.shape.meet(&line)?.all {
+        for root in self.shape.meet_beyond(&line, interval.min)?.all {
             let begins = root.t.compare(&line.number(interval.min))? == Ordering::Greater;
             let ends =
                 !interval.max.is_finite() || root.t.compare(&line.number(interval.max))? == Ordering::Less;

@@ -60,6 +60,12 @@ pub(crate) trait Surface: Send + Sync {
     /// All intersections with a line.
     fn meet(&self, line: &Line) -> Decided<Roots>;
 
+    /// At least the first intersection beyond the parameter `from`; others may be left out.
+    fn meet_beyond(&self, line: &Line, from: f64) -> Decided<Roots> {
+        let _ = from;
+        self.meet(line)
+    }
+
     /// Centre and radius of a bounding sphere, in double precision. `None` if the shape is
     /// unbounded or has no simple bound.
     fn ball(&self) -> Option<(DVec3, f64)> {
@@ -83,6 +89,26 @@ pub(crate) struct Placed {
 
 impl Surface for Placed {
     fn meet(&self, line: &Line) -> Decided<Roots> {
+        self.placed(line, |surface, inside| surface.meet(inside))
+    }
+
+    fn meet_beyond(&self, line: &Line, from: f64) -> Decided<Roots> {
+        self.placed(line, |surface, inside| surface.meet_beyond(inside, from))
+    }
+
+    fn ball(&self) -> Option<(DVec3, f64)> {
+        let (center, radius) = self.surface.ball()?;
+        let matrix = self.map.matrix3;
+        // No direction is stretched by more than the root of the sum of all squares.
+        let stretch = [matrix.x_axis, matrix.y_axis, matrix.z_axis].map(DVec3::length_squared);
+        let stretch = stretch.iter().sum::<f64>().sqrt();
+        Some((self.map.transform_point3(center), radius * stretch))
+    }
+}
+
+impl Placed {
+    /// Intersections with a line, which `meet` finds in object space.
+    fn placed(&self, line: &Line, meet: impl Fn(&dyn Surface, &Line) -> Decided<Roots>) -> Decided<Roots> {
         if let Some((center, radius)) = self.ball()
             && passes_by(
                 (center, radius),
@@ -94,19 +120,10 @@ impl Surface for Placed {
             return Ok(Roots::default());
         }
         let inside = line.inside(&self.map)?;
-        let mut roots = self.surface.meet(&inside)?;
+        let mut roots = meet(&*self.surface, &inside)?;
         let placed = roots.all.drain(..).map(|root| root.placed(&self.map, &inside));
         roots.all = placed.collect();
         Ok(roots)
-    }
-
-    fn ball(&self) -> Option<(DVec3, f64)> {
-        let (center, radius) = self.surface.ball()?;
-        let matrix = self.map.matrix3;
-        // No direction is stretched by more than the root of the sum of all squares.
-        let stretch = [matrix.x_axis, matrix.y_axis, matrix.z_axis].map(DVec3::length_squared);
-        let stretch = stretch.iter().sum::<f64>().sqrt();
-        Some((self.map.transform_point3(center), radius * stretch))
     }
 }
 

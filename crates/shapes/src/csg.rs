@@ -18,9 +18,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize};
 use whitstone_core::config::SolidRef;
 use whitstone_core::{
-    Aabb, Context, DVec3, InstanceId, Interval, LoweredShape, Plugin, PreliminaryIntersection, Ray,
-    SceneError, SceneErrors, Shape, ShapeHit, Shapes, Span, Spans, SurfaceAttributes, SurfaceInteraction,
-    SurfacePart, Transform, solid,
+    Aabb, Context, DVec3, InstanceId, Interval, LimitReached, LoweredShape, Plugin, PreliminaryIntersection,
+    Ray, SceneError, SceneErrors, Shape, ShapeHit, Shapes, Span, Spans, SurfaceAttributes,
+    SurfaceInteraction, SurfacePart, Transform, solid,
 };
 
 /// Maximum number of operands of one operation.
@@ -410,6 +410,11 @@ impl Shape for Csg {
             there.n_s = -there.n_s;
         }
         Some(there)
+    }
+
+    fn search_limit(&self) -> Option<LimitReached> {
+        let limits = self.operands.iter().map(|operand| operand.solid.search_limit());
+        limits.flatten().reduce(LimitReached::and)
     }
 
     fn is_solid(&self) -> bool {

@@ -12,16 +12,16 @@
 //! - Example: `scenes/shapes/fractal.toml`.
 
 use crate::support::crossings::{Along, RootCount, crossings};
-use crate::support::level::{BOX_MARGIN, Level, Sample, Segment};
+use crate::support::level::{BOX_MARGIN, Level, Sample, Segment, check_search};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 use toml::Spanned;
 use whitstone_core::config::{Finite, IntegerIn};
 use whitstone_core::{
-    Aabb, Context, DVec2, DVec3, DVec4, Interval, LoweredShape, Plugin, PreliminaryIntersection, Ray,
-    SceneError, SceneErrors, Shape, ShapeHit, Shapes, Spans, SurfaceAttributes, SurfaceInteraction,
-    Transform,
+    Aabb, Context, DVec2, DVec3, DVec4, Interval, LimitReached, LoweredShape, Plugin,
+    PreliminaryIntersection, Ray, SceneError, SceneErrors, Shape, ShapeHit, Shapes, Spans, SurfaceAttributes,
+    SurfaceInteraction, Transform,
 };
 
 /// Escape radius: longer iterates never return.
@@ -129,11 +129,13 @@ impl Plugin<Shapes> for Fractal {
             }
         };
         errors.into_result(())?;
-        Ok(LoweredShape::Custom(Box::new(Self::new(
-            map,
-            config.depth.get(),
-            transform,
-        ))))
+        let depth = config.depth.get();
+        let mut shape = Self::new(map, depth, transform);
+        check_search(&shape).map_err(|message| {
+            SceneError::anywhere(message).with_help(format!("use less than {depth} as `depth`"))
+        })?;
+        shape.level.reset_search_limit();
+        Ok(LoweredShape::Custom(Box::new(shape)))
     }
 }
 
@@ -367,6 +369,10 @@ impl Along for Line<'_> {
             Fate::Open(false) => RootCount::Unknown,
         }
     }
+
+    fn limit_reached(&self, s: f64) {
+        self.shape.level.limit_reached(self.segment.at(s));
+    }
 }
 
 impl Shape for Fractal {
@@ -398,6 +404,10 @@ impl Shape for Fractal {
                 ControlFlow::Continue(())
             });
         });
+    }
+
+    fn search_limit(&self) -> Option<LimitReached> {
+        self.level.search_limit()
     }
 
     fn goes_inside(&self, ray: &Ray, _: u32) -> bool {
@@ -463,6 +473,35 @@ mod tests {
     fn aimed(random: &mut Random) -> Ray {
         let origin = 3.0 * random.direction();
         Ray::new(origin, (0.8 * random.cube() - origin).normalize())
+    }
+
+    #[test]
+    fn deep_fractals_seldom_exhaust_the_search() {
+        for (map, depth) in [
+            ("julia", 12),
+            ("julia", 30),
+            ("mandelbulb", 8),
+            ("mandelbulb", 20),
+        ] {
+            let text = format!("map = \"{map}\"\ndepth = {depth}");
+            let built = build::<Shapes, Fractal>(&text, Transform::IDENTITY);
+            let Ok(LoweredShape::Custom(shape)) = built else {
+                panic!("{text}: {:?}", built.err());
+            };
+            assert_eq!(
+                shape.search_limit(),
+                None,
+                "the rays of the check are not counted"
+            );
+            let mut random = Random::new(9);
+            for _ in 0..200 {
+                let origin = 3.0 * random.direction();
+                let ray = Ray::new(origin, random.cube() - origin);
+                shape.intersect(&ray, Interval::FORWARD, None);
+            }
+            let rays = shape.search_limit().map_or(0, |reached| reached.rays);
+            assert!(rays <= 4, "{text}: {rays} of 200");
+        }
     }
 
     #[test]

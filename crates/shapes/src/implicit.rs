@@ -15,7 +15,7 @@ mod tree;
 
 use crate::support::crossings::{Along, RootCount, STEPS, crossings};
 use crate::support::enclosure::{Dual, Enclosure};
-use crate::support::level::{BOX_MARGIN, Level, Sample, Segment};
+use crate::support::level::{BOX_MARGIN, Level, Sample, Segment, check_search};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::ops::ControlFlow;
@@ -23,8 +23,9 @@ use toml::Spanned;
 use tree::{Field, Node};
 use whitstone_core::config::{Positive, Vector3};
 use whitstone_core::{
-    Aabb, Context, DVec2, DVec3, Interval, LoweredShape, Plugin, PreliminaryIntersection, Ray, SceneError,
-    SceneErrors, Shape, ShapeHit, Shapes, Spans, SurfaceAttributes, SurfaceInteraction, Transform,
+    Aabb, Context, DVec2, DVec3, Interval, LimitReached, LoweredShape, Plugin, PreliminaryIntersection, Ray,
+    SceneError, SceneErrors, Shape, ShapeHit, Shapes, Spans, SurfaceAttributes, SurfaceInteraction,
+    Transform,
 };
 
 /// Number of sample points at which an asserted Lipschitz bound is checked.
@@ -115,7 +116,7 @@ impl Plugin<Shapes> for Implicit {
             let help = "reduce `degrees_per_metre`, or the height of the box with `bounds`";
             return Err(SceneError::at(place, message).with_help(help).into());
         }
-        let shape = Self::new(
+        let mut shape = Self::new(
             field,
             min,
             max,
@@ -129,6 +130,11 @@ impl Plugin<Shapes> for Implicit {
                     SceneError::at(asserted.span(), message).with_help("remove it: a bound is then derived")
                 })?;
         }
+        check_search(&shape).map_err(|message| {
+            SceneError::at(place, message)
+                .with_help("use a field that changes less abruptly, or smaller `bounds`")
+        })?;
+        shape.level.reset_search_limit();
         Ok(LoweredShape::Custom(Box::new(shape)))
     }
 }
@@ -306,6 +312,10 @@ impl Along for Line<'_> {
     fn steps(&self) -> u32 {
         self.shape.steps
     }
+
+    fn limit_reached(&self, s: f64) {
+        self.shape.level.limit_reached(self.segment.at(s));
+    }
 }
 
 impl Shape for Implicit {
@@ -349,6 +359,10 @@ impl Shape for Implicit {
                 ControlFlow::Continue(())
             });
         });
+    }
+
+    fn search_limit(&self) -> Option<LimitReached> {
+        self.level.search_limit()
     }
 
     fn goes_inside(&self, ray: &Ray, _: u32) -> bool {
@@ -493,6 +507,7 @@ mod tests {
                     RootCount::Zero
                 }
             }
+            fn limit_reached(&self, _: f64) {}
         }
         let segment = shape.level.clip(ray)?;
         let mut found = None;
@@ -601,6 +616,30 @@ mod tests {
             .unwrap();
         let message = &too_fast.0[0].message;
         assert!(message.starts_with("the field is twisted by 5"), "{message}");
+    }
+
+    #[test]
+    fn an_exhausted_search_is_counted_and_refused_if_it_is_frequent() {
+        let mut shape = implicit("field.box.half = [0.5, 1, 2]");
+        let ray = Ray::new(DVec3::new(0.2, 0.3, 9.0), DVec3::NEG_Z);
+        shape.intersect(&ray, Interval::FORWARD, None);
+        assert_eq!(shape.search_limit(), None);
+        assert_eq!(check_search(&shape), Ok(()));
+        // So few ranges suffice for no ray.
+        shape.steps = 0;
+        shape.intersect(&ray, Interval::FORWARD, None);
+        shape.intersect(&ray, Interval::FORWARD, None);
+        let reached = shape.search_limit().unwrap();
+        assert_eq!(reached.rays, 2);
+        // At the start of the search, where the ray enters the box.
+        assert!((reached.place - DVec3::new(0.2, 0.3, shape.level.max().z)).length() < 1e-9);
+        shape.level.reset_search_limit();
+        let message = check_search(&shape).unwrap_err();
+        assert!(
+            message.starts_with("the search for hits reached its limit on 64 rays, on one near ["),
+            "{message}"
+        );
+        assert!(message.contains("of 64 through its box"), "{message}");
     }
 
     #[test]

@@ -22,8 +22,9 @@ use tree::{Slabs, Tree};
 use whitstone_core::config::{IntegerIn, Vector3};
 use whitstone_core::triangle::ShearedRay;
 use whitstone_core::{
-    Aabb, Context, DVec2, DVec3, Interval, LoweredShape, Plugin, PreliminaryIntersection, Ray, SceneError,
-    SceneErrors, Shape, ShapeHit, Shapes, SourceSpan, SurfaceAttributes, SurfaceInteraction, Transform,
+    Aabb, Context, DVec2, DVec3, Interval, LimitReached, LoweredShape, Plugin, PreliminaryIntersection, Ray,
+    SceneError, SceneErrors, SearchLimit, Shape, ShapeHit, Shapes, SourceSpan, SurfaceAttributes,
+    SurfaceInteraction, Transform,
 };
 
 /// Bicubic Bezier patches, given by 16 `points` or by `vertices` and `patches`.
@@ -69,6 +70,7 @@ pub struct Patch {
     size: f64,
     /// -1 if the transform mirrors, otherwise 1.
     orientation: f64,
+    limit: SearchLimit,
 }
 
 impl Config {
@@ -187,6 +189,7 @@ impl Plugin<Shapes> for Patch {
             tree,
             size: size.max(4096.0 * f64::EPSILON * reach),
             orientation: linear.determinant().signum(),
+            limit: SearchLimit::default(),
         })))
     }
 }
@@ -278,7 +281,7 @@ impl Shape for Patch {
                     size: leaf.size,
                 };
                 let patch = &self.patches[leaf.patch as usize];
-                roots::roots(piece, near, |root| {
+                let is_complete = roots::roots(piece, near, |root| {
                     let Some(root) = roots::polished(&line.seen(patch), root, 2.0 * near) else {
                         return;
                     };
@@ -296,9 +299,17 @@ impl Shape for Patch {
                         best = Some(hit);
                     }
                 });
+                if !is_complete {
+                    let middle = leaf.low + 0.5 * leaf.size;
+                    self.limit.count(|| self.origin + patch.at(middle.x, middle.y).p);
+                }
                 best.as_ref().map_or(far, |best| best.t - line.start + slack)
             });
         best
+    }
+
+    fn search_limit(&self) -> Option<LimitReached> {
+        self.limit.reached()
     }
 
     fn surface(

@@ -2,9 +2,14 @@
 
 mod ball;
 mod camera;
+mod coincident;
 mod denormals;
+mod floor_lamp;
+mod footprint;
 mod gaps;
+mod glass_stack;
 mod horizon;
+mod intensity;
 mod optics;
 mod relief;
 mod scale;
@@ -12,11 +17,12 @@ mod shapes;
 mod sky;
 mod solids;
 mod sphere;
+mod twist;
 
 use crate::Family;
 
 /// All families, in the order of the catalogue.
-pub static FAMILIES: [&dyn Family; 37] = [
+pub static FAMILIES: [&dyn Family; 43] = [
     &sphere::DISTANCE,
     &sphere::PLANET,
     &sphere::TANGENT,
@@ -28,8 +34,10 @@ pub static FAMILIES: [&dyn Family; 37] = [
     &shapes::SLIVER,
     &gaps::Leaks,
     &gaps::ShadowGap,
+    &coincident::Coincident,
     &gaps::ThinPane,
     &solids::Shell,
+    &twist::TWIST,
     &optics::IndexNearOne,
     &optics::CriticalAngle,
     &gaps::ParallelMirrors,
@@ -40,13 +48,17 @@ pub static FAMILIES: [&dyn Family; 37] = [
     &camera::Telephoto,
     &optics::PhongExponent,
     &optics::NearLamp,
+    &floor_lamp::LightOnSurface,
+    &intensity::IntensityRange,
     &horizon::Horizon,
+    &footprint::FilterFootprint,
     &shapes::CONDITION,
     &shapes::THIN_CYLINDER,
     &shapes::APEX,
     &shapes::THIN_TORUS,
     &shapes::FAR_TORUS,
     &shapes::INSTANCE,
+    &glass_stack::GlassStack,
     &shapes::LENGTH,
     &denormals::ALMOST_ZERO,
     &denormals::ALMOST_NOTHING,

@@ -15,18 +15,23 @@
 //!
 //! Each family also runs naive variants ([`whitstone_oracle::naive`]), which are expected to fail.
 //! If none of them fails, the family proves nothing and is reported as vacuous.
+//!
+//! [`search`] hunts for values and rays between the steps for which the promise is broken.
 
 pub mod families;
 mod lab;
 pub mod plot;
 mod rays;
 mod report;
+pub mod search;
 
 pub use families::{ELSEWHERE, FAMILIES};
 pub use lab::Lab;
 pub use report::{EngineReport, FamilyReport, Step, Verdict, headline, price, table};
 
 use serde::{Deserialize, Serialize};
+use whitstone_core::Ray;
+use whitstone_testkit::Random;
 
 /// A renderer or library under test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
@@ -205,6 +210,57 @@ pub trait Family: Sync {
     ///
     /// If the case cannot be built, which is a bug of the family or of a plugin.
     fn step(&self, parameter: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String>;
+
+    /// Whether values of the parameter between the steps make sense: the search draws them, too.
+    fn is_continuous(&self) -> bool {
+        true
+    }
+
+    /// Draws a ray for the search; `None` if the family traces no single rays, or if the numbers
+    /// give no ray.
+    fn draw(&self, parameter: f64, random: &mut Random) -> Option<Ray> {
+        let _ = (parameter, random);
+        None
+    }
+
+    /// Judges Whitstone's answers for these rays, one by one. A family that traces no single rays
+    /// runs its step, and judges it as one.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::step`].
+    fn judge_rays(&self, parameter: f64, rays: &[Ray], lab: &Lab<'_>) -> Result<Vec<Judged>, String> {
+        let _ = rays;
+        let answers = self.step(parameter, lab)?;
+        let ours = answers
+            .into_iter()
+            .find(|(engine, _)| *engine == Engine::Whitstone);
+        let sample = ours.ok_or("Whitstone takes no part")?.1?;
+        Ok(vec![Judged::new(&sample, self.about().pass)])
+    }
+}
+
+/// How well Whitstone keeps its promise, for one ray or one step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Judged {
+    /// The error over the promised one; infinite if the promise allows no error.
+    pub share: f64,
+    /// Wrong classes, and answers that are infinite or NaN.
+    pub wrong: u64,
+}
+
+impl Judged {
+    /// From the answers to a step, with the promised error.
+    fn new(sample: &Sample, pass: f64) -> Self {
+        let share = match sample.strict {
+            0.0 => 0.0,
+            strict => strict / pass,
+        };
+        Self {
+            share,
+            wrong: sample.failures - sample.excused + sample.nonfinite,
+        }
+    }
 }
 
 /// Powers of ten from `10^first` to `10^last`, both included.

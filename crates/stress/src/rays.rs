@@ -1,7 +1,7 @@
 //! Families that query the nearest hit of rays with one shape; the oracle gives the truth.
 
 use crate::lab::single;
-use crate::{About, Answer, Engine, Family, Lab, Sample};
+use crate::{About, Answer, Engine, Family, Judged, Lab, Sample};
 use std::hint::black_box;
 use std::time::Instant;
 use whitstone_core::{Aabb, DVec3, Interval, LoweredShape, Ray, SelfHitFilter};
@@ -63,9 +63,7 @@ impl Family for RayFamily {
             .map(|ray| subject.oracle.nearest(ray, Interval::FORWARD))
             .collect();
 
-        let geometry = &subject.pipeline.scene.geometry;
-        let boxes = geometry.elements().map(|element| geometry.bounds(element));
-        let bounds = boxes.fold(Aabb::EMPTY, Aabb::union);
+        let bounds = bounds_of(&subject.pipeline);
         let questions = Questions {
             parameter,
             oracle: &subject.oracle,
@@ -134,6 +132,45 @@ impl Family for RayFamily {
         }
         Ok(answers)
     }
+
+    fn draw(&self, parameter: f64, random: &mut Random) -> Option<Ray> {
+        (self.ray)(parameter, random)
+    }
+
+    fn judge_rays(&self, parameter: f64, rays: &[Ray], lab: &Lab<'_>) -> Result<Vec<Judged>, String> {
+        let subject = lab.subject(&(self.scene)(parameter))?;
+        let bounds = bounds_of(&subject.pipeline);
+        let accelerator = &subject.pipeline.scene.accelerator;
+        let judged = rays.iter().map(|ray| {
+            let hit = accelerator.intersect(ray, Interval::FORWARD, SelfHitFilter::NOTHING);
+            let found = hit.map(|hit| hit.t);
+            if !self.one_measure {
+                let mut agreement = Agreement::default();
+                agreement.add(&subject.oracle, ray, found, &bounds);
+                return Judged {
+                    share: agreement.most_ulps_by_condition / self.about.pass,
+                    wrong: agreement.wrong,
+                };
+            }
+            let truths = [subject.oracle.nearest(ray, Interval::FORWARD)];
+            let questions = Questions {
+                parameter,
+                oracle: &subject.oracle,
+                bounds: &bounds,
+                rays: &[*ray],
+                truths: &truths,
+            };
+            Judged::new(&self.judge(&questions, &[found], f64::EPSILON), self.about.pass)
+        });
+        Ok(judged.collect())
+    }
+}
+
+/// The bounding box of all shapes of a scene.
+fn bounds_of(pipeline: &Pipeline) -> Aabb {
+    let geometry = &pipeline.scene.geometry;
+    let boxes = geometry.elements().map(|element| geometry.bounds(element));
+    boxes.fold(Aabb::EMPTY, Aabb::union)
 }
 
 /// The rays of a step, and the truth about them.
@@ -213,6 +250,24 @@ impl Family for Several {
             }
         }
         Ok(all)
+    }
+
+    /// All shapes have the same rays.
+    fn draw(&self, parameter: f64, random: &mut Random) -> Option<Ray> {
+        self.0[0].draw(parameter, random)
+    }
+
+    fn judge_rays(&self, parameter: f64, rays: &[Ray], lab: &Lab<'_>) -> Result<Vec<Judged>, String> {
+        let mut worst: Vec<Judged> = Vec::new();
+        for family in self.0 {
+            let judged = family.judge_rays(parameter, rays, lab)?;
+            worst.resize(judged.len(), Judged { share: 0.0, wrong: 0 });
+            for (worst, more) in worst.iter_mut().zip(judged) {
+                worst.share = worst.share.max(more.share);
+                worst.wrong += more.wrong;
+            }
+        }
+        Ok(worst)
     }
 }
 

@@ -476,7 +476,7 @@ pub fn price(reports: &[FamilyReport]) -> String {
 }
 
 /// Whether a step is the one that a family declares.
-fn is_close(parameter: f64, declared: f64) -> bool {
+pub(crate) fn is_close(parameter: f64, declared: f64) -> bool {
     (parameter / declared - 1.0).abs() < 1e-9
 }
 

@@ -3,18 +3,32 @@
 use whitstone_core::DVec3;
 
 /// SplitMix64 (Steele, Lea, Flood, OOPSLA 2014): good enough to aim rays.
-pub struct Random(u64);
+pub struct Random {
+    state: u64,
+    first: std::vec::IntoIter<u64>,
+}
 
 impl Random {
     /// Equal seeds give equal sequences.
     pub fn new(seed: u64) -> Self {
-        Self(seed)
+        Self::beginning_with(Vec::new(), seed)
+    }
+
+    /// First these bits, then those of [`Self::new`]: a search varies them one by one.
+    pub fn beginning_with(first: Vec<u64>, seed: u64) -> Self {
+        Self {
+            state: seed,
+            first: first.into_iter(),
+        }
     }
 
     /// 64 random bits.
     pub fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
+        if let Some(bits) = self.first.next() {
+            return bits;
+        }
+        self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.state;
         z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
         z ^ (z >> 31)

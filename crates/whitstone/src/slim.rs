@@ -109,6 +109,15 @@ pub(crate) struct Summary {
     line: String,
     /// The number of pixels that are not finite, and of all.
     not_finite: (usize, usize),
+    limits: Vec<String>,
+}
+
+/// The shapes whose search for hits reached its limit.
+pub(crate) fn search_limits(pipeline: &Pipeline) -> Vec<String> {
+    let limits = pipeline.scene.geometry.search_limits().into_iter();
+    limits
+        .map(|(shape, reached)| format!("shape {shape}: {reached}; hits may be missing there"))
+        .collect()
 }
 
 impl Summary {
@@ -116,10 +125,12 @@ impl Summary {
         Self {
             line: line(output, pipeline, film),
             not_finite: (film.not_finite(), film.rgb.len()),
+            limits: search_limits(pipeline),
         }
     }
 
-    /// Prints one line with the image and the speed, and a warning if pixels are not finite.
+    /// Prints one line with the image and the speed, and warnings if pixels are not finite, or if
+    /// hits may be missing.
     pub(crate) fn print(&self) {
         println!("{}", self.line);
         let (unfit, all) = self.not_finite;
@@ -129,6 +140,9 @@ impl Summary {
                  largest 32-bit float",
                 f32::MAX
             );
+        }
+        for limit in &self.limits {
+            eprintln!("warning: {limit}");
         }
     }
 }

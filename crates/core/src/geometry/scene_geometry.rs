@@ -2,10 +2,11 @@ use crate::simd;
 use crate::stream::{GROUP, HitStream, LANES, Lanes, RayStream, SurfaceStream};
 use crate::triangle::{ShearedRay, ShearedStream, TriangleHit};
 use crate::{
-    Aabb, Instance, InstanceId, Interval, LoweredShape, MeshAttributes, PreliminaryIntersection, Ray,
-    SelfHitFilter, ShapeHit, SurfaceAttributes, SurfaceInteraction,
+    Aabb, Instance, InstanceId, Interval, LimitReached, LoweredShape, MeshAttributes,
+    PreliminaryIntersection, Ray, SelfHitFilter, ShapeHit, SurfaceAttributes, SurfaceInteraction,
 };
 use glam::{DVec2, DVec3};
+use std::collections::BTreeMap;
 
 /// An indexed triangle mesh in world space.
 #[derive(Clone, Debug, Default)]
@@ -186,6 +187,29 @@ impl Geometry {
             shapes,
             instances,
             paths,
+        }
+    }
+
+    /// The shapes whose search for hits reached its limit so far, by their number in the scene;
+    /// see [`crate::Shape::search_limit`].
+    pub fn search_limits(&self) -> BTreeMap<u32, LimitReached> {
+        let mut all = BTreeMap::new();
+        self.add_search_limits(0, &mut all);
+        all
+    }
+
+    fn add_search_limits(&self, first: u32, all: &mut BTreeMap<u32, LimitReached>) {
+        for (shape, number) in self.shapes.iter().zip(first..) {
+            match shape {
+                LoweredShape::Triangles(_) => {}
+                LoweredShape::Custom(shape) => {
+                    all.extend(shape.search_limit().map(|reached| (number, reached)));
+                }
+                LoweredShape::Instance(instance) => {
+                    let group = instance.group();
+                    group.geometry().add_search_limits(group.first_shape(), all);
+                }
+            }
         }
     }
 

@@ -1,5 +1,8 @@
 use crate::stream::{HitStream, Lanes, RayStream, SurfaceStream};
-use crate::{Aabb, Footprint, Instance, Interval, Ray, Spans, SurfacePart, TriangleMesh, VertexAttributes};
+use crate::{
+    Aabb, Footprint, Instance, Interval, LimitReached, Ray, Spans, SurfacePart, TriangleMesh,
+    VertexAttributes,
+};
 use glam::{DVec2, DVec3};
 use std::ops::{BitOr, BitOrAssign};
 
@@ -94,6 +97,12 @@ pub trait Shape: Send + Sync {
             SurfaceAttributes::NOTHING,
         );
         point.n_g.dot(ray.direction) < 0.0
+    }
+
+    /// The rays so far on which the search for hits reached its limit, so that a hit may be
+    /// missing. `None` if there are none, or if the search has no limit.
+    fn search_limit(&self) -> Option<LimitReached> {
+        None
     }
 
     /// The flat, spherical and cylindrical parts of the surface, which may coincide with parts of

@@ -21,6 +21,7 @@ pub(crate) use jet::Jet;
 use number::Fast;
 pub(crate) use number::Number;
 use std::cmp::Ordering;
+use std::ops::ControlFlow;
 use whitstone_core::DVec3;
 
 /// Where intervals are split: not in the middle, where symmetric shapes are often hit.
@@ -66,11 +67,17 @@ impl<L: Level> LevelSet<L> {
         self.0.at(&p)
     }
 
-    /// Intervals between two parameters with one root each, in ascending order.
-    fn isolate(&self, line: &Line, from: f64, to: f64) -> Decided<Vec<[f64; 2]>> {
+    /// Visits the intervals between two parameters with one root each, in ascending order, until
+    /// `visit` breaks.
+    fn isolate(
+        &self,
+        line: &Line,
+        from: f64,
+        to: f64,
+        mut visit: impl FnMut([f64; 2]) -> Decided<ControlFlow<()>>,
+    ) -> Decided<()> {
         let fast = [&line.origin, &line.direction].map(|v| v.0.each_ref().map(Fast::of));
         let exact = [&line.origin.0, &line.direction.0];
-        let mut found = Vec::new();
         let mut left = MOST;
         let mut stack = vec![[from, to]];
         while let Some([a, b]) = stack.pop() {
@@ -90,7 +97,11 @@ impl<L: Level> LevelSet<L> {
             }
             match look {
                 Look::None => {}
-                Look::One => found.push([a, b]),
+                Look::One => {
+                    if visit([a, b])?.is_break() {
+                        break;
+                    }
+                }
                 Look::Cut => {
                     let middle = a + (b - a) * CUT;
                     if middle <= a || middle >= b {
@@ -100,7 +111,7 @@ impl<L: Level> LevelSet<L> {
                 }
             }
         }
-        Ok(found)
+        Ok(())
     }
 
     /// Narrows the only root between two parameters by the interval Newton method.
@@ -172,6 +183,17 @@ fn look<N: Number>(at: &dyn Fn(&N) -> Jet<N>, [a, b]: [f64; 2], number: impl Fn(
 
 impl<L: Level> Surface for LevelSet<L> {
     fn meet(&self, line: &Line) -> Decided<Roots> {
+        self.roots(line, None)
+    }
+
+    fn meet_beyond(&self, line: &Line, from: f64) -> Decided<Roots> {
+        self.roots(line, Some(from))
+    }
+}
+
+impl<L: Level> LevelSet<L> {
+    /// All roots; or, if `first` is given, only the first one that is certainly beyond it.
+    fn roots(&self, line: &Line, first: Option<f64>) -> Decided<Roots> {
         let (o, d) = (line.origin.nearest(), line.direction.nearest());
         // A segment of the line that certainly contains every intersection.
         let reach = 1.001 * self.reach().ok_or(Undecided)? + 1e-9 * o.length();
@@ -181,34 +203,55 @@ impl<L: Level> Surface for LevelSet<L> {
             return Ok(Roots::default());
         }
         let half = 1.01 * reach / d.length();
-        let mut all = Vec::new();
-        for between in self.isolate(line, middle - half, middle + half)? {
-            let (t, rising) = self.narrow(line, between)?;
-            let place = line.at(&t);
-            if let (Some(bounds), _) = &self.0.bounds()
-                && !is_inside(&place.0, bounds)?
-            {
-                continue;
-            }
-            let slopes = [0, 1, 2].map(|axis| {
-                let seeded = [0, 1, 2].map(|other| match axis == other {
-                    true => Jet::variable(place.0[other].clone()),
-                    false => Jet::exact(place.0[other].clone()),
-                });
-                self.0.at(&seeded)
-            });
-            let moves = slopes[0].moves;
-            let mut gradient = [0.0; 3];
-            for (axis, slope) in slopes.into_iter().enumerate() {
-                gradient[axis] = slope.slope.ok_or(Undecided)?.nearest();
-            }
-            let along = match rising {
-                Ordering::Greater => line.number(1.0),
-                _ => line.number(-1.0),
-            };
-            all.push(Root::new(t, 0, &along, gradient.into(), moves)?);
+        let (begin, end) = (middle - half, middle + half);
+        let begin = first.map_or(begin, |first| begin.max(first));
+        if begin >= end {
+            return Ok(Roots::default());
         }
+        let mut all = Vec::new();
+        self.isolate(line, begin, end, |between| {
+            let Some(root) = self.root(line, between)? else {
+                return Ok(ControlFlow::Continue(()));
+            };
+            let is_last = match first {
+                None => false,
+                Some(first) => root.t.compare(&line.number(first))? == Ordering::Greater,
+            };
+            all.push(root);
+            Ok(match is_last {
+                true => ControlFlow::Break(()),
+                false => ControlFlow::Continue(()),
+            })
+        })?;
         Ok(Roots::new(all))
+    }
+
+    /// The only root between two parameters; `None` if it lies outside of the clipping box.
+    fn root(&self, line: &Line, between: [f64; 2]) -> Decided<Option<Root>> {
+        let (t, rising) = self.narrow(line, between)?;
+        let place = line.at(&t);
+        if let (Some(bounds), _) = &self.0.bounds()
+            && !is_inside(&place.0, bounds)?
+        {
+            return Ok(None);
+        }
+        let slopes = [0, 1, 2].map(|axis| {
+            let seeded = [0, 1, 2].map(|other| match axis == other {
+                true => Jet::variable(place.0[other].clone()),
+                false => Jet::exact(place.0[other].clone()),
+            });
+            self.0.at(&seeded)
+        });
+        let moves = slopes[0].moves;
+        let mut gradient = [0.0; 3];
+        for (axis, slope) in slopes.into_iter().enumerate() {
+            gradient[axis] = slope.slope.ok_or(Undecided)?.nearest();
+        }
+        let along = match rising {
+            Ordering::Greater => line.number(1.0),
+            _ => line.number(-1.0),
+        };
+        Root::new(t, 0, &along, gradient.into(), moves).map(Some)
     }
 }
 

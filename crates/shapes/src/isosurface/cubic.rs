@@ -80,4 +80,6 @@ impl Along for Cubic {
     fn over(&self, _: f64, _: f64) -> RootCount {
         RootCount::AtMostOne
     }
+
+    fn limit_reached(&self, _: f64) {}
 }

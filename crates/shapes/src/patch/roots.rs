@@ -47,14 +47,15 @@ fn range(numbers: impl Iterator<Item = f64>) -> (f64, f64) {
 }
 
 /// Calls `found` with the parameters of every root; some roots may be reported twice. Points within
-/// `near` of the ray count as roots.
-pub(super) fn roots(first: Piece, near: f64, mut found: impl FnMut(DVec2)) {
+/// `near` of the ray count as roots. Returns whether all pieces were examined.
+#[must_use]
+pub(super) fn roots(first: Piece, near: f64, mut found: impl FnMut(DVec2)) -> bool {
     let mut next = Some(first);
     // Allocates only if a piece is halved.
     let mut waiting: Vec<Piece> = Vec::new();
     for _ in 0..MAX_PIECES {
         let Some(piece) = next.take().or_else(|| waiting.pop()) else {
-            return;
+            return true;
         };
         match piece.look(near) {
             Verdict::Nothing => {}
@@ -68,6 +69,7 @@ pub(super) fn roots(first: Piece, near: f64, mut found: impl FnMut(DVec2)) {
             }
         }
     }
+    next.is_none() && waiting.is_empty()
 }
 
 enum Verdict {

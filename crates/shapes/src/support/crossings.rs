@@ -19,6 +19,10 @@ pub(crate) trait Along {
     fn steps(&self) -> u32 {
         STEPS
     }
+
+    /// Called at most once, if [`Self::steps`] are exhausted at s: a crossing further on may be
+    /// missed.
+    fn limit_reached(&self, s: f64);
 }
 
 /// Classification of a function on a range.
@@ -70,6 +74,9 @@ pub(crate) fn crossings(f: &impl Along, mut visit: impl FnMut(Crossing) -> Contr
     loop {
         let hi = ends[last];
         steps += 1;
+        if steps == most + 1 {
+            f.limit_reached(lo);
+        }
         let narrowest = if steps > most { COARSE } else { NARROWEST };
         let known = if hi - lo <= narrowest {
             RootCount::AtMostOne
@@ -172,6 +179,10 @@ mod tests {
                 RootCount::Unknown
             }
         }
+
+        fn limit_reached(&self, s: f64) {
+            assert!(self.0[0] == self.0[1], "{:?} at {s}", self.0);
+        }
     }
 
     fn all(f: &impl Along) -> (Vec<Crossing>, u32) {
@@ -227,7 +238,7 @@ mod tests {
         assert_eq!(found, []);
         assert!(steps <= MAX_STEPS);
         // Zero everywhere.
-        struct Nothing;
+        struct Nothing(std::cell::Cell<u32>);
         impl Along for Nothing {
             fn at(&self, _: f64) -> (f64, f64) {
                 (0.0, f64::NAN)
@@ -235,8 +246,14 @@ mod tests {
             fn over(&self, _: f64, _: f64) -> RootCount {
                 RootCount::Unknown
             }
+            fn limit_reached(&self, s: f64) {
+                assert!(s < 1e-9, "{s}");
+                self.0.set(self.0.get() + 1);
+            }
         }
-        let (found, steps) = all(&Nothing);
+        let nothing = Nothing(std::cell::Cell::new(0));
+        let (found, steps) = all(&nothing);
+        assert_eq!(nothing.0.get(), 1);
         assert_eq!(found, []);
         assert!(steps <= MAX_STEPS, "{steps}");
     }
@@ -256,6 +273,9 @@ mod tests {
                 } else {
                     RootCount::Zero
                 }
+            }
+            fn limit_reached(&self, s: f64) {
+                assert!((0.2..0.3).contains(&s), "{s}");
             }
         }
         let (found, steps) = all(&Behind);
@@ -278,6 +298,7 @@ mod tests {
             fn over(&self, _: f64, _: f64) -> RootCount {
                 RootCount::AtMostOne
             }
+            fn limit_reached(&self, _: f64) {}
         }
         for slope in [0.0, f64::NAN, f64::INFINITY, -1e-300, 3.0, -3.0] {
             let (found, _) = all(&Step(slope));

@@ -3,7 +3,8 @@
 use crate::support::crossings::{Along, Crossing, crossings};
 use std::ops::ControlFlow;
 use whitstone_core::{
-    Aabb, DMat3, DVec2, DVec3, Interval, Ray, ShapeHit, Spans, SurfaceInteraction, Transform, solid,
+    Aabb, DMat3, DVec2, DVec3, Interval, LimitReached, Ray, SearchLimit, Shape, ShapeHit, Spans,
+    SurfaceInteraction, Transform, solid,
 };
 
 /// Unit roundoff: half the distance from 1 to the next number, the relative error of one rounding.
@@ -38,6 +39,7 @@ pub(crate) struct Level {
     /// Bound on how far a point at unit distance along each axis (column) deviates, along each axis
     /// (row), from where rays see it.
     tilt: DMat3,
+    limit: SearchLimit,
 }
 
 /// The part of a ray inside the box and in front of its origin.
@@ -77,7 +79,23 @@ impl Level {
             transform,
             min,
             max,
+            limit: SearchLimit::default(),
         }
+    }
+
+    /// Counts a ray whose search reached its limit at this point of object space.
+    pub(crate) fn limit_reached(&self, p: DVec3) {
+        self.limit.count(|| self.transform.point_to_world(p));
+    }
+
+    /// Forgets the rays of [`check_search`].
+    pub(crate) fn reset_search_limit(&mut self) {
+        self.limit.reset();
+    }
+
+    /// See [`Shape::search_limit`].
+    pub(crate) fn search_limit(&self) -> Option<LimitReached> {
+        self.limit.reached()
     }
 
     pub(crate) fn min(&self) -> DVec3 {
@@ -257,6 +275,38 @@ impl Level {
         }
         let position = linear * p + origin;
         SurfaceInteraction::new(position, error, n)
+    }
+}
+
+/// Number of rays that [`check_search`] traces.
+const PROBES: u32 = 64;
+/// Largest share of them, in percent, that may reach the limit of the search.
+const MAX_LIMITED: u64 = 10;
+
+/// Rejects a shape if the search for its surface reaches its limit on too many rays through its
+/// box: parts of it would be missing. The rays are a low-discrepancy sequence (Richtmyer 1951).
+///
+/// # Errors
+///
+/// The message.
+pub(crate) fn check_search(shape: &impl Shape) -> Result<(), String> {
+    let bounds = shape.bounds();
+    let radius = bounds.extent().length();
+    for k in 1..=PROBES {
+        let [u, v, x, y, z] =
+            [2.0, 3.0, 5.0, 7.0, 11.0].map(|prime: f64| (f64::from(k) * prime.sqrt()).fract());
+        let (sine, cosine) = (std::f64::consts::TAU * u).sin_cos();
+        let height = 2.0 * v - 1.0;
+        let around = (1.0 - height * height).sqrt();
+        let origin = bounds.center() + radius * DVec3::new(around * cosine, around * sine, height);
+        let target = bounds.min + DVec3::new(x, y, z) * bounds.extent();
+        shape.intersect(&Ray::new(origin, target - origin), Interval::FORWARD, None);
+    }
+    match shape.search_limit() {
+        Some(reached) if 100 * reached.rays > MAX_LIMITED * u64::from(PROBES) => Err(format!(
+            "{reached}, of {PROBES} through its box: parts of the surface would be missing"
+        )),
+        _ => Ok(()),
     }
 }
 

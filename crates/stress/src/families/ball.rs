@@ -78,6 +78,10 @@ impl Family for InsideBall {
             ),
         ])
     }
+
+    fn is_continuous(&self) -> bool {
+        false
+    }
 }
 
 /// The factor by which roundings of a chain of `n` chords move its end, before the division by the

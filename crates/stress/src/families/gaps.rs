@@ -130,7 +130,7 @@ fn shaded<R: Real>(blocker: &dyn Textbook<R>, place: DVec3) -> bool {
 }
 
 /// A triangle at height `z`, a few metres wide, whose outside is above or below.
-fn sheet(z: f64, above: bool, material: &str) -> String {
+pub(crate) fn sheet(z: f64, above: bool, material: &str) -> String {
     let side = if above { 3 } else { -3 };
     format!(
         "[[shape]]\ntype = \"triangle\"\nvertices = [[{}, -3, {z:?}], [{side}, -3, {z:?}], [0, 6, {z:?}]]\n{material}\n",

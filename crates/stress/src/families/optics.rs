@@ -12,7 +12,7 @@ use whitstone_testkit::Random;
 
 /// Textbook Fresnel equations: reflectance and cosine of the transmitted ray. `None` for total
 /// internal reflection.
-fn fresnel<R: Real>(cosine: f64, ior: f64) -> Option<[f64; 2]> {
+pub(crate) fn fresnel<R: Real>(cosine: f64, ior: f64) -> Option<[f64; 2]> {
     let (one, here, eta) = (R::of(1.0), R::of(cosine), R::of(ior));
     let square = one - (one - here * here) / (eta * eta);
     if square < R::of(0.0) {

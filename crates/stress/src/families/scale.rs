@@ -48,6 +48,10 @@ impl Family for PowerOfTwo {
     fn step(&self, parameter: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
         step([parameter, 1.0 / parameter].as_slice(), lab)
     }
+
+    fn is_continuous(&self) -> bool {
+        false
+    }
 }
 
 impl Family for PowerOfTen {

@@ -71,6 +71,9 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         println!();
         tree.print(&pipeline, &names);
     }
+    for limit in crate::slim::search_limits(&pipeline) {
+        println!("warning: {limit}");
+    }
     if let Some(path) = &arguments.json {
         write_json(path, &report(&pipeline, &names, tree.as_ref(), counted))?;
     }

@@ -1,5 +1,6 @@
 //! `stress`: parameter sweeps over ill-conditioned and extreme cases.
 
+mod search;
 mod unfinished;
 
 use super::page::{self, Marks};
@@ -31,11 +32,12 @@ use whitstone_validate::report::Diagram;
 /// settings.
 ///
 /// Exit code 0 if Whitstone keeps its promised error bound in every family, fails no earlier than
-/// Mitsuba and Embree, and at least one naive variant of each family fails; 1 if not.
+/// Mitsuba and Embree, and at least one naive variant of each family fails; 1 if not. With
+/// `--search`: 0 if no answer breaks the promise, else 1.
 #[derive(Args, Debug)]
 #[command(
     help_template = super::HELP_TEMPLATE,
-    after_help = "Examples:\n  whitstone stress --quick\n  whitstone stress planet --steps\n  whitstone stress --list"
+    after_help = "Examples:\n  whitstone stress --quick\n  whitstone stress planet --steps\n  whitstone stress --search --seconds 600\n  whitstone stress --list"
 )]
 pub struct Arguments {
     /// Families of cases to run [default: all]
@@ -57,6 +59,20 @@ pub struct Arguments {
     /// Print every step, not only the frontiers
     #[arg(long)]
     steps: bool,
+    /// Instead of the steps, search for the worst case of each family: random values of its
+    /// parameter and random rays, and small changes of the worst ones so far. Only Whitstone and
+    /// the oracle take part
+    #[arg(long, conflicts_with_all = ["steps", "json", "plots", "page", "rays"])]
+    search: bool,
+    /// Number of questions of a search, over all families
+    #[arg(long, default_value_t = 100_000, value_name = "COUNT", requires = "search", value_parser = clap::value_parser!(u64).range(1..))]
+    questions: u64,
+    /// Search for this time instead, in seconds, divided evenly among the families
+    #[arg(long, value_name = "SECONDS", requires = "search", conflicts_with = "questions", value_parser = clap::value_parser!(u64).range(1..))]
+    seconds: Option<u64>,
+    /// Seed of a search
+    #[arg(long, default_value_t = 1, value_name = "NUMBER", requires = "search")]
+    seed: u64,
     /// Do not run Mitsuba
     #[arg(long)]
     no_mitsuba: bool,
@@ -91,6 +107,9 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
             println!("case {number:<15} {what}: {file}");
         }
         return Ok(Exit::Pass);
+    }
+    if arguments.search {
+        return search::run(arguments, &families, registry);
     }
     let mitsuba = match arguments.no_mitsuba {
         true => None,
