@@ -25,6 +25,19 @@ pub fn skipped(why: &str) {
     let _ = writeln!(std::io::stderr(), "skipped: {why}");
 }
 
+/// The Python with Dask, installed on first use; reported as skipped where that fails.
+pub fn dask() -> Option<PathBuf> {
+    let requirements = root().join("crates/whitstone/cluster/requirements.txt");
+    let installation = whitstone::validate::Installation::default();
+    match whitstone::validate::dask_python(&installation, &requirements, &|_| ()) {
+        Ok(python) => Some(python),
+        Err(error) => {
+            skipped(&format!("a cluster: {error}"));
+            None
+        }
+    }
+}
+
 /// A folder of the public test data; told as skipped where there is none.
 pub fn test_data(folder: &str) -> Option<PathBuf> {
     let data = std::env::var_os("WHITSTONE_TEST_DATA").filter(|data| !data.is_empty());

@@ -472,6 +472,8 @@ fn an_option_without_effect_is_an_error() {
     let classic = "scenes/showcase/classic.toml";
     for (arguments, named) in [
         (vec!["render", classic, "--exposure", "1"], "--png"),
+        (vec!["render", classic, "--tile-size", "8"], "--cluster"),
+        (vec!["render", classic, "--workers", "2"], "--cluster"),
         (vec!["explain", classic, "--max-rays", "3"], "--pixel"),
         (
             vec!["validate", classic, "--reference", "stored", "--fresh"],
@@ -499,6 +501,9 @@ fn completions_and_help_for_every_command() {
     let help = stdout(&run(&["--help"]));
     for command in [
         "render",
+        "plan",
+        "run-job",
+        "merge",
         "explain",
         "compare",
         "validate",

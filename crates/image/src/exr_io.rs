@@ -22,7 +22,7 @@ mod read;
 mod write;
 
 pub use read::{decode, read};
-pub use write::{encode, write};
+pub use write::{encode, write, write_rows};
 
 pub(crate) use read::{MAGIC, decode_channels};
 

@@ -26,8 +26,12 @@ mod _native {
 
     /// Runs the command line, and returns its exit code.
     #[pyfunction]
-    fn main(py: Python<'_>, arguments: Vec<OsString>) -> u8 {
-        py.detach(|| whitstone::Cli::new("whitstone").run_with(arguments))
+    fn main(py: Python<'_>, arguments: Vec<OsString>) -> PyResult<u8> {
+        let module = py.import("whitstone._native")?;
+        let library: PathBuf = module.getattr("__file__")?.extract()?;
+        let python: PathBuf = py.import("sys")?.getattr("executable")?.extract()?;
+        let program = whitstone::Cli::new("whitstone").in_python(library, python);
+        Ok(py.detach(|| program.run_with(arguments)))
     }
 
     /// The folder of the references' drivers, which is written on first use.

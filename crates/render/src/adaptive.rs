@@ -49,15 +49,19 @@ impl Tally {
 pub(crate) struct Adaptive {
     rule: Refinement,
     size: FilmSize,
-    /// Row by row.
+    /// The pixels that have a tally: those of the region, and their neighbours.
+    window: Region,
+    /// Of the pixels of the window, row by row.
     tallies: Mutex<Vec<Tally>>,
 }
 
 impl Adaptive {
-    pub(crate) fn new(rule: Refinement, size: FilmSize) -> Self {
+    /// The state of the pixels of a region.
+    pub(crate) fn new(rule: Refinement, size: FilmSize, region: Region) -> Self {
         Self {
             rule,
             size,
+            window: region.with_border(size),
             tallies: Mutex::default(),
         }
     }
@@ -75,10 +79,8 @@ impl Adaptive {
         });
         let mut tallies = self.tallies.lock().unwrap_or_else(PoisonError::into_inner);
         if tallies.is_empty() {
-            tallies.resize(
-                self.size.width as usize * self.size.height as usize,
-                Tally::NOTHING,
-            );
+            let window = self.window;
+            tallies.resize(window.width as usize * window.height as usize, Tally::NOTHING);
         }
         for (pixel, tally) in pixels.iter().zip(found) {
             tallies[self.place(*pixel)] = Tally {
@@ -202,8 +204,8 @@ impl Adaptive {
         tally.sum * (1.0 / f64::from(taken * lens))
     }
 
-    fn place(&self, [x, y]: [u32; 2]) -> usize {
-        y as usize * self.size.width as usize + x as usize
+    fn place(&self, pixel: [u32; 2]) -> usize {
+        self.window.place(pixel)
     }
 
     /// The largest value of the up to eight neighbours of a pixel.

@@ -4,6 +4,7 @@ use crate::cache::Cache;
 use crate::coincident::{self, Coincidence, Seen};
 use crate::memory::Memory;
 use crate::operands::Operands;
+use crate::render::Region;
 use crate::shared::Shared;
 use crate::unused::LookedUp;
 use std::collections::{BTreeMap, BTreeSet};
@@ -46,6 +47,9 @@ pub struct BuildOptions<'a> {
     pub shared: Option<&'a Shared>,
     /// Called with the part that is about to be built.
     pub progress: Option<&'a dyn Fn(&str)>,
+    /// The part of the image that will be rendered, if not all of it: memory is reserved for it
+    /// alone.
+    pub region: Option<Region>,
     /// Whether one image is all that will be rendered: an accelerator may then weigh its own build
     /// time against that of the rays. By default many rays are expected.
     pub single_image: bool,

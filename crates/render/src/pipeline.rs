@@ -102,7 +102,12 @@ impl Pipeline {
         let mut errors = SceneErrors::default();
         let mut builder = Builder::new(description, registry, options);
         let size = description.film.size;
-        errors.take(builder.memory.take_film(&description.film));
+        // The part of the image that is rendered.
+        let mut part = description.film.clone();
+        if let Some(region) = options.region.map(|region| region.within(size)) {
+            (part.size.width, part.size.height) = (region.width, region.height);
+        }
+        errors.take(builder.memory.take_film(&part));
         let camera = errors.take(builder.one::<Cameras>(&description.camera, size));
         let sampler =
             (plan.sampler.as_ref()).and_then(|table| errors.take(builder.one::<Samplers>(table, ())));
@@ -128,8 +133,8 @@ impl Pipeline {
             lights: &lights,
         };
         let images = [
-            size.width,
-            size.height,
+            part.size.width,
+            part.size.height,
             sampler.as_ref().map_or(1, |sampler| sampler.count()),
         ];
         builder.expected_rays =

@@ -35,7 +35,7 @@ pub struct Region {
 
 impl Region {
     /// The part that lies in an image of a size.
-    fn within(self, size: FilmSize) -> Self {
+    pub(crate) fn within(self, size: FilmSize) -> Self {
         let (x, y) = (self.x.min(size.width), self.y.min(size.height));
         Self {
             x,
@@ -54,10 +54,21 @@ impl Region {
         (y - self.y) as usize * self.width as usize + (x - self.x) as usize
     }
 
+    /// The region with the pixels of an image around it.
+    pub(crate) fn with_border(self, size: FilmSize) -> Self {
+        let (x, y) = (self.x.saturating_sub(1), self.y.saturating_sub(1));
+        Self {
+            x,
+            y,
+            width: (self.x + self.width + 1).min(size.width) - x,
+            height: (self.y + self.height + 1).min(size.height) - y,
+        }
+    }
+
     /// The pixels of an image around the region.
     fn neighbours(self, size: FilmSize) -> Vec<[u32; 2]> {
-        let columns = self.x.saturating_sub(1)..(self.x + self.width + 1).min(size.width);
-        let rows = self.y.saturating_sub(1)..(self.y + self.height + 1).min(size.height);
+        let all = self.with_border(size);
+        let (columns, rows) = (all.x..all.x + all.width, all.y..all.y + all.height);
         rows.flat_map(|y| columns.clone().map(move |x| [x, y]))
             .filter(|pixel| !self.contains(*pixel))
             .collect()
@@ -233,7 +244,10 @@ impl Pipeline {
         let names = self.film.aovs.iter().flat_map(|aov| aov.channels()).copied();
         film.prepare([region.width, region.height], names);
         film.samples = self.samples();
-        let adaptive = self.sampler.refinement().map(|rule| Adaptive::new(rule, size));
+        let adaptive = self
+            .sampler
+            .refinement()
+            .map(|rule| Adaptive::new(rule, size, region));
         let first = adaptive.as_ref().map_or(self.sampler.count(), Adaptive::first);
         // Each thread takes the next tile when it finishes one, because a fixed division of the
         // image would take unequal times.
@@ -362,7 +376,14 @@ impl Pipeline {
     /// The value of a single pixel, the mean of its samples. Equal to its value in the image.
     pub fn pixel(&self, pixel: [u32; 2], scratch: &mut Scratch) -> Rgb {
         if let Some(rule) = self.sampler.refinement() {
-            return Adaptive::new(rule, self.film.size).pixel(self, pixel, scratch);
+            let [x, y] = pixel;
+            let alone = Region {
+                x,
+                y,
+                width: 1,
+                height: 1,
+            };
+            return Adaptive::new(rule, self.film.size, alone).pixel(self, pixel, scratch);
         }
         let count = self.samples();
         let sum: Rgb = (0..count)

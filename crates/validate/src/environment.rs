@@ -28,6 +28,9 @@ const MINOR: u32 = 9;
 /// The oldest Python 3 with a TOML parser in its standard library (minor version).
 const MINOR_OF_POVRAY: u32 = 11;
 
+/// The oldest Python 3 that Dask supports (minor version).
+const MINOR_OF_DASK: u32 = 10;
+
 /// The Python package of Mitsuba's driver.
 const MODULE: &str = "whitstone_mitsuba";
 /// The Python package of POV-Ray's driver.
@@ -140,8 +143,10 @@ pub enum EnvironmentError {
         problem: String,
     },
     /// The Python environment cannot be written.
-    #[error("cannot write the Python environment of Mitsuba to {}: {problem}; choose another folder with `--target`, or use an installed Mitsuba with `--mitsuba`", folder.display())]
+    #[error("cannot write the Python environment of {of} to {}: {problem}; choose another folder with `--target`, or use an installed {of} with `--{}`", folder.display(), of.to_lowercase())]
     Folder {
+        /// The program that it is for.
+        of: &'static str,
         /// Its folder.
         folder: PathBuf,
         /// The cause.
@@ -174,51 +179,41 @@ impl Environment {
         if let Some(environment) = Self::given(installation)? {
             return Ok(environment);
         }
-        let Place {
-            python,
-            version,
-            key,
-            folder,
-            environment,
-        } = Place::find(installation)?;
-        let complete = folder.join("complete");
-        if environment.is_complete(&folder) {
-            return Ok(environment);
-        }
-        let unwritable = |problem| EnvironmentError::Folder {
-            folder: folder.clone(),
-            problem,
-        };
-        let lock =
-            File::create(installation.folder.join(format!("python-{key}.lock"))).map_err(unwritable)?;
-        lock.lock().map_err(unwritable)?;
-        if complete.is_file() {
-            return Ok(environment);
-        }
-        // The remains of an interrupted installation.
-        if folder.exists() {
-            fs::remove_dir_all(&folder).map_err(unwritable)?;
-        }
-        say(&format!("creating a Python environment in {}", folder.display()));
-        run(
-            Command::new(&python).args(["-m", "venv"]).arg(&folder),
-            "create a Python environment (on Debian: apt-get install python3-venv)",
-        )?;
-        say("installing Mitsuba (once; about 100 MB)");
-        run(
-            &mut environment.install("requirements.txt"),
-            "install Mitsuba (is PyPI reachable?)",
-        )?;
-        // The package is for this platform only. Elsewhere the driver says what is missing.
-        if cfg!(all(target_os = "linux", target_arch = "x86_64")) && !environment.finds_llvm() {
-            say("installing LLVM (once; about 35 MB), because this machine has no libLLVM 16 or newer");
+        let (place, environment) = Self::private(installation)?;
+        place.ensure(say, || {
+            say("installing Mitsuba (once; about 100 MB)");
             run(
-                &mut environment.install("requirements-llvm.txt"),
-                "install LLVM (is PyPI reachable? A system package such as libllvm19 serves as well)",
+                &mut environment.install("requirements.txt"),
+                "install Mitsuba (is PyPI reachable?)",
             )?;
-        }
-        fs::write(&complete, version).map_err(unwritable)?;
+            // The package is for this platform only. Elsewhere the driver says what is missing.
+            if cfg!(all(target_os = "linux", target_arch = "x86_64")) && !environment.finds_llvm() {
+                say("installing LLVM (once; about 35 MB), because this machine has no libLLVM 16 or newer");
+                run(
+                    &mut environment.install("requirements-llvm.txt"),
+                    "install LLVM (is PyPI reachable? A system package such as libllvm19 serves as well)",
+                )?;
+            }
+            Ok(())
+        })?;
         Ok(environment)
+    }
+
+    /// The private environment, whether or not it exists.
+    fn private(installation: &Installation) -> Result<(Place, Self), EnvironmentError> {
+        let package = installation.drivers()?.join("mitsuba");
+        let Ok(pinned) = fs::read(package.join("requirements.txt")) else {
+            return Err(EnvironmentError::NoPackage(package));
+        };
+        let place = Place::find(installation, "Mitsuba", &pinned, MINOR)?;
+        let environment = Self {
+            python: interpreter(&place.folder),
+            package,
+            module: MODULE,
+            twins: Vec::new(),
+            is_private: true,
+        };
+        Ok((place, environment))
     }
 
     /// The environment of Mitsuba if it exists.
@@ -226,11 +221,8 @@ impl Environment {
         if let Some(environment) = Self::given(installation).ok()? {
             return Some(environment);
         }
-        let place = Place::find(installation).ok()?;
-        place
-            .environment
-            .is_complete(&place.folder)
-            .then_some(place.environment)
+        let (place, environment) = Self::private(installation).ok()?;
+        place.is_complete().then_some(environment)
     }
 
     /// The environment that the installation names, if it names one.
@@ -298,12 +290,7 @@ impl Environment {
 
     /// The command that installs pinned requirements of the driver.
     fn install(&self, requirements: &str) -> Command {
-        let mut command = Command::new(&self.python);
-        command
-            .args(["-m", "pip", "install", "--disable-pip-version-check"])
-            .args(["--no-input", "-q", "--require-hashes", "-r"])
-            .arg(self.package.join(requirements));
-        command
+        install(&self.python, &self.package.join(requirements))
     }
 
     /// Whether the driver finds the LLVM that Dr.Jit needs.
@@ -318,47 +305,114 @@ impl Environment {
             .status();
         status.is_ok_and(|status| status.success())
     }
-
-    fn is_complete(&self, folder: &Path) -> bool {
-        folder.join("complete").is_file() && self.python.exists()
-    }
 }
 
-/// The place of the environment, whether or not it exists.
+/// The place of a private Python environment, whether or not it exists.
 struct Place {
+    /// The program that it is for.
+    of: &'static str,
     /// The interpreter that creates it, and its version.
     python: PathBuf,
     version: String,
-    key: String,
     folder: PathBuf,
-    environment: Environment,
 }
 
 impl Place {
-    fn find(installation: &Installation) -> Result<Self, EnvironmentError> {
-        let package = installation.drivers()?.join("mitsuba");
-        let Ok(pinned) = fs::read(package.join("requirements.txt")) else {
-            return Err(EnvironmentError::NoPackage(package));
-        };
-        let (python, version) = find_python(MINOR)?;
+    /// The place for these pinned requirements and the first Python of the minor version or newer.
+    fn find(
+        installation: &Installation,
+        of: &'static str,
+        pinned: &[u8],
+        minor: u32,
+    ) -> Result<Self, EnvironmentError> {
+        let (python, version) = find_python(minor)?;
         let mut hasher = blake3::Hasher::new();
-        hasher.update(&pinned).update(version.as_bytes());
-        let key = hasher.finalize().to_hex()[..12].to_owned();
+        hasher.update(pinned).update(version.as_bytes());
+        let key = &hasher.finalize().to_hex()[..12];
         let folder = installation.folder.join(format!("python-{key}"));
         Ok(Self {
+            of,
             python,
             version,
-            key,
-            environment: Environment {
-                python: interpreter(&folder),
-                package,
-                module: MODULE,
-                twins: Vec::new(),
-                is_private: true,
-            },
             folder,
         })
     }
+
+    fn is_complete(&self) -> bool {
+        self.folder.join("complete").is_file() && interpreter(&self.folder).exists()
+    }
+
+    /// Creates the environment if it does not exist. Concurrent processes wait for each other.
+    fn ensure(
+        &self,
+        say: &dyn Fn(&str),
+        install: impl FnOnce() -> Result<(), EnvironmentError>,
+    ) -> Result<(), EnvironmentError> {
+        let folder = &self.folder;
+        let complete = folder.join("complete");
+        if self.is_complete() {
+            return Ok(());
+        }
+        let unwritable = |problem| EnvironmentError::Folder {
+            of: self.of,
+            folder: folder.clone(),
+            problem,
+        };
+        let lock = File::create(folder.with_extension("lock")).map_err(unwritable)?;
+        lock.lock().map_err(unwritable)?;
+        if complete.is_file() {
+            return Ok(());
+        }
+        // The remains of an interrupted installation.
+        if folder.exists() {
+            fs::remove_dir_all(folder).map_err(unwritable)?;
+        }
+        say(&format!("creating a Python environment in {}", folder.display()));
+        run(
+            Command::new(&self.python).args(["-m", "venv"]).arg(folder),
+            "create a Python environment (on Debian: apt-get install python3-venv)",
+        )?;
+        install()?;
+        fs::write(&complete, &self.version).map_err(unwritable)
+    }
+}
+
+/// The Python of Dask in a private environment, created on first use, like that of Mitsuba.
+/// `requirements` is a file with the pinned packages. Calls `say` before slow steps.
+///
+/// # Errors
+/// If there is no Python, or a step of the installation fails.
+pub fn dask_python(
+    installation: &Installation,
+    requirements: &Path,
+    say: &dyn Fn(&str),
+) -> Result<PathBuf, EnvironmentError> {
+    let unwritable = |problem| EnvironmentError::Folder {
+        of: "Dask",
+        folder: installation.folder.clone(),
+        problem,
+    };
+    let pinned = fs::read(requirements).map_err(unwritable)?;
+    let place = Place::find(installation, "Dask", &pinned, MINOR_OF_DASK)?;
+    let python = interpreter(&place.folder);
+    place.ensure(say, || {
+        say("installing Dask (once; about 10 MB)");
+        run(
+            &mut install(&python, requirements),
+            "install Dask (is PyPI reachable?)",
+        )
+    })?;
+    Ok(python)
+}
+
+/// The command that installs pinned requirements.
+fn install(python: &Path, requirements: &Path) -> Command {
+    let mut command = Command::new(python);
+    command
+        .args(["-m", "pip", "install", "--disable-pip-version-check"])
+        .args(["--no-input", "-q", "--require-hashes", "-r"])
+        .arg(requirements);
+    command
 }
 
 fn interpreter(folder: &Path) -> PathBuf {

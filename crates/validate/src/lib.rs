@@ -39,7 +39,7 @@ mod variants;
 mod verdict;
 
 pub use decoded::decode_textures;
-pub use environment::{Installation, REFERENCES, TARGET};
+pub use environment::{Installation, REFERENCES, TARGET, dask_python};
 pub use key::{find_scenes, quoted, scene_key, stored_folder};
 pub use live::{Live, LiveError, hash_sources};
 pub use noisy::Noisy;

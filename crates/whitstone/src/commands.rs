@@ -1,6 +1,7 @@
 //! The commands, one file each.
 
 pub mod bake;
+mod cluster;
 pub mod compare;
 pub mod completions;
 pub mod conventions;
@@ -9,18 +10,22 @@ pub mod converge;
 pub mod convert;
 pub mod doctor;
 pub mod explain;
+mod farm;
 pub mod init;
 mod junit;
 pub mod list;
+pub mod merge;
 mod names;
 pub mod new_plugin;
 #[cfg(any(feature = "converge", feature = "stress"))]
 mod page;
 mod pixel;
+pub mod plan;
 pub mod reduce;
 pub mod reference;
 pub mod render;
 pub mod report;
+pub mod run_job;
 pub mod schema;
 pub mod sensitivity;
 #[cfg(feature = "stress")]
@@ -36,7 +41,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use whitstone_core::simd::Level;
 use whitstone_core::{DuplicateType, ImportOptions, Note, Registry, Treatment, TreeLimits};
-use whitstone_render::{BuildOptions, Cache, Pipeline};
+use whitstone_render::{BuildOptions, Cache, Pipeline, Region};
 use whitstone_scene::{Plan, Sources};
 use whitstone_validate::{Installation, TARGET};
 
@@ -64,6 +69,9 @@ pub const HELP_TEMPLATE: &str = "{about-with-newline}\n{usage-heading} {usage}{a
 pub enum Command {
     Render(render::Arguments),
     Validate(validate::Arguments),
+    Plan(plan::Arguments),
+    RunJob(run_job::Arguments),
+    Merge(merge::Arguments),
     Reduce(reduce::Arguments),
     Report(report::Arguments),
     Compare(compare::Arguments),
@@ -95,6 +103,9 @@ impl Command {
             Self::Render(arguments) => render::run(arguments, registry),
             Self::Validate(arguments) => validate::run(arguments, registry, program),
             Self::Reduce(arguments) => reduce::run(arguments, registry, program),
+            Self::Plan(arguments) => plan::run(arguments, registry, program),
+            Self::RunJob(arguments) => run_job::run(arguments, registry),
+            Self::Merge(arguments) => merge::run(arguments),
             Self::Report(arguments) => report::run(arguments, program),
             Self::Compare(arguments) => compare::run(arguments),
             Self::Conventions(arguments) => conventions::run(arguments, registry),
@@ -141,6 +152,14 @@ impl Cli {
             registry: crate::registry(),
             duplicate: None,
         }
+    }
+
+    /// Says that this program is a library in the Python package `whitstone`, loaded by an
+    /// interpreter. Jobs are identified by the hash of `library`, and run by `python -m whitstone`.
+    #[must_use]
+    pub fn in_python(self, library: PathBuf, python: PathBuf) -> Self {
+        crate::jobs::set_python(library, python);
+        self
     }
 
     /// Adds the plugins of a `register` function.
@@ -259,6 +278,11 @@ impl Target {
     pub fn folder(&self) -> &Path {
         self.target.as_deref().unwrap_or(Path::new(TARGET))
     }
+
+    /// Where private Python environments are.
+    fn installation(&self) -> Installation {
+        self.target.clone().map(Installation::at).unwrap_or_default()
+    }
 }
 
 /// Selects the drivers of the references.
@@ -276,25 +300,26 @@ pub struct Drivers {
 impl Drivers {
     /// Where the drivers are.
     pub fn installation(&self, target: &Target) -> Installation {
-        let given = target.target.clone().map(Installation::at);
         Installation {
             drivers: self.drivers.clone(),
             mitsuba: self.mitsuba.clone(),
-            ..given.unwrap_or_default()
+            ..target.installation()
         }
     }
 }
 
 /// Builds a scene. The error is a report of everything that is wrong with it.
 pub fn build(arguments: &SceneArguments, registry: &Registry) -> Result<Pipeline, Failure> {
-    let (pipeline, ()) = build_with(arguments, registry, |_| ())?;
+    let (pipeline, ()) = build_with(arguments, registry, None, |_| ())?;
     Ok(pipeline)
 }
 
-/// Like [`build`], and also returns the result of `note` for the planned scene.
+/// Like [`build`], for a part of the image, and also returns the result of `note` for the planned
+/// scene.
 pub fn build_with<T>(
     arguments: &SceneArguments,
     registry: &Registry,
+    region: Option<Region>,
     note: impl FnOnce(&Plan<'_, '_>) -> T,
 ) -> Result<(Pipeline, T), Failure> {
     let color = terminal::color();
@@ -320,6 +345,7 @@ pub fn build_with<T>(
             reuse: !arguments.fresh,
         }),
         progress: Some(&progress),
+        region,
         single_image: true,
         ..BuildOptions::default()
     };

@@ -11,6 +11,8 @@ mod terminal;
 pub mod commands;
 #[cfg(feature = "cli")]
 mod interrupt;
+#[cfg(feature = "cli")]
+mod jobs;
 mod library;
 pub mod slim;
 #[cfg(feature = "cli")]

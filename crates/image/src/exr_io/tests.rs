@@ -567,3 +567,39 @@ fn public_environment_maps_are_read() {
         }
     }
 }
+
+/// An image that is written some rows at a time has the bytes of the whole one.
+#[test]
+fn rows_give_the_bytes_of_the_whole_image() {
+    let folder = tempfile::tempdir().unwrap();
+    for [width, height] in [[1, 1], [5, 16], [3, 17], [7, 700]] {
+        let value = |x: usize, y: usize| (x * 31 + y * 17) as f32 * 0.37;
+        let mut whole = Image::from_fn(width, height, |x, y| [value(x, y), f32::NAN, -value(y, x)]).unwrap();
+        let depth = (0..width * height).map(|k| k as f32).collect();
+        whole.add_channel("depth.Z", depth).unwrap();
+        whole.set_attribute("scene_hash", "abc").unwrap();
+        let part = |rows: std::ops::Range<usize>| {
+            let mut part = Image::new(width, rows.len()).unwrap();
+            for (name, plane) in whole.channels() {
+                let values = plane[rows.start * width..rows.end * width].to_vec();
+                part.add_channel(name, values).unwrap();
+            }
+            part
+        };
+        let mut first = part(0..1);
+        first.set_attribute("scene_hash", "abc").unwrap();
+        let path = folder.path().join("rows.exr");
+        write_rows(&path, &first, [width, height], |rows| Ok(part(rows))).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        assert!(bytes == encode(&whole).unwrap(), "{width} x {height}");
+        // Other rows than asked for leave the file as it was.
+        for wrong in [
+            Image::new(width, height + 1).unwrap(),
+            Image::new(width, 1).unwrap(),
+        ] {
+            let error = write_rows(&path, &first, [width, height], |_| Ok(wrong.clone())).unwrap_err();
+            assert!(error.to_string().contains("rows of another size"), "{error}");
+        }
+        assert!(std::fs::read(&path).unwrap() == bytes);
+    }
+}

@@ -1,7 +1,9 @@
 //! Writes EXR files.
 
+use std::borrow::Cow;
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, BufWriter, Cursor, Read, Seek, SeekFrom, Write};
+use std::ops::Range;
 use std::path::Path;
 
 use exr::block::chunk::{Chunk, CompressedBlock, CompressedScanLineBlock};
@@ -16,7 +18,7 @@ use rayon::prelude::*;
 
 use super::ATTRIBUTE_PREFIX;
 use crate::atomic::{self, WriteError};
-use crate::planes::Image;
+use crate::planes::{Image, Placement};
 
 /// Maximum side and offset of a window: OpenEXR rejects boxes that reach 2^30.
 const MAX_WINDOW: i64 = 1 << 29;
@@ -39,24 +41,79 @@ pub fn encode(image: &Image) -> io::Result<Vec<u8>> {
     Ok(buffer.into_inner())
 }
 
+/// Writes an image of `height` rows that is never in memory as a whole. `rows` is called with
+/// ranges of rows, from the top, and returns an image of these rows. The image `first` has the
+/// channels, the attributes and the width of all of them; its own rows and its placement are
+/// ignored. The bytes are those that [`write()`] writes of the whole image.
+///
+/// # Errors
+/// [`WriteError`], which names the path; also if rows have other channels or another size than
+/// asked for.
+pub fn write_rows(
+    path: impl AsRef<Path>,
+    first: &Image,
+    [width, height]: [usize; 2],
+    mut rows: impl FnMut(Range<usize>) -> io::Result<Image>,
+) -> Result<(), WriteError> {
+    atomic::write(path, |file: &mut File| {
+        let placement = Placement {
+            x: 0,
+            y: 0,
+            frame_width: width,
+            frame_height: height,
+        };
+        let header = header(first, [width, height], placement)?;
+        let names: Vec<String> = first.channels().map(|(name, _)| name.to_owned()).collect();
+        write_blocks(file, header, (0, height), |blocks| {
+            let range = blocks.start * BLOCK..height.min(blocks.end * BLOCK);
+            let expected = [width, range.len()];
+            let band = rows(range)?;
+            let alike = [band.width(), band.height()] == expected
+                && band
+                    .channels()
+                    .map(|(name, _)| name)
+                    .eq(names.iter().map(String::as_str));
+            if !alike {
+                return Err(io::Error::other("rows of another size or with other channels"));
+            }
+            Ok((Cow::Owned(band), blocks.start))
+        })
+    })
+}
+
 /// Writes to an empty target that is positioned at its start.
 fn encode_into<W: Read + Write + Seek>(image: &Image, out: &mut W) -> io::Result<()> {
-    let header = header(image)?;
+    let header = header(image, [image.width(), image.height()], image.placement())?;
+    let rows = (image.placement().y, image.height());
+    write_blocks(out, header, rows, |_| Ok((Cow::Borrowed(image), 0)))
+}
+
+/// Writes a header and the blocks of `height` rows, of which the first has the coordinate `y`.
+/// `source` returns an image with the rows of some blocks, and the number of its first block.
+fn write_blocks<'i, W: Read + Write + Seek>(
+    out: &mut W,
+    header: Header,
+    (y, height): (i32, usize),
+    mut source: impl FnMut(Range<usize>) -> io::Result<(Cow<'i, Image>, usize)>,
+) -> io::Result<()> {
     let mut buffered = BufWriter::new(&mut *out);
     exr::block::write(
         &mut buffered,
         Headers::from_vec(vec![header]),
         true,
         |_, writer| {
-            let blocks = image.height().div_ceil(BLOCK);
+            let blocks = height.div_ceil(BLOCK);
             // A batch at a time, so that few compressed blocks are in memory.
             let batch = 4 * rayon::current_num_threads();
             for start in (0..blocks).step_by(batch) {
-                let numbers = (start..blocks.min(start + batch)).into_par_iter();
-                let compressed: Vec<Vec<u8>> = numbers.map(|block| compressed(image, block)).collect();
+                let numbers = start..blocks.min(start + batch);
+                let (image, first) = source(numbers.clone())?;
+                let numbers = numbers.into_par_iter();
+                let compressed: Vec<Vec<u8>> =
+                    numbers.map(|block| compressed(&image, block - first)).collect();
                 for (block, compressed_pixels_le) in (start..).zip(compressed) {
                     // The sizes and offsets are far below 2^31.
-                    let y_coordinate = image.placement().y + (block * BLOCK) as i32;
+                    let y_coordinate = y + (block * BLOCK) as i32;
                     let chunk = Chunk {
                         layer_index: 0,
                         compressed_block: CompressedBlock::ScanLine(CompressedScanLineBlock {
@@ -126,12 +183,12 @@ fn compressed(image: &Image, block: usize) -> Vec<u8> {
     }
 }
 
-fn header(image: &Image) -> io::Result<Header> {
+/// The header of an image of this size and placement with the channels and attributes of `image`.
+fn header(image: &Image, [width, height]: [usize; 2], at: Placement) -> io::Result<Header> {
     let invalid = |text: &str| io::Error::new(io::ErrorKind::InvalidInput, text);
     if image.channels().len() == 0 {
         return Err(invalid("the image has no channels"));
     }
-    let at = image.placement();
     let side = |pixels: usize| (1..=MAX_WINDOW).contains(&i64::try_from(pixels).unwrap_or(i64::MAX));
     let offset = |pixels: i32| i64::from(pixels).abs() <= MAX_WINDOW;
     let fits = side(at.frame_width) && side(at.frame_height) && offset(at.x) && offset(at.y);
@@ -157,29 +214,27 @@ fn header(image: &Image) -> io::Result<Header> {
         })
         .collect();
     let frame = IntegerBounds::from_dimensions(Vec2(at.frame_width, at.frame_height));
-    Ok(
-        Header::new(Text::default(), Vec2(image.width(), image.height()), channels)
-            .with_encoding(
-                Compression::ZIP16,
-                BlockDescription::ScanLines,
-                LineOrder::Increasing,
-            )
-            .with_shared_attributes(ImageAttributes {
-                // ITU-R BT.709-6, table 1.
-                chromaticities: Some(Chromaticities {
-                    red: Vec2(0.64, 0.33),
-                    green: Vec2(0.30, 0.60),
-                    blue: Vec2(0.15, 0.06),
-                    white: Vec2(0.3127, 0.3290),
-                }),
-                ..ImageAttributes::new(frame)
-            })
-            .with_attributes(LayerAttributes {
-                other,
-                layer_position: Vec2(at.x, at.y),
-                ..LayerAttributes::default()
+    Ok(Header::new(Text::default(), Vec2(width, height), channels)
+        .with_encoding(
+            Compression::ZIP16,
+            BlockDescription::ScanLines,
+            LineOrder::Increasing,
+        )
+        .with_shared_attributes(ImageAttributes {
+            // ITU-R BT.709-6, table 1.
+            chromaticities: Some(Chromaticities {
+                red: Vec2(0.64, 0.33),
+                green: Vec2(0.30, 0.60),
+                blue: Vec2(0.15, 0.06),
+                white: Vec2(0.3127, 0.3290),
             }),
-    )
+            ..ImageAttributes::new(frame)
+        })
+        .with_attributes(LayerAttributes {
+            other,
+            layer_position: Vec2(at.x, at.y),
+            ..LayerAttributes::default()
+        }))
 }
 
 /// Sorts the attributes of the only header by name. The `exr` crate stores them in a hash map with

@@ -42,7 +42,7 @@ pub struct Arguments {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
-    let (pipeline, names) = build_with(&arguments.scene, registry, Names::of)?;
+    let (pipeline, names) = build_with(&arguments.scene, registry, None, Names::of)?;
     let tree = arguments.pixel.trace(&pipeline, &arguments.scene, registry)?;
     let measure = || {
         let film = pipeline.render(RenderOptions::default());

@@ -1,7 +1,9 @@
 //! `render`: renders a scene to an image file.
 
-use super::{SceneArguments, build_with};
+use super::cluster::{self, Cluster};
+use super::{SceneArguments, build_with, merge, plan};
 use crate::interrupt;
+use crate::jobs::{self, Program};
 use crate::slim;
 use crate::terminal::{Exit, Failure, STDOUT, progress, write_json};
 use clap::Args;
@@ -9,7 +11,7 @@ use serde_json::json;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use whitstone_core::Registry;
-use whitstone_image::{Raster, ToneMap, atomic, exr_io};
+use whitstone_image::{Image, Limits, Raster, ToneMap, atomic, exr_io};
 use whitstone_render::RenderOptions;
 use whitstone_scene::Plan;
 
@@ -19,7 +21,7 @@ use whitstone_scene::Plan;
 #[derive(Args, Debug)]
 #[command(
     help_template = super::HELP_TEMPLATE,
-    after_help = "Examples:\n  whitstone render scenes/showcase/classic.toml --png\n  whitstone render scenes/showcase/classic.toml --set camera.fov=30 -o classic.png"
+    after_help = "Examples:\n  whitstone render scenes/showcase/classic.toml --png\n  whitstone render scenes/showcase/classic.toml --cluster local\n  whitstone render scenes/showcase/classic.toml --set camera.fov=30 -o classic.png"
 )]
 pub struct Arguments {
     #[command(flatten)]
@@ -35,13 +37,16 @@ pub struct Arguments {
     /// sRGB
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true, requires = "png", value_parser = super::finite)]
     exposure: f64,
-    /// Number of threads; 0 means one per core. The image does not depend on it
+    /// Number of threads; 0 means one per core, and with --cluster one per job. The image does not
+    /// depend on it
     #[arg(long, value_name = "COUNT", default_value_t = 0, value_parser = super::threads)]
     threads: usize,
     /// Disable all scene-specific specialisation, to measure how much time it saves; the image is
     /// bit-identical
-    #[arg(long = "no-specialization")]
+    #[arg(long = "no-specialization", conflicts_with = "cluster")]
     without_specialization: bool,
+    #[command(flatten)]
+    cluster: Cluster,
     /// Write the image size, times and ray counts to this file as JSON; - means standard output
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -71,13 +76,24 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         .flatten()
         .map(PathBuf::as_path)
         .collect();
+    if arguments.cluster.cluster.is_some() {
+        let exr = exr.ok_or_else(|| {
+            Failure::usage("--cluster writes an EXR file: give -o FILE.exr, and --png for a preview")
+        })?;
+        return on_cluster(arguments, exr, picture.as_deref(), &outputs, registry);
+    }
+    if arguments.cluster.size.tile_size.is_some() {
+        return Err(Failure::usage(
+            "--tile-size needs --cluster: one process renders no tiles of its own",
+        ));
+    }
     let read = |plan: &Plan<'_, '_>| {
         let scenes = plan.description.sources.scene_files().map(Path::to_owned);
         scenes
             .chain(plan.description.flattened.files.clone())
             .collect::<Vec<_>>()
     };
-    let (mut pipeline, inputs) = build_with(&arguments.scene, registry, read)?;
+    let (mut pipeline, inputs) = build_with(&arguments.scene, registry, None, read)?;
     check_apart(&outputs, &inputs)?;
     for output in &outputs {
         atomic::check(output).map_err(Failure::environment)?;
@@ -115,11 +131,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         exr_io::write(output, &image).map_err(Failure::environment)?;
     }
     if let Some(picture) = &picture {
-        let tone = ToneMap {
-            exposure: arguments.exposure,
-        };
-        let raster = Raster::preview(&image, tone).map_err(Failure::usage)?;
-        raster.write_png(picture).map_err(Failure::environment)?;
+        write_preview(&image, arguments.exposure, picture)?;
     }
     summary.print();
     if let Some(path) = &arguments.json {
@@ -136,6 +148,46 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         }),
         _ => Ok(Exit::Pass),
     }
+}
+
+fn write_preview(image: &Image, exposure: f64, path: &Path) -> Result<(), Failure> {
+    let raster = Raster::preview(image, ToneMap { exposure }).map_err(Failure::usage)?;
+    raster.write_png(path).map_err(Failure::environment)
+}
+
+/// Renders the tiles on a cluster and merges them.
+fn on_cluster(
+    arguments: &Arguments,
+    exr: &Path,
+    picture: Option<&Path>,
+    outputs: &[&Path],
+    registry: &Registry,
+) -> Result<Exit, Failure> {
+    let target = &arguments.scene.target;
+    let tile_size = arguments.cluster.size.side();
+    let jobs = plan::jobs(&arguments.scene, tile_size, &Program::this()?, registry)?;
+    let image = &jobs[0].picture;
+    check_apart(outputs, &jobs::input_paths(&jobs))?;
+    for output in outputs {
+        atomic::check(output).map_err(Failure::environment)?;
+    }
+    let results = cluster::results(target)?;
+    if arguments.scene.fresh {
+        results.remove(&jobs);
+    }
+    let installation = target.installation();
+    (arguments.cluster).run(&jobs, &results, target, &installation, arguments.threads)?;
+    let sums = merge::merge(&jobs, &results, exr)?;
+    results.remove(&jobs);
+    println!("{}", sums.line(exr, image));
+    if let Some(picture) = picture {
+        let image = exr_io::read(exr, Limits::IMAGE).map_err(Failure::environment)?;
+        write_preview(&image, arguments.exposure, picture)?;
+    }
+    if let Some(path) = &arguments.json {
+        write_json(path, &sums.json(exr, image))?;
+    }
+    Ok(Exit::Pass)
 }
 
 /// Rejects an output that would overwrite another output or an input of the scene.

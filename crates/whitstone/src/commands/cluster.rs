@@ -1,0 +1,280 @@
+//! Runs jobs on a Dask cluster: the Rust half, which starts `cluster/cluster.py`.
+
+use super::Target;
+use crate::interrupt;
+use crate::jobs::{self, Job, Results};
+use crate::terminal::{self, Failure, progress};
+use clap::Args;
+use serde::Deserialize;
+use serde_json::json;
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::{BufRead, BufReader, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::time::{Duration, Instant};
+use whitstone_image::atomic;
+use whitstone_validate::{Installation, counted, dask_python};
+
+const SCRIPT: &str = include_str!("../../cluster/cluster.py");
+const REQUIREMENTS: &str = include_str!("../../cluster/requirements.txt");
+
+/// Where the jobs run.
+#[derive(Args, Clone, Debug)]
+// An unnamed group, because it is part of several commands.
+#[group(skip)]
+pub(super) struct Cluster {
+    /// Render in tiles on a Dask cluster: the address of its scheduler, such as
+    /// tcp://10.0.0.1:8786, or local for processes of this machine. Finished tiles are kept until
+    /// the image is complete, so that the same command continues
+    #[arg(long, value_name = "SCHEDULER")]
+    pub(super) cluster: Option<String>,
+    /// Number of worker processes of --cluster local; 0 means one per core
+    #[arg(long, value_name = "COUNT", default_value_t = 0, value_parser = super::threads, requires = "cluster")]
+    workers: usize,
+    /// How often a job may fail before it is given up; the others go on
+    #[arg(long, value_name = "COUNT", default_value_t = 2, requires = "cluster")]
+    retries: u32,
+    /// Time limit of a job, in seconds
+    #[arg(long, value_name = "SECONDS", default_value_t = 3600, requires = "cluster", value_parser = clap::value_parser!(u64).range(1..))]
+    job_time: u64,
+    /// Python with an installed Dask, to be used in place of the private environment
+    #[arg(long, value_name = "PYTHON", requires = "cluster")]
+    dask: Option<PathBuf>,
+    #[command(flatten)]
+    pub(super) size: super::plan::TileSize,
+}
+
+/// The folder of the results of unfinished images.
+pub(super) fn results(target: &Target) -> Result<Results, Failure> {
+    let folder = target.folder().join("jobs");
+    terminal::make_folder(&folder)?;
+    Ok(Results(folder))
+}
+
+/// A line of the script.
+#[derive(Debug, Deserialize)]
+#[serde(tag = "event", rename_all = "snake_case")]
+enum Event {
+    Started { workers: usize },
+    Finished {},
+    Failed { id: String, reason: String },
+    Refused { worker: String, reason: String },
+    Stopped { reason: String },
+}
+
+/// Ends the script when it is dropped.
+struct Script(Child);
+
+impl Script {
+    /// How long it may take to end after its standard input is closed.
+    const PATIENCE: Duration = Duration::from_secs(5);
+
+    fn end(&mut self) {
+        drop(self.0.stdin.take());
+        let start = Instant::now();
+        while let Ok(None) = self.0.try_wait() {
+            if start.elapsed() > Self::PATIENCE {
+                let _ = self.0.kill();
+                let _ = self.0.wait();
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+}
+
+impl Drop for Script {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+impl Cluster {
+    /// Runs the jobs that have no result yet.
+    pub(super) fn run(
+        &self,
+        jobs: &[Job],
+        results: &Results,
+        target: &Target,
+        installation: &Installation,
+        threads: usize,
+    ) -> Result<(), Failure> {
+        let waiting: Vec<&Job> = jobs.iter().filter(|job| results.find(job).is_none()).collect();
+        let before = jobs.len() - waiting.len();
+        if before > 0 {
+            eprintln!(
+                "{} of {} were finished before",
+                before,
+                counted(jobs.len(), "job")
+            );
+        }
+        if waiting.is_empty() {
+            return Ok(());
+        }
+        let (script, requirements) = unpack(installation)?;
+        let python = match &self.dask {
+            Some(python) => python.clone(),
+            None => dask_python(installation, &requirements, &|text| eprintln!("{text}"))
+                .map_err(Failure::environment)?,
+        };
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        let request = json!({
+            "scheduler": self.cluster,
+            "workers": if self.workers == 0 { cores } else { self.workers },
+            "retries": self.retries,
+            "time_limit": self.job_time,
+            "threads": threads.max(1),
+            "command": jobs::own_command()?,
+            "results": absolute(&results.0),
+            "scratch": absolute(&target.folder().join("dask")),
+            "jobs": waiting.iter().map(|job| Job::lines(std::slice::from_ref(*job))).collect::<Vec<_>>(),
+        });
+        let log = target.folder().join("cluster.log");
+        let unwritable = |error| Failure::environment(format!("{}: {error}", log.display()));
+        let mut child = Command::new(&python)
+            .arg(&script)
+            .env("PYTHONDONTWRITEBYTECODE", "1")
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(File::create(&log).map_err(unwritable)?)
+            .spawn()
+            .map_err(|error| Failure::environment(format!("{}: {error}", python.display())))?;
+        let output = child.stdout.take();
+        let mut script = Script(child);
+        if let Some(input) = &mut script.0.stdin {
+            // A script that ended early is noticed below.
+            let _ = writeln!(input, "{request}").and_then(|()| input.flush());
+        }
+        let (sender, events) = mpsc::channel();
+        std::thread::Builder::new()
+            .name("events".to_owned())
+            .spawn(move || {
+                let lines = output
+                    .into_iter()
+                    .flat_map(|output| BufReader::new(output).lines());
+                for line in lines.map_while(Result::ok) {
+                    if sender.send(line).is_err() {
+                        return;
+                    }
+                }
+            })
+            .map_err(Failure::environment)?;
+        let told = Told::listen(&events, waiting.len() as u64);
+        let signal = interrupt::signal();
+        let status = match signal {
+            Some(_) => None,
+            None => script.0.wait().ok(),
+        };
+        script.end();
+        let finished = before + told.finished;
+        let kept = format!(
+            "{finished} of {} are finished; the same command continues",
+            counted(jobs.len(), "job")
+        );
+        if let Some(signal) = signal {
+            return Err(Failure::Interrupted { signal, kept });
+        }
+        if let Some(reason) = told.stopped {
+            return Err(Failure::environment(format!("{reason}\n{kept}")));
+        }
+        if !told.failed.is_empty() {
+            let of = |id: &String| jobs.iter().find(|job| job.id == *id);
+            let failed: Vec<String> = told
+                .failed
+                .iter()
+                .map(|(id, reason)| {
+                    let tile = of(id).map(|job| format!("tile {:?} of {}, ", job.tile, job.picture.scene));
+                    format!("job {id}, {}failed: {reason}", tile.unwrap_or_default())
+                })
+                .collect();
+            return Err(Failure::environment(format!(
+                "{}\n{kept}; what Dask reported is in {}",
+                failed.join("\n"),
+                log.display()
+            )));
+        }
+        if told.finished < waiting.len() {
+            let ended = status.map_or_else(|| "ended".to_owned(), |status| format!("ended with {status}"));
+            let text = fs::read_to_string(&log).unwrap_or_default();
+            let lines: Vec<&str> = text.lines().collect();
+            return Err(Failure::environment(format!(
+                "the connection to Dask {ended}:\n{}\n{kept}",
+                lines[lines.len().saturating_sub(20)..].join("\n")
+            )));
+        }
+        Ok(())
+    }
+}
+
+/// What the script has reported.
+#[derive(Default)]
+struct Told {
+    finished: usize,
+    failed: BTreeMap<String, String>,
+    stopped: Option<String>,
+}
+
+impl Told {
+    /// Reads events until the script ends or a signal arrives.
+    fn listen(events: &mpsc::Receiver<String>, total: u64) -> Self {
+        let mut told = Self::default();
+        let bar = progress(total, "rendering");
+        let watching = interrupt::Watching::new();
+        loop {
+            match events.recv_timeout(Duration::from_millis(100)) {
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => break,
+                Ok(line) => match serde_json::from_str(&line) {
+                    Ok(Event::Started { workers }) => {
+                        terminal::set_message(
+                            &bar,
+                            &format!("rendering, at first on {}", counted(workers, "worker")),
+                        );
+                    }
+                    Ok(Event::Finished { .. }) => {
+                        told.finished += 1;
+                        bar.inc(1);
+                    }
+                    Ok(Event::Failed { id, reason }) => {
+                        bar.inc(1);
+                        told.failed.insert(id, reason);
+                    }
+                    Ok(Event::Refused { worker, reason }) => {
+                        bar.suspend(|| eprintln!("warning: worker {worker} is not used: it {reason}"));
+                    }
+                    Ok(Event::Stopped { reason }) => told.stopped = Some(reason),
+                    // Output of a library.
+                    Err(_) => {}
+                },
+            }
+            if interrupt::stop().is_requested() {
+                break;
+            }
+        }
+        drop(watching);
+        bar.finish_and_clear();
+        told
+    }
+}
+
+/// Writes the script and its requirements to the folder of the drivers; returns their paths.
+fn unpack(installation: &Installation) -> Result<(PathBuf, PathBuf), Failure> {
+    let hash = blake3::hash([SCRIPT, REQUIREMENTS].concat().as_bytes()).to_hex();
+    let folder = installation.folder.join(format!("cluster-{}", &hash[..12]));
+    terminal::make_folder(&folder)?;
+    let place = |name: &str, text: &str| {
+        let path = folder.join(name);
+        if fs::read(&path).is_ok_and(|bytes| bytes == text.as_bytes()) {
+            return Ok(path);
+        }
+        atomic::write_bytes(&path, text.as_bytes()).map_err(Failure::environment)?;
+        Ok(path)
+    };
+    Ok((
+        place("cluster.py", SCRIPT)?,
+        place("requirements.txt", REQUIREMENTS)?,
+    ))
+}
