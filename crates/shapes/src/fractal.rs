@@ -476,35 +476,6 @@ mod tests {
     }
 
     #[test]
-    fn deep_fractals_seldom_exhaust_the_search() {
-        for (map, depth) in [
-            ("julia", 12),
-            ("julia", 30),
-            ("mandelbulb", 8),
-            ("mandelbulb", 20),
-        ] {
-            let text = format!("map = \"{map}\"\ndepth = {depth}");
-            let built = build::<Shapes, Fractal>(&text, Transform::IDENTITY);
-            let Ok(LoweredShape::Custom(shape)) = built else {
-                panic!("{text}: {:?}", built.err());
-            };
-            assert_eq!(
-                shape.search_limit(),
-                None,
-                "the rays of the check are not counted"
-            );
-            let mut random = Random::new(9);
-            for _ in 0..200 {
-                let origin = 3.0 * random.direction();
-                let ray = Ray::new(origin, random.cube() - origin);
-                shape.intersect(&ray, Interval::FORWARD, None);
-            }
-            let rays = shape.search_limit().map_or(0, |reached| reached.rays);
-            assert!(rays <= 4, "{text}: {rays} of 200");
-        }
-    }
-
-    #[test]
     fn obeys_the_laws_of_shapes() {
         for depth in [1, 6] {
             let text = format!("kind = \"julia\"\nc = [-0.2, 0.6, 0.2, 0.2]\nw = 0.1\ndepth = {depth}");

@@ -636,10 +636,10 @@ mod tests {
         shape.level.reset_search_limit();
         let message = check_search(&shape).unwrap_err();
         assert!(
-            message.starts_with("the search for hits reached its limit on 64 rays, on one near ["),
+            message.starts_with("the search for hits reached its limit on 16 rays, on one near ["),
             "{message}"
         );
-        assert!(message.contains("of 64 through its box"), "{message}");
+        assert!(message.contains("of 16 through its box"), "{message}");
     }
 
     #[test]

@@ -4,6 +4,10 @@
 //! Half of all generations are drawn at random; the others change the worst case so far. What it
 //! finds becomes a fixed case in [`FOUND`].
 
+mod found;
+
+pub use found::{FOUND, Found};
+
 use crate::{Family, Judged, Lab};
 use whitstone_core::{DVec3, Ray};
 use whitstone_testkit::Random;
@@ -34,20 +38,6 @@ impl Worst {
         self.wrong > 0 || self.judged.share > 1.0
     }
 }
-
-/// A case that a search found, and that is asked again by every test run.
-#[derive(Clone, Copy, Debug)]
-pub struct Found {
-    /// The family.
-    pub family: &'static str,
-    /// The value of its parameter.
-    pub parameter: f64,
-    /// The ray: origin and direction; `None` for a whole step.
-    pub ray: Option<[f64; 6]>,
-}
-
-/// The worst cases of earlier searches.
-pub const FOUND: &[Found] = &[];
 
 /// Asks the question of a fixed case again.
 ///

@@ -279,9 +279,9 @@ impl Level {
 }
 
 /// Number of rays that [`check_search`] traces.
-const PROBES: u32 = 64;
+const PROBES: u32 = 16;
 /// Largest share of them, in percent, that may reach the limit of the search.
-const MAX_LIMITED: u64 = 10;
+const MAX_LIMITED: u64 = 25;
 
 /// Rejects a shape if the search for its surface reaches its limit on too many rays through its
 /// box: parts of it would be missing. The rays are a low-discrepancy sequence (Richtmyer 1951).

@@ -86,7 +86,8 @@ impl Family for Coincident {
         let rays: Vec<(Ray, bool)> = (0..lab.rays)
             .map(|_| {
                 let from_above = random.below(2) == 0;
-                let target = DVec3::new(0.7 * random.signed(), 0.7 * random.signed(), LEVEL);
+                // So far inside that a flat ray meets both sheets at the widest gap, too.
+                let target = DVec3::new(0.4 * random.signed(), 0.4 * random.signed(), LEVEL);
                 let mut towards = random.direction();
                 towards.z = (0.2 + towards.z.abs()).copysign(if from_above { -1.0 } else { 1.0 });
                 let origin = target - (2.0 + random.unit()) * towards;

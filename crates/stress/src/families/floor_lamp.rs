@@ -141,9 +141,8 @@ fn textbook<R: Real>(
         let origin = [0, 1, 2].map(|i| o[i] + t * d[i] + offset::<R>() * up);
         let to = [0, 1, 2].map(|i| lamp[i] - origin[i]);
         let along = (to[0] + to[1] + to[2]) * up;
-        let is_hidden =
-            |triangle: &Box<dyn Textbook<R>>| triangle.intersect(origin, to).is_some_and(|t| t < one);
-        if along <= zero || floor.iter().any(is_hidden) {
+        let hides = |triangle: &dyn Textbook<R>| triangle.intersect(origin, to).is_some_and(|t| t < one);
+        if along <= zero || floor.iter().any(|triangle| hides(&**triangle)) {
             return 0.0;
         }
         let square = to[0] * to[0] + to[1] * to[1] + to[2] * to[2];
