@@ -1,0 +1,312 @@
+//! Jobs on a Dask cluster whose workers are killed, stopped, late or of another version, and whose
+//! scheduler goes away: the image has the bytes of one process, and nothing is done twice.
+#![cfg(unix)]
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+use whitstone_tests::{dask, entries, root};
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_whitstone-under-test");
+
+/// Longest wait for something that happens within seconds on an idle machine.
+const PATIENCE: Duration = Duration::from_secs(100);
+
+/// A process that is killed at the end of the test, stopped or not.
+struct Process(Child);
+
+impl Process {
+    fn start(command: &mut Command) -> Self {
+        Self(command.stdin(Stdio::null()).spawn().unwrap())
+    }
+
+    fn send(&self, signal: &str) {
+        let status = Command::new("kill")
+            .args([signal, &self.0.id().to_string()])
+            .status();
+        assert!(status.unwrap().success(), "kill {signal}");
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {
+    let start = Instant::now();
+    while !holds() {
+        assert!(start.elapsed() < PATIENCE, "no {what} after {PATIENCE:?}");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+/// A folder with a scheduler, and what is rendered there.
+struct Cluster {
+    python: PathBuf,
+    folder: tempfile::TempDir,
+    schedulers: u32,
+}
+
+impl Cluster {
+    fn new(python: &Path) -> Self {
+        Self {
+            python: python.to_owned(),
+            folder: tempfile::tempdir().unwrap(),
+            schedulers: 0,
+        }
+    }
+
+    fn at(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn dask(&self, kind: &str) -> Command {
+        let mut command = Command::new(&self.python);
+        command.args(["-m", &format!("distributed.cli.dask_{kind}"), "--no-dashboard"]);
+        let log = fs::File::options()
+            .create(true)
+            .append(true)
+            .open(self.at("dask.log"))
+            .unwrap();
+        command.stdout(Stdio::null()).stderr(log);
+        command
+    }
+
+    fn file(&self) -> PathBuf {
+        self.at(&format!("scheduler-{}.json", self.schedulers))
+    }
+
+    /// Starts a scheduler, which gives a worker up after five seconds without a sign of life.
+    fn scheduler(&mut self) -> Process {
+        self.schedulers += 1;
+        let mut command = self.dask("scheduler");
+        command
+            .args(["--host", "127.0.0.1", "--port", "0", "--scheduler-file"])
+            .arg(self.file())
+            .env("DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL", "5s");
+        let scheduler = Process::start(&mut command);
+        wait_until("scheduler", || self.address().is_some());
+        scheduler
+    }
+
+    fn address(&self) -> Option<String> {
+        let text = fs::read_to_string(self.file()).ok()?;
+        let value: serde_json::Value = serde_json::from_str(&text).ok()?;
+        Some(value["address"].as_str()?.to_owned())
+    }
+
+    /// Starts a worker that finds `program` as its Whitstone.
+    fn worker(&self, program: &Path) -> Process {
+        let mut command = self.dask("worker");
+        command
+            .args(["--no-nanny", "--nthreads", "1", "--scheduler-file"])
+            .arg(self.file())
+            .arg("--local-directory")
+            .arg(self.at("workers"))
+            .env("WHITSTONE", program);
+        Process::start(&mut command)
+    }
+
+    /// Starts the rendering of an image in 12 tiles, each of which takes some tenths of a second.
+    fn render(&self, scheduler: &str, more: &[&str]) -> Child {
+        command(&["-o"])
+            .arg(self.at("out.exr"))
+            .args(["--tile-size", "16", "--cluster", scheduler, "--dask"])
+            .arg(&self.python)
+            .arg("--target")
+            .arg(self.at("target"))
+            .args(more)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap()
+    }
+
+    /// Number of finished jobs that wait to be merged.
+    fn finished(&self) -> usize {
+        let all = entries(&self.at("target/jobs"));
+        all.iter().filter(|name| name.ends_with(".json")).count()
+    }
+
+    /// Whether a process runs a job of the workers of this cluster.
+    fn runs_jobs(&self) -> bool {
+        let folder = self.folder.path().as_os_str().as_encoded_bytes();
+        let all = fs::read_dir("/proc").into_iter().flatten().flatten();
+        all.filter_map(|process| fs::read(process.path().join("cmdline")).ok())
+            .any(|line| {
+                let has = |part: &[u8]| line.windows(part.len()).any(|bytes| bytes == part);
+                has(b"run-job") && has(folder)
+            })
+    }
+
+    fn told(&self, output: &Output) -> String {
+        let dask = fs::read_to_string(self.at("dask.log")).unwrap_or_default();
+        format!("{}\n{dask}", String::from_utf8_lossy(&output.stderr))
+    }
+
+    fn succeeds(&self, child: Child, whole: &[u8]) -> String {
+        let output = child.wait_with_output().unwrap();
+        assert!(output.status.success(), "{}", self.told(&output));
+        assert!(fs::read(self.at("out.exr")).unwrap() == whole);
+        // Nothing that was merged stays.
+        assert!(entries(&self.at("target/jobs")).is_empty());
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    }
+}
+
+fn command(more: &[&str]) -> Command {
+    let mut command = Command::new(PROGRAM);
+    command
+        .env("RUST_BACKTRACE", "0")
+        .arg("render")
+        .arg(root().join("scenes/showcase/classic.toml"))
+        .args(["--set", "film={width=64,height=48}", "--threads", "1"])
+        .args(["--set", "sampler={type='grid',samples_per_axis=64}"])
+        .args(more);
+    command
+}
+
+/// The image of one process.
+fn whole(folder: &Path) -> Vec<u8> {
+    let path = folder.join("whole.exr");
+    let output = command(&["-o"]).arg(&path).output().unwrap();
+    assert!(output.status.success());
+    fs::read(path).unwrap()
+}
+
+/// The same program with another hash.
+fn other_version(folder: &Path) -> PathBuf {
+    let path = folder.join("other");
+    fs::copy(PROGRAM, &path).unwrap();
+    let mut bytes = fs::read(&path).unwrap();
+    bytes.push(0);
+    fs::write(&path, bytes).unwrap();
+    path
+}
+
+/// A program that kills itself at the job of the first tile.
+fn poisoned(folder: &Path) -> PathBuf {
+    let path = folder.join("poisoned");
+    let script = format!(
+        "#!/bin/sh\n\
+         if [ \"$2\" = --program ]; then exec '{PROGRAM}' \"$@\"; fi\n\
+         read -r line\n\
+         case \"$line\" in *'\"tile\":[0,0,'*) kill -9 $$ ;; esac\n\
+         file=$(mktemp '{}/job-XXXXXX')\n\
+         printf '%s\\n' \"$line\" >\"$file\"\n\
+         shift 3\n\
+         exec '{PROGRAM}' run-job \"$file\" \"$@\"\n",
+        folder.display()
+    );
+    fs::write(&path, script).unwrap();
+    fs::set_permissions(&path, std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+    path
+}
+
+#[test]
+fn a_local_cluster_gives_the_bytes_of_one_process() {
+    let Some(python) = dask() else { return };
+    let cluster = Cluster::new(&python);
+    let whole = whole(cluster.folder.path());
+    cluster.succeeds(cluster.render("local", &["--workers", "2"]), &whole);
+    wait_until("end of the workers", || !cluster.runs_jobs());
+}
+
+#[test]
+fn lost_late_and_foreign_workers_change_nothing() {
+    let Some(python) = dask() else { return };
+    let mut cluster = Cluster::new(&python);
+    let whole = whole(cluster.folder.path());
+    let _scheduler = cluster.scheduler();
+    let good = Path::new(PROGRAM);
+    let (killed, stopped) = (cluster.worker(good), cluster.worker(good));
+    let _foreign = cluster.worker(&other_version(cluster.folder.path()));
+    let rendering = cluster.render(&cluster.address().unwrap(), &[]);
+    wait_until("first results", || cluster.finished() >= 2);
+    killed.send("-KILL");
+    stopped.send("-STOP");
+    assert!(cluster.finished() < 10, "the jobs were too short for this test");
+    let _late = cluster.worker(good);
+    let told = cluster.succeeds(rendering, &whole);
+    assert!(told.contains("is not used: it needs whitstone"), "{told}");
+    // The job of the killed worker has ended by itself; that of the stopped one ends with it.
+    drop(stopped);
+    wait_until("end of the jobs of lost workers", || !cluster.runs_jobs());
+}
+
+#[test]
+fn a_lost_scheduler_and_a_poison_job_leave_what_is_finished() {
+    let Some(python) = dask() else { return };
+    let mut cluster = Cluster::new(&python);
+    let whole = whole(cluster.folder.path());
+    let good = Path::new(PROGRAM);
+    let scheduler = cluster.scheduler();
+    let worker = cluster.worker(good);
+    let rendering = cluster.render(&cluster.address().unwrap(), &[]);
+    wait_until("first results", || cluster.finished() >= 2);
+    scheduler.send("-KILL");
+    let output = rendering.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(3), "{}", cluster.told(&output));
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(text.contains("the scheduler is gone"), "{text}");
+    assert!(
+        text.contains("of 12 jobs are finished; the same command continues"),
+        "{text}"
+    );
+    let before = cluster.finished();
+    assert!((2..12).contains(&before), "{before}");
+    drop(worker);
+    drop(scheduler);
+
+    let _scheduler = cluster.scheduler();
+    let address = cluster.address().unwrap();
+    let worker = cluster.worker(&poisoned(cluster.folder.path()));
+    // That tile may be finished already; it is not if its result is gone.
+    let first = poisoned_result(&cluster);
+    let before = before - first;
+    let output = cluster
+        .render(&address, &["--retries", "1"])
+        .wait_with_output()
+        .unwrap();
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(3), "{}", cluster.told(&output));
+    assert!(
+        text.contains(&format!("{before} of 12 jobs were finished before")),
+        "{text}"
+    );
+    assert!(
+        text.contains("tile [0, 0, 16, 16] of classic.toml, failed"),
+        "{text}"
+    );
+    assert!(text.contains("ended by signal 9"), "{text}");
+    assert!(text.contains("11 of 12 jobs are finished"), "{text}");
+    assert!(!cluster.at("out.exr").exists());
+    drop(worker);
+
+    let _worker = cluster.worker(good);
+    let told = cluster.succeeds(cluster.render(&address, &[]), &whole);
+    assert!(told.contains("11 of 12 jobs were finished before"), "{told}");
+}
+
+/// Removes the result of the first tile; returns the number of results that it removed.
+fn poisoned_result(cluster: &Cluster) -> usize {
+    let jobs = cluster.at("jobs.jsonl");
+    let planned = Command::new(PROGRAM)
+        .arg("plan")
+        .arg(root().join("scenes/showcase/classic.toml"))
+        .args(["--set", "film={width=64,height=48}", "--tile-size", "16"])
+        .args(["--set", "sampler={type='grid',samples_per_axis=64}", "-o"])
+        .arg(&jobs)
+        .output()
+        .unwrap();
+    assert!(planned.status.success());
+    let text = fs::read_to_string(jobs).unwrap();
+    let job: serde_json::Value = serde_json::from_str(text.lines().next().unwrap()).unwrap();
+    let record = format!("target/jobs/{}.json", job["id"].as_str().unwrap());
+    usize::from(fs::remove_file(cluster.at(&record)).is_ok())
+}
