@@ -17,12 +17,14 @@
 //! If none of them fails, the family proves nothing and is reported as vacuous.
 
 pub mod families;
+mod kernel;
 mod lab;
 pub mod plot;
 mod rays;
 mod report;
 
 pub use families::{ELSEWHERE, FAMILIES};
+pub use kernel::{KernelReport, judge_kernel};
 pub use lab::Lab;
 pub use report::{EngineReport, FamilyReport, Step, Verdict, headline, price, table};
 
