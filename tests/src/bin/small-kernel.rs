@@ -63,10 +63,10 @@ fn answer(triangles: &[[Vector; 3]], request: &Value, fault: &str) -> Value {
         return json!({ "ok": false, "kind": "unsupported", "error": "rays start at 0" });
     }
     let mut columns: [Vec<Value>; 4] = Default::default();
-    for ray in 0..origins.len() {
+    for (ray, &origin) in origins.iter().enumerate() {
         let mut best: Option<([f64; 3], usize)> = None;
         for (index, triangle) in triangles.iter().enumerate() {
-            let Some(mut found) = hit(*triangle, origins[ray], directions[ray]) else {
+            let Some(mut found) = hit(*triangle, origin, directions[ray]) else {
                 continue;
             };
             if fault == "gaps" && found[1] + found[2] > 0.9 {

@@ -138,9 +138,8 @@ fn map_of(table: &Table, faults: &Faults) -> Map {
                     let axis = unit(vector(&value["axis"]));
                     let sign = if faults.has("clockwise") { -1.0 } else { 1.0 };
                     let (sin, cos) = (sign * number(&value["degrees"]).to_radians()).sin_cos();
-                    for k in 0..3 {
+                    for (k, e) in IDENTITY.0.into_iter().take(3).enumerate() {
                         // Rodrigues' formula.
-                        let e = IDENTITY.0[k];
                         let along = scaled(axis, dot(axis, e) * (1.0 - cos));
                         map.0[k] = add(add(scaled(e, cos), scaled(cross(axis, e), sin)), along);
                     }

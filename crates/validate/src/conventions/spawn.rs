@@ -142,8 +142,7 @@ pub(super) fn measure(lab: &Lab<'_>, guess: &Guess, free: Free) -> Result<Spawn,
         }
         if parts.is_empty() {
             return Ok(Spawn::Measured(format!(
-                "shadow rays start less than {:.0e} m from their surface",
-                pixel
+                "shadow rays start less than {pixel:.0e} m from their surface"
             )));
         }
         let sentence = format!("shadow rays start {}", parts.join(" and "));

@@ -158,7 +158,7 @@ pub(super) fn widen(inputs: &mut [Input; 2], range: [&Path; 2]) -> Result<(), St
             let width = least.1.image.width();
             for (index, value) in plane.iter_mut().enumerate() {
                 let (low, high) = (low[index], high[index]);
-                if !(low <= high) {
+                if low > high || low.is_nan() || high.is_nan() {
                     return Err(format!(
                         "{} is not above {} in channel {name} of pixel ({}, {})",
                         most.0.display(),
