@@ -524,3 +524,161 @@ fn the_values_of_a_reference_explain() {
     );
     check(&["compare", &black, &black], 0, &["each image shows one colour"]);
 }
+
+/// The limits of idiff, with one hyphen, on floats and on codes; warnings do not fail.
+#[test]
+fn limits_of_idiff_have_its_meaning() {
+    let folder = tempfile::tempdir().unwrap();
+    let reference = put(folder.path(), "reference.exr", &wall(|_, _| 0.0));
+    // 4 of 256 pixels, 1.5625 %, differ by 0.01, one of them by 0.5.
+    let change = |x: usize, y: usize| match (x, y) {
+        (2, 2) => 0.5,
+        (3..6, 2) => 0.01,
+        _ => 0.0,
+    };
+    let ours = put(folder.path(), "ours.exr", &wall(change));
+    let with = |extra: &[&'static str], code: i32, parts: &[&str]| {
+        check(&[&["compare", &ours, &reference], extra].concat(), code, parts)
+    };
+    with(&["-fail", "0.6"], 0, &["pass"]);
+    with(
+        &["-fail", "0.001"],
+        1,
+        &["4 of 256 pixels, 1.5625 %, differ by more than 0.001; the limit is 0 %"],
+    );
+    with(&["-fail", "0.001", "-failpercent", "1.6"], 0, &["pass"]);
+    with(
+        &["-failpercent", "1.6", "-hardfail", "0.4"],
+        1,
+        &["a pixel differs by 0.500000; the limit is 0.4"],
+    );
+    with(
+        &["-fail", "0.6", "-warn", "0.1", "-warnpercent", "0.1"],
+        0,
+        &["WARNING: 1 of 256 pixels", "pass"],
+    );
+    // Other limits still count.
+    with(&["-fail", "0.6", "--max-over", "0"], 1, &["over tolerance"]);
+    with(&["-failpercent", "200"], 2, &["from 0 to 100"]);
+
+    let picture = |name: &str, code: u8| {
+        let path = folder.path().join(name);
+        let raster = Raster::from_fn(16, 16, |x, _| [if x == 0 { code } else { 100 }; 3]);
+        raster.write_png(&path).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let (a, b) = (picture("a.png", 100), picture("b.png", 101));
+    check(&["compare", &a, &b, "-fail", "0.004"], 0, &["pass"]);
+    check(&["compare", &a, &b, "-fail", "0.0039"], 1, &["16 of 256 pixels"]);
+}
+
+/// Every value between those of two images is accepted, and no value outside.
+#[test]
+fn a_range_of_references_is_accepted() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str, change: f32| put(folder.path(), name, &wall(|_, _| change));
+    let (least, most) = (at("min.exr", -0.1), at("max.exr", 0.1));
+    let reference = at("reference.exr", 0.0);
+    let range = ["--reference-range", least.as_str(), most.as_str()];
+    let with = |ours: &str, range: &[&str], code, parts: &[&str]| {
+        check(&[&["compare", ours, &reference], range].concat(), code, parts)
+    };
+    let inside = at("inside.exr", 0.09);
+    with(&inside, &[], 1, &["over tolerance"]);
+    with(&inside, &range, 0, &["pass"]);
+    with(
+        &at("outside.exr", 0.11),
+        &range,
+        1,
+        &["256 pixels are over tolerance"],
+    );
+    with(&at("nan.exr", f32::NAN), &range, 1, &["not finite"]);
+    let swapped = ["--reference-range", most.as_str(), least.as_str()];
+    with(&inside, &swapped, 2, &["is not above", "pixel (0, 0)"]);
+    let small = folder.path().join("small.exr");
+    exr_io::write(&small, &Image::from_fn(2, 2, |_, _| [1.0; 3]).unwrap()).unwrap();
+    let other_size = ["--reference-range", least.as_str(), small.to_str().unwrap()];
+    with(
+        &inside,
+        &other_size,
+        2,
+        &["of the size and kind of the reference"],
+    );
+    with(&inside, &["--reference-range", &least, "no.exr"], 2, &["no.exr"]);
+}
+
+/// Accepting writes the reference and nothing else, and only where the images differ.
+#[test]
+fn images_are_accepted_where_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let (good, other) = (wall(|_, _| 0.0), wall(|x, _| 0.01 * x as f32));
+    let ours = put(folder.path(), "ours.exr", &other);
+    let reference = put(folder.path(), "reference.exr", &good);
+    let accept = |ours: &str, reference: &str, code, parts: &[&str]| {
+        check(&["compare", ours, reference, "--accept"], code, parts)
+    };
+    check(&["compare", &ours, &reference], 1, &[]);
+    accept(&ours, &reference, 0, &["DIFFERS", "accepted: "]);
+    assert_eq!(fs::read(&ours).unwrap(), fs::read(&reference).unwrap());
+    assert!(!accept(&ours, &reference, 0, &["pass"]).contains("accepted"));
+    // One that does not exist yet, in a folder that does not exist yet.
+    let new = folder.path().join("new/er.exr").to_str().unwrap().to_owned();
+    accept(&ours, &new, 0, &["not comparable", "accepted: "]);
+    check(&["compare", &ours, &new], 0, &[]);
+    // What is no reference is not accepted.
+    let before = fs::read(&reference).unwrap();
+    let broken = put(folder.path(), "broken.exr", &wall(|_, _| f32::NAN));
+    accept(
+        &broken,
+        &reference,
+        2,
+        &["is not accepted: it has 768 values that are not finite"],
+    );
+    fs::write(folder.path().join("damaged.exr"), "no image").unwrap();
+    let damaged = folder.path().join("damaged.exr").to_str().unwrap().to_owned();
+    accept(&damaged, &reference, 2, &["damaged.exr"]);
+    accept(&ours, "reference.png", 2, &["has another extension"]);
+    assert_eq!(fs::read(&reference).unwrap(), before);
+    assert!(!root().join("reference.png").exists());
+    // Stored references record their variation, and belong to `validate`.
+    let stored = root().join("references/images/shapes/sphere/mitsuba.exr");
+    let kept = fs::read(&stored).unwrap();
+    accept(
+        &ours,
+        stored.to_str().unwrap(),
+        2,
+        &["is a stored reference of `validate`"],
+    );
+    assert_eq!(fs::read(&stored).unwrap(), kept);
+
+    // Of folders, each image on its own.
+    for (name, image) in [
+        ("ours/same.exr", &good),
+        ("refs/same.exr", &good),
+        ("ours/deep/other.exr", &other),
+        ("refs/deep/other.exr", &good),
+        ("ours/new/one.exr", &other),
+        ("refs/only.exr", &good),
+    ] {
+        put(folder.path(), name, image);
+    }
+    let at = |name: &str| folder.path().join(name);
+    let both = [at("ours"), at("refs")].map(|path| path.to_str().unwrap().to_owned());
+    let only = fs::read(at("refs/only.exr")).unwrap();
+    accept(
+        &both[0],
+        &both[1],
+        2,
+        &[
+            "ACCEPT deep/other.exr",
+            "ACCEPT new/one.exr",
+            "ERROR  only.exr",
+            "1 passed, 0 failed, 1 could not be compared, 2 accepted",
+        ],
+    );
+    assert_eq!(fs::read(at("refs/only.exr")).unwrap(), only);
+    fs::remove_file(at("refs/only.exr")).unwrap();
+    check(&["compare", &both[0], &both[1]], 0, &["3 passed"]);
+    let stray = fs::read_dir(at("refs")).unwrap().count();
+    assert_eq!(stray, 3, "deep, new, same.exr");
+}

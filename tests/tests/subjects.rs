@@ -182,10 +182,54 @@ fn a_command_may_say_that_it_cannot_render_a_scene() {
         3,
         &[
             "skipped",
-            "the command cannot render this scene",
-            "| no spheres here",
+            "the command cannot render this scene: no spheres here\n",
         ],
     );
+    // Only the reason is printed, not what comes before it or goes to standard error.
+    let noisy = "echo version 3; echo warning >&2; echo; echo no spheres here; echo bye >&2; exit 77";
+    let outcome = Subject::script(noisy, "").validate(&[SCENE]);
+    expect(&outcome, 3, &["this scene: no spheres here\n"]);
+    assert!(
+        !outcome.text.contains("version 3") && !outcome.text.contains("bye"),
+        "{}",
+        outcome.text
+    );
+    let outcome = Subject::script("echo only this >&2; exit 77", "").validate(&[SCENE]);
+    expect(&outcome, 3, &["this scene: only this\n"]);
+}
+
+/// A scene in which the keys of the table are not possible is skipped, and not the subject's fault.
+#[test]
+fn scenes_in_which_the_table_is_not_possible_are_skipped() {
+    let render = "WHITSTONE render \"$1\" -o \"$2\"";
+    let panorama = "scenes/cameras/environment.toml";
+    let shifted = Subject::script(render, "offset = [0.5, -0.5]").validate(&[panorama]);
+    expect(
+        &shifted,
+        3,
+        &[
+            "skipped",
+            "`offset` of subject tracer is not possible in this scene: a camera of type \"environment\"",
+        ],
+    );
+    assert!(shifted.junit.contains("<skipped"), "{}", shifted.junit);
+    let near = Subject::script(render, "set = [\"camera.near=0.1\"]").validate(&[panorama]);
+    expect(
+        &near,
+        3,
+        &[
+            "skipped",
+            "`set` of subject tracer is not possible in this scene",
+            "near",
+        ],
+    );
+    // A scene that is wrong by itself stays an error.
+    let folder = tempfile::tempdir().unwrap();
+    let wrong = folder.path().join("wrong.toml");
+    fs::write(&wrong, "[camera]\ntype = \"perspectve\"\n").unwrap();
+    let outcome = Subject::script(render, "set = [\"camera.near=0.1\"]").validate(&[wrong.to_str().unwrap()]);
+    assert_ne!(outcome.code, Some(3), "{}", outcome.text);
+    assert!(outcome.text.contains("did you mean"), "{}", outcome.text);
 }
 
 /// Each of these is named as what it is, and the next scene is validated all the same.
@@ -204,6 +248,10 @@ fn misbehaving_subjects_are_named_and_other_scenes_go_on() {
         ("exit 7", "exit status: 7"),
         ("kill -SEGV $$", "signal: 11"),
         ("exit 0", "the command wrote no image to"),
+        (
+            "WHITSTONE render \"$1\" -o \"$2.png\"",
+            "image.exr; in the same folder it wrote image.exr.png",
+        ),
         (": > \"$2\"", "is empty"),
         ("mkdir \"$2\"", "is not a regular file"),
         ("echo hello > \"$2\"", "not an EXR, PNG"),

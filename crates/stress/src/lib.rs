@@ -19,6 +19,7 @@
 //! [`search`] hunts for values and rays between the steps for which the promise is broken.
 
 pub mod families;
+mod kernel;
 mod lab;
 pub mod plot;
 mod rays;
@@ -26,6 +27,7 @@ mod report;
 pub mod search;
 
 pub use families::{ELSEWHERE, FAMILIES};
+pub use kernel::{KernelReport, judge_kernel};
 pub use lab::Lab;
 pub use report::{EngineReport, FamilyReport, Step, Verdict, headline, price, table};
 

@@ -1,32 +1,32 @@
 //! Finds the conventions by which a subject differs from the model: where it samples a pixel, its
-//! reconstruction filter, reversed rows or columns, the axis of the field of view, light units, and
-//! the transfer function.
+//! reconstruction filter, the orientation of images and textures, the meaning of angles and of
+//! light units, transfer functions, defaults, and distances that it leaves out.
 //!
-//! The subject renders two probe scenes. Whitstone renders them with 8 x 8 samples per pixel at
-//! known places, from which the image under any hypothesis is composed. The hypothesis with the
-//! smallest error is found by coordinate descent from the best of a coarse grid. A convention is
-//! *found* if the error without it is clearly larger.
+//! The subject renders small probe scenes. From the first one follows how its images are made:
+//! Whitstone renders the probe with 8 x 8 samples per pixel at known places, from which the image
+//! under any hypothesis is composed. The hypothesis with the smallest error is found by coordinate
+//! descent from the best of a coarse grid. In the other probes the hypotheses are changes of the
+//! scene. A convention is *found* if the error without it is clearly larger.
 
+mod choices;
+mod image;
+mod probe;
+mod spawn;
+mod surfaces;
+
+use crate::result::counted;
 use crate::stop::Stop;
-use crate::subject::render::{Job, SubjectError, render};
-use crate::subject::{Subject, shifted};
-use crate::validator::flatten_sources;
+use crate::subject::Subject;
+use crate::subject::render::SubjectError;
+use choices::{Choice, Examined, Picked, changes, descend, examine};
+pub use image::Filter;
+use image::{ALL_FREE, Free, Guess, Samples, TRANSFERS, best, compose, fit};
+use probe::{Lab, Probe, VIEWS};
 use serde::Serialize;
-use std::fmt;
 use std::path::Path;
 use whitstone_core::Registry;
 use whitstone_image::{Image, Transfer};
-use whitstone_render::{BuildOptions, Pipeline, RenderOptions};
-use whitstone_scene::Sources;
 
-/// Samples per pixel along each axis: the resolution of an offset.
-const SUPER: usize = 8;
-/// Pixels at the border that are not compared: some hypotheses look beyond it.
-const MARGIN: usize = 3;
-/// Size of the probe images. They are not square, so that the axis of the field of view shows.
-const SIZE: [usize; 2] = [96, 64];
-/// Largest offset along an axis, in pixels.
-const FARTHEST: i32 = 1;
 /// A convention is found if the error without it is larger by this factor and by
 /// [`CLEARLY_MORE`].
 const CLEARLY: f64 = 1.25;
@@ -34,161 +34,49 @@ const CLEARLY: f64 = 1.25;
 const CLEARLY_MORE: f64 = 2e-4;
 /// Largest relative difference of two factors that are taken as the same.
 const SAME_FACTOR: f64 = 2e-3;
+/// A larger error of the first probe is searched for in the scene, too.
+const EXPLAINED: f64 = 5e-3;
+/// With a larger error of the first probe, the others would say nothing.
+const UNDERSTOOD: f64 = 0.1;
+/// The largest difference of the same value in two runs, in units of the mean.
+const REPEATED: f64 = 1e-5;
 
-/// What both probes show: balls and a wall, without any symmetry. They are lit by what follows.
-const PROBE: &str = r#"
-[film]
-width = 96
-height = 64
-[camera]
-type = "perspective"
-look_at = { origin = [0.3, 0.5, 5], target = [0, 0, 0] }
-fov = 50
-[[shape]]
-type = "sphere"
-center = [-1, 0.4, 0]
-radius = 0.8
-material = { type = "matte", reflectance = [0.8, 0.5, 0.3] }
-[[shape]]
-type = "sphere"
-center = [0.9, -0.5, 0.5]
-radius = 0.6
-material = { type = "matte", reflectance = [0.3, 0.7, 0.5] }
-[[shape]]
-type = "rectangle"
-transform = [{ rotate = { axis = [1, 0.4, 0], degrees = -25 } }, { translate = [0.5, 0.3, -2] }]
-material = { type = "matte", reflectance = [0.4, 0.4, 0.9] }
-"#;
-/// The light of the first probe, and of the second.
-const LIGHTS: [(&str, &str); 2] = [
-    (
-        "directional",
-        "[[light]]\ntype = \"directional\"\ndirection = [-1, -2, -3]\nirradiance = 2\n",
-    ),
-    (
-        "point",
-        "[[light]]\ntype = \"point\"\nposition = [2, 3, 4]\nintensity = 40\n",
-    ),
-];
-
-/// Factors between units of light that programs use, and their names.
-const FACTORS: [(f64, &str); 9] = [
+/// Factors between units of light that programs use, with what a brighter and a darker image mean.
+const FACTORS: [(f64, &str, &str); 9] = [
     (
         std::f64::consts::PI,
-        "pi: a factor of 1/pi in the reflection, or in the light, is missing or twice",
+        "pi: a factor of 1/pi in the reflection or in the light is missing",
+        "pi: a factor of 1/pi in the reflection or in the light is there twice, or candela are taken as the lumen of a spot",
     ),
     (
         4.0 * std::f64::consts::PI,
-        "4 pi: the power of a point light is taken as its intensity",
+        "4 pi: a power is taken as an intensity",
+        "4 pi: the intensity of the light (W/sr, candela) is taken as its power (W, lumen)",
     ),
-    (2.0 * std::f64::consts::PI, "2 pi"),
-    (std::f64::consts::PI * std::f64::consts::PI, "pi squared"),
-    (4.0 * std::f64::consts::PI * std::f64::consts::PI, "4 pi squared"),
-    (683.0, "683: photometric units are taken as radiometric ones"),
+    (2.0 * std::f64::consts::PI, "2 pi", "2 pi"),
+    (
+        std::f64::consts::PI * std::f64::consts::PI,
+        "pi squared",
+        "pi squared",
+    ),
+    (
+        4.0 * std::f64::consts::PI * std::f64::consts::PI,
+        "4 pi squared",
+        "4 pi squared: the intensity is taken as a power, and 1/pi is there twice",
+    ),
+    (
+        683.0,
+        "683: radiometric units are taken as photometric ones",
+        "683: photometric units are taken as radiometric ones",
+    ),
     (
         683.0 / (4.0 * std::f64::consts::PI),
-        "683/(4 pi): lumen is taken as W/sr",
+        "683/(4 pi): W/sr are taken as lumen",
+        "683/(4 pi): lumen are taken as W/sr",
     ),
-    (2.0, "2"),
-    (4.0, "4"),
+    (2.0, "2", "2"),
+    (4.0, "4", "4"),
 ];
-
-/// A reconstruction filter.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Filter {
-    /// One sample.
-    Point,
-    /// The mean over a square of this width in pixels.
-    Box(f64),
-    /// A tent of this radius in pixels.
-    Tent(f64),
-    /// A Gaussian of this standard deviation in pixels.
-    Gaussian(f64),
-}
-
-impl fmt::Display for Filter {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Point => write!(f, "one sample"),
-            Self::Box(width) => write!(f, "a box of {width} pixels"),
-            Self::Tent(radius) => write!(f, "a tent with a radius of {radius} pixels"),
-            Self::Gaussian(deviation) => write!(f, "a Gaussian with a deviation of {deviation} pixels"),
-        }
-    }
-}
-
-/// The filters that are tried.
-const FILTERS: [Filter; 8] = [
-    Filter::Point,
-    Filter::Box(1.0),
-    Filter::Box(2.0),
-    Filter::Tent(1.0),
-    Filter::Gaussian(0.25),
-    Filter::Gaussian(0.375),
-    Filter::Gaussian(0.5),
-    Filter::Gaussian(0.75),
-];
-
-impl Filter {
-    /// Distances in samples, and their weights.
-    fn weights(self) -> Vec<(i32, f64)> {
-        let unit = SUPER as f64;
-        let (reach, weight): (f64, Box<dyn Fn(f64) -> f64>) = match self {
-            Self::Point => (0.0, Box::new(|_| 1.0)),
-            Self::Box(width) => {
-                let half = 0.5 * width * unit;
-                // The samples at both ends count by half.
-                (
-                    half,
-                    Box::new(move |d: f64| if d.abs() < half { 1.0 } else { 0.5 }),
-                )
-            }
-            Self::Tent(radius) => (radius * unit, Box::new(move |d: f64| radius * unit - d.abs())),
-            Self::Gaussian(deviation) => {
-                let deviation = deviation * unit;
-                let reach = (3.0 * deviation).min(2.0 * unit);
-                (
-                    reach,
-                    Box::new(move |d: f64| (-0.5 * (d / deviation).powi(2)).exp()),
-                )
-            }
-        };
-        let reach = reach as i32;
-        let all: Vec<(i32, f64)> = (-reach..=reach).map(|d| (d, weight(f64::from(d)))).collect();
-        let sum: f64 = all.iter().map(|(_, weight)| weight).sum();
-        all.into_iter().map(|(d, weight)| (d, weight / sum)).collect()
-    }
-}
-
-/// The transfer functions that are tried, with their names in a configuration.
-const TRANSFERS: [(Transfer, &str); 3] = [
-    (Transfer::Linear, "linear"),
-    (Transfer::Srgb, "sRGB"),
-    (Transfer::Gamma(2.2), "a gamma of 2.2"),
-];
-
-/// A hypothesis.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Guess {
-    /// In samples, to the right and down.
-    offset: [i32; 2],
-    flip: [bool; 2],
-    /// Whether the field of view is along y.
-    along_y: bool,
-    /// Index in [`TRANSFERS`].
-    transfer: usize,
-    filter: Filter,
-}
-
-/// A subject by the model.
-const CONFORMING: Guess = Guess {
-    offset: [0; 2],
-    flip: [false; 2],
-    along_y: false,
-    transfer: 0,
-    filter: Filter::Point,
-};
 
 /// A way in which a subject differs from the model.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -210,174 +98,327 @@ pub struct Finding {
 pub struct Conventions {
     /// The differences from the model, the clearest one first.
     pub findings: Vec<Finding>,
+    /// What was measured and is within what renderers do.
+    pub measured: Vec<(&'static str, String)>,
     /// The error that no tried convention explains, in units of the mean, of each probe.
     pub errors: Vec<(&'static str, f64)>,
-    /// Probes that the subject could not render, and why.
+    /// Probes that were not rendered or not examined, and why.
     pub skipped: Vec<(&'static str, String)>,
 }
 
-/// Whitstone's samples of a probe: position (x, y) is at (x, y)/[`SUPER`] pixels.
-struct Samples {
-    /// With the field of view along x, and along y.
-    planes: [[Vec<f32>; 3]; 2],
+/// Whether an error without a convention is clearly larger.
+fn is_clear(with: f64, without: f64) -> bool {
+    without > CLEARLY * with + CLEARLY_MORE
 }
 
-/// The probe's image under a hypothesis, without flips: three planes.
-fn compose(samples: &Samples, guess: &Guess) -> [Vec<f64>; 3] {
-    let weights = guess.filter.weights();
-    let [width, height] = SIZE;
-    let (columns, rows) = (width * SUPER, height * SUPER);
-    let half = SUPER as i32 / 2;
-    let at = |pixel: usize, offset: i32, d: i32, end: usize| {
-        let place = (pixel * SUPER) as i32 + half + offset + d;
-        place.clamp(0, end as i32 - 1) as usize
-    };
-    let planes = &samples.planes[usize::from(guess.along_y)];
-    std::array::from_fn(|channel| {
-        let plane = &planes[channel];
-        let mut filtered = vec![0.0; width * rows];
-        for y in 0..rows {
-            for x in 0..width {
-                let sum = weights.iter().map(|&(d, weight)| {
-                    weight * f64::from(plane[y * columns + at(x, guess.offset[0], d, columns)])
-                });
-                filtered[y * width + x] = sum.sum();
-            }
-        }
-        let mut image = vec![0.0; width * height];
-        for y in 0..height {
-            for x in 0..width {
-                let sum = weights
-                    .iter()
-                    .map(|&(d, weight)| weight * filtered[at(y, guess.offset[1], d, rows) * width + x]);
-                image[y * width + x] = sum.sum();
-            }
-        }
-        image
-    })
+/// How the images of a subject are made.
+struct Film {
+    guess: Guess,
+    free: Free,
+    /// Takes its values to the model's.
+    factor: f64,
+    error: f64,
+    /// Changes of all scenes by which the model does what the subject does.
+    changes: Vec<String>,
+    /// Whether it reads scenes in another way, so that other probes would say nothing.
+    is_other: bool,
 }
 
-/// The error of an image under a hypothesis in units of the mean, and the factor that takes the
-/// image to the model's values. With `scaled`, the factor is the best one, otherwise 1.
-fn error(samples: &Samples, image: &Image, guess: &Guess, scaled: bool) -> (f64, f64) {
-    let expected = compose(samples, guess);
-    let Ok(planes) = image.rgb() else {
-        return (f64::INFINITY, 1.0);
-    };
-    let [width, height] = SIZE;
-    let transfer = TRANSFERS[guess.transfer].0;
-    let mut pairs = Vec::with_capacity(3 * width * height);
-    for (expected, plane) in expected.iter().zip(planes) {
-        for y in MARGIN..height - MARGIN {
-            for x in MARGIN..width - MARGIN {
-                let from_x = if guess.flip[0] { width - 1 - x } else { x };
-                let from_y = if guess.flip[1] { height - 1 - y } else { y };
-                let value = transfer.decode(f64::from(plane[from_y * width + from_x]));
-                pairs.push((value, expected[y * width + x]));
-            }
-        }
-    }
-    let sum = |of: &dyn Fn(f64, f64) -> f64| {
-        pairs
-            .iter()
-            .map(|&(value, expected)| of(value, expected))
-            .sum::<f64>()
-    };
-    let factor = match scaled {
-        true => sum(&|value, expected| value * expected) / sum(&|value, _| value * value),
-        false => 1.0,
-    };
-    if !(factor.is_finite() && factor > 0.0) {
-        return (f64::INFINITY, 1.0);
-    }
-    let count = pairs.len() as f64;
-    let squares = sum(&|value, expected| (factor * value - expected).powi(2)) / count;
-    let mean = sum(&|_, expected| expected) / count;
-    let error = squares.sqrt() / mean;
-    (if error.is_finite() { error } else { f64::INFINITY }, factor)
+/// Why a probe says nothing.
+enum NoProbe {
+    /// It goes on without it.
+    Skipped(String),
+    /// The command cannot be run at all.
+    Broken(String),
 }
 
-/// All hypotheses that differ from one in a single convention.
-fn neighbours(guess: &Guess, offsets: &[i32]) -> Vec<Guess> {
-    let mut found = Vec::new();
-    for &x in offsets {
-        for &y in offsets {
-            found.push(Guess {
-                offset: [x, y],
-                ..*guess
-            });
+impl From<SubjectError> for NoProbe {
+    fn from(error: SubjectError) -> Self {
+        match error {
+            SubjectError::NotExpressible(why) => Self::Skipped(why),
+            SubjectError::Failed(why) => Self::Skipped(format!("the subject gave no image: {why}")),
+            SubjectError::Environment(why) => Self::Broken(why),
         }
     }
-    for flip in [[false, false], [true, false], [false, true], [true, true]] {
-        found.push(Guess { flip, ..*guess });
-    }
-    found.extend([false, true].map(|along_y| Guess { along_y, ..*guess }));
-    found.extend((0..TRANSFERS.len()).map(|transfer| Guess { transfer, ..*guess }));
-    found.extend(FILTERS.map(|filter| Guess { filter, ..*guess }));
-    found
 }
 
-/// The hypothesis with the smallest error among those that `allowed` accepts.
-fn best(samples: &Samples, image: &Image, allowed: &dyn Fn(&Guess) -> bool) -> (f64, Guess) {
-    let mut best = (f64::INFINITY, CONFORMING);
-    let consider = |guess: &Guess, best: &mut (f64, Guess)| {
-        if allowed(guess) {
-            let (error, _) = error(samples, image, guess, true);
-            // Of equal ones the first, which is nearest to the model.
-            if error < best.0 {
-                *best = (error, *guess);
+impl From<String> for NoProbe {
+    fn from(why: String) -> Self {
+        Self::Broken(why)
+    }
+}
+
+/// The image of a probe; the version with meshes where the one with spheres cannot be rendered.
+fn image_of(lab: &Lab<'_>, probes: [Probe; 2]) -> Result<(Probe, Image), NoProbe> {
+    let [probe, with_meshes] = probes;
+    let (probe, image) = match lab.subject(&probe) {
+        Err(SubjectError::NotExpressible(first)) if with_meshes.body != probe.body => {
+            match lab.subject(&with_meshes) {
+                Err(SubjectError::NotExpressible(_)) => return Err(NoProbe::Skipped(first)),
+                other => (with_meshes, other?),
             }
         }
+        other => (probe, other?),
     };
-    // What is discrete, on a coarse grid.
-    for along_y in [false, true] {
-        for flip in [[false, false], [true, false], [false, true], [true, true]] {
-            for transfer in 0..TRANSFERS.len() {
-                let guess = Guess {
-                    along_y,
-                    flip,
-                    transfer,
-                    ..CONFORMING
-                };
-                consider(&guess, &mut best);
-            }
-        }
+    let planes = image.rgb().map_err(|error| NoProbe::Skipped(error.to_string()))?;
+    let values = || planes.iter().flat_map(|plane| plane.iter());
+    let not_finite = values().filter(|value| !value.is_finite()).count();
+    if not_finite > 0 {
+        let what = counted(not_finite, "value");
+        return Err(NoProbe::Skipped(format!(
+            "its image has {what} that are not finite"
+        )));
     }
-    let half = SUPER as i32 / 2;
-    let far = FARTHEST * SUPER as i32;
-    for _ in 0..4 {
-        let before = best;
-        let coarse: Vec<i32> = (-far..=far).step_by(half as usize).collect();
-        for guess in neighbours(&before.1, &coarse) {
-            consider(&guess, &mut best);
-        }
-        let [x, y] = best.1.offset;
-        for dx in -half + 1..half {
-            for dy in -half + 1..half {
-                let guess = Guess {
-                    offset: [(x + dx).clamp(-far, far), (y + dy).clamp(-far, far)],
-                    ..best.1
-                };
-                consider(&guess, &mut best);
-            }
-        }
-        if best == before {
-            break;
-        }
+    if planes
+        .iter()
+        .all(|plane| plane.iter().all(|value| *value == plane[0]))
+    {
+        return Err(NoProbe::Skipped(
+            "its image has one colour: it shows nothing of the scene".to_owned(),
+        ));
     }
-    best
+    Ok((probe, image))
 }
 
-/// What an image of the first probe shows.
+/// Lets a subject render the probes, and finds its conventions. `target` is a folder for its files.
 ///
-/// Returns the remaining error, the findings, and the factor of a directional light; 1 if it is not
-/// found.
-fn examine(samples: &Samples, image: &Image, subject: &Subject) -> (f64, Vec<Finding>, f64) {
-    let (least, found) = best(samples, image, &|_| true);
+/// # Errors
+/// If the command cannot be run, or gives no image of the first probes.
+pub fn find(
+    subject: &Subject,
+    registry: &Registry,
+    target: &Path,
+    stage: &dyn Fn(&str),
+    stop: &Stop,
+) -> Result<Conventions, String> {
+    let files = target.join("probes");
+    probe::write_files(&files)?;
+    let lab = Lab {
+        registry,
+        subject,
+        target,
+        files: &files,
+        stage,
+        stop,
+    };
+    let mut result = Conventions::default();
+    let mut film: Option<Film> = None;
+    for is_point in [false, true] {
+        let probes = [false, true].map(|is_mesh| surfaces::light(is_mesh, is_point));
+        let name = probes[0].name;
+        let before = film.as_ref().map_or(Ok(()), understood);
+        let examined = before
+            .and_then(|()| image_of(&lab, probes))
+            .and_then(|(probe, image)| {
+                stage(&format!("examining {name}"));
+                match &film {
+                    None => {
+                        film = Some(first(&lab, &probe, is_point, &image, &mut result)?);
+                    }
+                    Some(film) => of_point(&lab, &probe, &image, film, &mut result)?,
+                }
+                Ok(())
+            });
+        record(name, examined, &mut result)?;
+    }
+    let Some(film) = film else { return Ok(result) };
+    let others: [(_, fn() -> Vec<Choice>); 3] = [
+        ([surfaces::texture(), surfaces::texture()], surfaces::of_texture),
+        ([false, true].map(surfaces::glass), surfaces::of_glass),
+        ([surfaces::near(), surfaces::near()], surfaces::of_near),
+    ];
+    for (probes, choices) in others {
+        let name = probes[0].name;
+        let examined = understood(&film).and_then(|()| {
+            let (probe, image) = image_of(&lab, probes)?;
+            stage(&format!("examining {name}"));
+            let found = examine(&lab, &probe, &choices(), &image, &film)?;
+            result.errors.push((name, found.fit.error));
+            result.findings.extend(found.findings);
+            Ok(())
+        });
+        record(name, examined, &mut result)?;
+    }
+    let name = "a shadow at a contact";
+    let measured = understood(&film).and_then(|()| match film.changes.is_empty() {
+        true => Ok(spawn::measure(&lab, &film.guess, film.free)?),
+        false => Ok(spawn::Spawn::Skipped("surfaces cast no shadows".to_owned())),
+    });
+    let measured = measured.map(|measured| match measured {
+        spawn::Spawn::Finding(findings) => result.findings.extend(findings),
+        spawn::Spawn::Measured(words) => result.measured.push(("spawn offset", words)),
+        spawn::Spawn::Skipped(why) => result.skipped.push((name, why)),
+    });
+    record(name, measured, &mut result)?;
+    Ok(result)
+}
+
+/// Fails if the first probe shows that other ones would say nothing.
+fn understood(film: &Film) -> Result<(), NoProbe> {
+    let why = match (film.error <= UNDERSTOOD, film.is_other) {
+        (true, false) => return Ok(()),
+        (true, true) => "the findings about the scene come first: repeat the command without them",
+        (false, _) => "the image of the first probe is not understood, so this one would say nothing",
+    };
+    Err(NoProbe::Skipped(why.to_owned()))
+}
+
+/// Notes a probe that was skipped. An error ends the search.
+fn record(name: &'static str, examined: Result<(), NoProbe>, result: &mut Conventions) -> Result<(), String> {
+    match examined {
+        Ok(()) => Ok(()),
+        Err(NoProbe::Skipped(why)) => {
+            result.skipped.push((name, why));
+            Ok(())
+        }
+        Err(NoProbe::Broken(why)) => Err(why),
+    }
+}
+
+/// The samples of all views of a probe with changes.
+fn all_views(lab: &Lab<'_>, probe: &Probe, changes: &[String]) -> Result<Vec<Samples>, String> {
+    (0..VIEWS.len())
+        .map(|view| lab.all_samples(probe, changes, view))
+        .collect()
+}
+
+/// Examines the image of the first probe: how images are made, and what of the scene is otherwise.
+fn first(
+    lab: &Lab<'_>,
+    probe: &Probe,
+    is_point: bool,
+    image: &Image,
+    result: &mut Conventions,
+) -> Result<Film, NoProbe> {
+    repeat(lab, probe, image, result)?;
+    let choices = surfaces::of_light(is_point);
+    let none: Picked = vec![None; choices.len()];
+    let mut samples = all_views(lab, probe, &[])?;
+    let (mut least, mut guess) = best(&samples, image, &|_| true);
+    let fitted = |guess: &Guess, picked: &Picked| -> Result<f64, String> {
+        let samples = lab.samples(probe, &changes(&choices, picked), guess)?;
+        Ok(fit(&compose(&samples, guess), image, guess, ALL_FREE).error)
+    };
+    let (mut found, mut picked) = descend(&choices, &mut |picked| fitted(&guess, picked))?;
+    if found.min(least) > EXPLAINED {
+        // The scene may be so different that the first hypothesis about the image has no meaning.
+        let mut singles = Vec::new();
+        for (index, choice) in choices.iter().enumerate() {
+            for value in choice.tried() {
+                let mut single = none.clone();
+                single[index] = Some(value);
+                singles.push(single);
+            }
+        }
+        for single in singles {
+            (lab.stage)("searching");
+            let samples = all_views(lab, probe, &changes(&choices, &single))?;
+            let (error, other) = best(&samples, image, &|_| true);
+            if found > CLEARLY * error {
+                (found, guess, picked) = (error, other, single);
+            }
+            if found <= EXPLAINED {
+                break;
+            }
+        }
+        let (error, other) = descend(&choices, &mut |picked| fitted(&guess, picked))?;
+        if error < found {
+            picked = other;
+        }
+    }
+    if picked != none {
+        samples = all_views(lab, probe, &changes(&choices, &picked))?;
+        (least, guess) = best(&samples, image, &|_| true);
+    }
+    if least > UNDERSTOOD {
+        // Any hypothesis is better than another one by chance.
+        result.errors.push((probe.name, least));
+        let why = "no tried hypothesis explains its image to a tenth of its mean".to_owned();
+        result.skipped.push((probe.name, why));
+        return Ok(Film {
+            guess,
+            free: ALL_FREE,
+            factor: 1.0,
+            error: least,
+            changes: Vec::new(),
+            is_other: true,
+        });
+    }
+    let mut error_of = |picked: &Picked| -> Result<f64, String> {
+        let samples = all_views(lab, probe, &changes(&choices, picked))?;
+        Ok(best(&samples, image, &|_| true).0)
+    };
+    let findings = choices::findings(&choices, &picked, least, &mut error_of)?;
+    result.findings.extend(findings);
+    result
+        .findings
+        .extend(of_image(&samples, image, least, &guess, lab.subject));
+    let mut film = of_light(
+        &samples,
+        image,
+        guess,
+        lab.subject,
+        is_point,
+        &mut result.findings,
+    );
+    for (choice, picked) in choices.iter().zip(&picked) {
+        match (choice.convention, picked) {
+            (_, None) => {}
+            (surfaces::SHADOWS, Some(_)) => film.changes.push(surfaces::WITHOUT_SHADOWS.to_owned()),
+            _ => film.is_other = true,
+        }
+    }
+    result.errors.push((probe.name, film.error));
+    result
+        .findings
+        .sort_by(|a, b| b.error_without.total_cmp(&a.error_without));
+    Ok(film)
+}
+
+/// Renders the probe again, and reports an image that differs.
+fn repeat(lab: &Lab<'_>, probe: &Probe, image: &Image, result: &mut Conventions) -> Result<(), NoProbe> {
+    if lab.subject.is_noisy() {
+        return Ok(());
+    }
+    let again = lab.subject(probe)?;
+    let (Ok(before), Ok(after)) = (image.rgb(), again.rgb()) else {
+        return Ok(());
+    };
+    let pairs = || {
+        before
+            .iter()
+            .flat_map(|plane| plane.iter())
+            .zip(after.iter().flat_map(|plane| plane.iter()))
+    };
+    let count = pairs().count() as f64;
+    let mean = pairs().map(|(value, _)| f64::from(value.abs())).sum::<f64>() / count;
+    let difference = |(a, b): (&f32, &f32)| f64::from((a - b).abs()) / mean;
+    let largest = pairs().map(difference).fold(0.0, f64::max);
+    if largest > REPEATED {
+        let squares = pairs().map(|pair| difference(pair).powi(2)).sum::<f64>();
+        result.findings.push(Finding {
+            convention: "repetition",
+            sentence: "two runs give different images: the samples of the subject are random".to_owned(),
+            error: 0.0,
+            error_without: (squares / count).sqrt(),
+            key: Some("runs = 16 # and {seed} in the command".to_owned()),
+        });
+    }
+    Ok(())
+}
+
+/// Tests each convention of images that a hypothesis has.
+fn of_image(
+    samples: &[Samples],
+    image: &Image,
+    least: f64,
+    found: &Guess,
+    subject: &Subject,
+) -> Vec<Finding> {
     let mut findings = Vec::new();
     let mut test = |convention, allowed: &dyn Fn(&Guess) -> bool, sentence: String, key: Option<String>| {
         let (without, _) = best(samples, image, allowed);
-        if without > CLEARLY * least + CLEARLY_MORE {
+        if is_clear(least, without) {
             findings.push(Finding {
                 convention,
                 sentence,
@@ -387,7 +428,7 @@ fn examine(samples: &Samples, image: &Image, subject: &Subject) -> (f64, Vec<Fin
             });
         }
     };
-    let pixels = |samples: i32| f64::from(samples) / SUPER as f64;
+    let pixels = |samples: i32| f64::from(samples) / image::SUPER as f64;
     if found.offset != [0; 2] {
         let [x, y] = found.offset.map(pixels);
         let total = [x + subject.offset[0], y + subject.offset[1]];
@@ -409,20 +450,20 @@ fn examine(samples: &Samples, image: &Image, subject: &Subject) -> (f64, Vec<Fin
     for (axis, what) in [(0, "columns"), (1, "rows")] {
         if found.flip[axis] {
             test(
-                if axis == 0 { "columns" } else { "rows" },
+                what,
                 &move |guess| !guess.flip[axis],
                 format!("the {what} of the image are reversed"),
                 Some(flip_key(found.flip, subject.flip)),
             );
         }
     }
-    if found.along_y {
-        test(
-            "field of view",
-            &|guess| !guess.along_y,
-            "the field of view is along y instead of x".to_owned(),
-            None,
-        );
+    if found.view != 0 {
+        let sentence = VIEWS[found.view].sentence.to_owned();
+        test("field of view", &|guess| guess.view == 0, sentence, None);
+    }
+    if found.order != 0 {
+        let sentence = "red and blue are exchanged".to_owned();
+        test("channels", &|guess| guess.order == 0, sentence, None);
     }
     if found.transfer != 0 {
         let (transfer, name) = TRANSFERS[found.transfer];
@@ -437,20 +478,118 @@ fn examine(samples: &Samples, image: &Image, subject: &Subject) -> (f64, Vec<Fin
             },
         );
     }
-    let (_, factor) = error(samples, image, &found, true);
-    let (unscaled, _) = error(samples, image, &found, false);
-    let is_scaled = unscaled > CLEARLY * least + CLEARLY_MORE;
+    findings
+}
+
+/// Finds ambient light, a background, and a factor of all values.
+fn of_light(
+    samples: &[Samples],
+    image: &Image,
+    guess: Guess,
+    subject: &Subject,
+    is_point: bool,
+    findings: &mut Vec<Finding>,
+) -> Film {
+    let composed = compose(&samples[guess.view], &guess);
+    let with = |free: Free| fit(&composed, image, &guess, free);
+    let mut free = ALL_FREE;
+    let no_background = Free {
+        background: false,
+        ..free
+    };
+    let words = |color: [f64; 3]| color.map(|part| format!("{part:.3}")).join(", ");
+    let (full, without) = (with(free), with(no_background).error);
+    match is_clear(full.error, without) {
+        true => findings.push(Finding {
+            convention: "background",
+            sentence: format!(
+                "where a ray hits nothing, the image shows ({}) in its middle instead of black",
+                words(full.background)
+            ),
+            error: full.error,
+            error_without: without,
+            key: None,
+        }),
+        false => free = no_background,
+    }
+    let no_ambient = Free {
+        ambient: false,
+        ..free
+    };
+    let (full, without) = (with(free), with(no_ambient).error);
+    match is_clear(full.error, without) {
+        true => findings.push(Finding {
+            convention: "ambient light",
+            sentence: format!(
+                "surfaces also have the light of an ambient radiance of ({}), which is not in the scene",
+                words(full.ambient)
+            ),
+            error: full.error,
+            error_without: without,
+            key: None,
+        }),
+        false => free = no_ambient,
+    }
+    let full = with(free);
+    let unscaled = with(Free {
+        factor: false,
+        ..free
+    });
+    let is_scaled = is_clear(full.error, unscaled.error);
     if is_scaled {
+        let light = match is_point {
+            false => "a directional light",
+            true => "a point light",
+        };
         findings.push(Finding {
             convention: "light units",
-            sentence: factor_sentence("directional light", factor),
-            error: least,
-            error_without: unscaled,
-            key: Some(format!("scale = {:?}", six_digits(factor * subject.scale))),
+            sentence: factor_sentence(light, full.factor),
+            error: full.error,
+            error_without: unscaled.error,
+            key: Some(format!("scale = {:?}", six_digits(full.factor * subject.scale))),
         });
     }
-    findings.sort_by(|a, b| b.error_without.total_cmp(&a.error_without));
-    (least, findings, if is_scaled { factor } else { 1.0 })
+    Film {
+        guess,
+        free,
+        factor: if is_scaled { full.factor } else { 1.0 },
+        error: full.error,
+        changes: Vec::new(),
+        is_other: false,
+    }
+}
+
+/// Examines the image of a point light, whose units may be others than those of a directional one.
+fn of_point(
+    lab: &Lab<'_>,
+    probe: &Probe,
+    image: &Image,
+    film: &Film,
+    result: &mut Conventions,
+) -> Result<(), NoProbe> {
+    // What concerns all lights was found in the first probe; the last choice is the falloff.
+    let mut choices = surfaces::of_light(true);
+    let choices = choices.split_off(choices.len() - 1);
+    let Examined {
+        fit: found,
+        findings,
+        picked,
+    } = examine(lab, probe, &choices, image, film)?;
+    result.errors.push((probe.name, found.error));
+    result.findings.extend(findings);
+    let relative = found.factor / film.factor;
+    let without = (relative - 1.0).abs();
+    let falls_off = picked.last().is_some_and(Option::is_none);
+    if falls_off && without > SAME_FACTOR.max(CLEARLY * found.error) {
+        result.findings.push(Finding {
+            convention: "units of point lights",
+            sentence: factor_sentence("a point light, compared with a directional one,", relative),
+            error: found.error,
+            error_without: without,
+            key: None,
+        });
+    }
+    Ok(())
 }
 
 fn direction(x: f64, y: f64) -> String {
@@ -485,108 +624,14 @@ fn six_digits(value: f64) -> f64 {
 
 fn factor_sentence(light: &str, factor: f64) -> String {
     // The factor takes the subject's values to the model's.
-    let (larger, by) = if factor < 1.0 {
-        ("brighter", 1.0 / factor)
-    } else {
-        ("darker", factor)
-    };
+    let is_brighter = factor < 1.0;
+    let by = if is_brighter { 1.0 / factor } else { factor };
     let known = FACTORS
         .iter()
-        .find(|(known, _)| (by / known - 1.0).abs() < SAME_FACTOR);
-    let name = known.map_or_else(String::new, |(_, name)| format!(", which is {name}"));
-    format!("a {light} is {larger} by a factor of {by:.5}{name}")
-}
-
-/// Renders a probe with samples at multiples of 1/[`SUPER`] pixels, shifted by a part of a pixel.
-fn samples(text: &str, registry: &Registry, subject: &Subject) -> Result<Samples, String> {
-    let plane = |along_y: bool| -> Result<[Vec<f32>; 3], String> {
-        let mut overrides = subject.set.clone();
-        overrides.push(format!("film.width={}", SIZE[0] * SUPER));
-        overrides.push(format!("film.height={}", SIZE[1] * SUPER));
-        if along_y {
-            overrides.push("camera.fov_axis=\"y\"".to_owned());
-        }
-        let load = |overrides: &[String]| {
-            Sources::from_text("probe.toml", text, Path::new(""), overrides)
-                .map_err(|error| error.sources.report(&error.errors, false))
-        };
-        let flattened = flatten_sources(&load(&overrides)?)?;
-        // The camera sees the centre of a pixel. A sample is at the top left corner of one.
-        let shift = subject.offset.map(|part| part * SUPER as f64 - 0.5);
-        overrides.push(shifted(&flattened.text, shift)?);
-        let sources = load(&overrides)?;
-        let pipeline = Pipeline::load(&sources, registry, BuildOptions::default())
-            .map_err(|errors| sources.report(&errors, false))?;
-        let film = pipeline.render(RenderOptions::default());
-        Ok(std::array::from_fn(|channel| {
-            film.rgb.iter().map(|rgb| rgb[channel]).collect()
-        }))
-    };
-    Ok(Samples {
-        planes: [plane(false)?, plane(true)?],
-    })
-}
-
-/// Lets a subject render the probes, and finds its conventions. `target` is a folder for its files.
-///
-/// # Errors
-/// If the command cannot be run, or gives no image.
-pub fn find(
-    subject: &Subject,
-    registry: &Registry,
-    target: &Path,
-    stage: &dyn Fn(&str),
-    stop: &Stop,
-) -> Result<Conventions, String> {
-    let mut result = Conventions::default();
-    let mut directional = 1.0;
-    for (index, (name, light)) in LIGHTS.into_iter().enumerate() {
-        let text = format!("{PROBE}{light}");
-        let sources = Sources::from_text("probe.toml", &text, Path::new(""), &subject.set)
-            .map_err(|error| error.sources.report(&error.errors, false))?;
-        let scene = flatten_sources(&sources)?;
-        let folder = Path::new("conventions").join(name);
-        let job = Job {
-            registry,
-            target,
-            folder: &folder,
-            scene: &scene,
-            size: SIZE,
-            threads: 0,
-            stage,
-            stop,
-        };
-        let image = match render(subject, &job) {
-            Ok(rendered) => rendered.image,
-            Err(SubjectError::NotExpressible(why)) => {
-                result.skipped.push((name, why));
-                continue;
-            }
-            Err(error) => return Err(error.to_string()),
-        };
-        stage(&format!("examining {name}"));
-        let samples = samples(&text, registry, subject)?;
-        if index == 0 {
-            let (error, findings, factor) = examine(&samples, &image, subject);
-            result.errors.push((name, error));
-            result.findings = findings;
-            directional = factor;
-        } else {
-            let (least, found) = best(&samples, &image, &|_| true);
-            result.errors.push((name, least));
-            let (_, factor) = error(&samples, &image, &found, true);
-            let relative = factor / directional;
-            let without = (relative - 1.0).abs();
-            if without > SAME_FACTOR.max(CLEARLY * least) {
-                result.findings.push(Finding {
-                    convention: "units of point lights",
-                    sentence: factor_sentence("point light, compared with a directional one,", relative),
-                    error: least,
-                    error_without: without,
-                    key: None,
-                });
-            }
-        }
-    }
-    Ok(result)
+        .find(|(known, ..)| (by / known - 1.0).abs() < SAME_FACTOR);
+    let name = known.map_or_else(String::new, |(_, brighter, darker)| {
+        format!(", which is {}", if is_brighter { brighter } else { darker })
+    });
+    let word = if is_brighter { "brighter" } else { "darker" };
+    format!("{light} is {word} by a factor of {by:.5}{name}")
 }

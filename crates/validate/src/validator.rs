@@ -245,7 +245,7 @@ impl<'a> Validator<'a> {
             }
             Err(NoImage::Subject(error)) => {
                 case.problems.push(error.to_string());
-                let name = case.subject.as_ref().map(|subject| subject.name.clone());
+                let name = self.subject.as_ref().map(|subject| subject.name.clone());
                 let name = name.unwrap_or_default();
                 let (status, verdict) = match error {
                     SubjectError::NotExpressible(_) => {
@@ -334,6 +334,9 @@ impl<'a> Validator<'a> {
     }
 
     fn render(&self, path: &Path, case: &mut CaseResult) -> Result<Ours, NoImage> {
+        if let Some(subject) = &self.subject {
+            self.check_changes(subject, path)?;
+        }
         let overrides = self.overrides(path, &mut case.adapted)?;
         let mut flattened = flatten(path, &overrides, self.registry)?;
         let decoded = decode_textures(&mut flattened, &self.options.target.join("decoded"))?;
@@ -413,6 +416,41 @@ impl<'a> Validator<'a> {
             flattened,
             pipeline,
         })
+    }
+
+    /// Fails if the changes that are stated for a subject are not possible in a scene: the subject
+    /// cannot be compared in it.
+    fn check_changes(&self, subject: &Subject, path: &Path) -> Result<(), NoImage> {
+        let build = |overrides: &[String]| -> Result<(), String> {
+            let sources = Sources::load(path, overrides, self.registry)
+                .map_err(|error| error.sources.report(&error.errors, false))?;
+            Pipeline::load(&sources, self.registry, BuildOptions::default())
+                .map_err(|errors| sources.report(&errors, false))?;
+            Ok(())
+        };
+        let not_possible = |key: &str, why: String| {
+            let why = why.trim();
+            let problem = format!(
+                "`{key}` of subject {} is not possible in this scene: {why}",
+                subject.name
+            );
+            NoImage::Subject(SubjectError::NotExpressible(problem))
+        };
+        let original = &self.options.overrides;
+        let changed = [&original[..], &subject.set].concat();
+        if !subject.set.is_empty()
+            && let Err(why) = build(&changed)
+            && build(original).is_ok()
+        {
+            return Err(not_possible("set", why));
+        }
+        if subject.offset != [0.0; 2]
+            && let Ok(flattened) = flatten(path, &changed, self.registry)
+            && let Err(why) = subject.shifted(&flattened.text)
+        {
+            return Err(not_possible("offset", why));
+        }
+        Ok(())
     }
 
     /// Our side of a case whose image is that of a subject.

@@ -183,6 +183,7 @@ impl Cli {
             return terminal::finish(Err(Failure::usage(duplicate)));
         }
         crate::interrupt::watch();
+        let arguments = compare::with_two_hyphens(arguments.into_iter());
         let all = std::iter::once(OsString::from(self.program)).chain(arguments);
         let matches = Arguments::command().name(self.program).get_matches_from(all);
         let arguments = match Arguments::from_arg_matches(&matches) {

@@ -87,6 +87,8 @@ fn reason(error: &std::io::Error) -> String {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Tail {
     text: String,
+    /// The length of standard output in it, which is followed by standard error.
+    output: usize,
     /// Bytes before it that were not kept.
     dropped: u64,
 }
@@ -99,15 +101,29 @@ impl Tail {
             dropped => format!("[{dropped} bytes before this were not kept]\n{}", self.text),
         }
     }
+
+    /// The last line of standard output, or of standard error if there is none: where a command
+    /// says why it ends.
+    pub(crate) fn last_line(&self) -> Option<String> {
+        let [output, error] = [&self.text[..self.output], &self.text[self.output..]];
+        let last = |text: &str| text.lines().map(shown).rfind(|line| !line.trim().is_empty());
+        last(output).or_else(|| last(error))
+    }
+}
+
+/// A line without control characters, which could change what the terminal shows.
+fn shown(line: &str) -> String {
+    line.chars()
+        .filter(|c| !c.is_control())
+        .take(SHOWN_WIDTH)
+        .collect()
 }
 
 impl fmt::Display for Tail {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let lines: Vec<&str> = self.text.lines().filter(|line| !line.trim().is_empty()).collect();
         for line in &lines[lines.len().saturating_sub(SHOWN_LINES)..] {
-            // Control characters could change what the terminal shows.
-            let shown = line.chars().filter(|c| !c.is_control()).take(SHOWN_WIDTH);
-            write!(f, "\n  | {}", shown.collect::<String>())?;
+            write!(f, "\n  | {}", shown(line))?;
         }
         Ok(())
     }
@@ -401,11 +417,14 @@ impl Drain {
             thread::sleep(Duration::from_millis(1));
         }
         let mut tail = Tail::default();
-        for (kept, _) in &self.0 {
+        for (index, (kept, _)) in self.0.iter().enumerate() {
             let kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
             let bytes: Vec<u8> = kept.0.iter().copied().collect();
             tail.text += &String::from_utf8_lossy(&bytes);
             tail.dropped += kept.1;
+            if index == 0 {
+                tail.output = tail.text.len();
+            }
         }
         tail
     }

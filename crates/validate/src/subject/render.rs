@@ -45,7 +45,10 @@ impl From<RunError> for SubjectError {
         match error {
             RunError::NotStarted { .. } | RunError::Wait(_) => Self::environment(error),
             RunError::Failed { status, output } if status.code() == Some(SKIPPED) => {
-                Self::NotExpressible(format!("the command cannot render this scene{output}"))
+                let why = output
+                    .last_line()
+                    .map_or(String::new(), |line| format!(": {line}"));
+                Self::NotExpressible(format!("the command cannot render this scene{why}"))
             }
             _ => Self::Failed(error.to_string()),
         }
@@ -249,8 +252,9 @@ fn run_once(
         Ok(metadata) => metadata,
         Err(_) => {
             return Err(failed(format!(
-                "the command wrote no image to {}",
-                file.display()
+                "the command wrote no image to {}{}",
+                file.display(),
+                other_files(file, scene)
             )));
         }
     };
@@ -317,6 +321,29 @@ fn run_once(
         }
     };
     Ok([values(&decode)?, values(&below)?, values(&above)?])
+}
+
+/// Files next to an image that was not written: a command may have appended an extension.
+fn other_files(file: &Path, scene: &Path) -> String {
+    let entries = file.parent().and_then(|folder| fs::read_dir(folder).ok());
+    let is_other = |path: &Path| {
+        let stem = path
+            .file_stem()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned();
+        path != scene && path.is_file() && stem.starts_with("image")
+    };
+    let found = entries.into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut names: Vec<String> = found
+        .filter(|path| is_other(path))
+        .filter_map(|path| Some(path.file_name()?.to_string_lossy().into_owned()))
+        .collect();
+    names.sort();
+    match names.is_empty() {
+        true => String::new(),
+        false => format!("; in the same folder it wrote {}", names.join(", ")),
+    }
 }
 
 /// The planes of the colours of an image.

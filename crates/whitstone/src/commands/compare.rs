@@ -1,14 +1,18 @@
 //! `compare`: compares two images, or two folders of images, number by number.
 
+mod accept;
 mod folders;
 mod input;
 mod measure;
+mod thresholds;
 
 use super::junit;
 use crate::terminal::{Exit, Failure, write_json};
 use clap::Args;
 use measure::{Comparison, measure};
 use std::path::{Path, PathBuf};
+use thresholds::Thresholds;
+pub(super) use thresholds::with_two_hyphens;
 use whitstone_image::{Image, ToneMap, Transfer};
 use whitstone_metrics::edges::EdgeLayer;
 use whitstone_metrics::error_map::trio;
@@ -36,6 +40,9 @@ use whitstone_validate::stored::read_variants;
 /// Images with layers of variance are also tested for differences that noise does not explain:
 /// docs/compare.md.
 ///
+/// The limits -fail, -failpercent, -hardfail, -warn, -warnpercent and -hardwarn are those of
+/// OpenImageIO's idiff; these may have one hyphen or two.
+///
 /// Exit code 0 if no given limit is exceeded, 1 if one is. Without limits no pixel may be over
 /// tolerance.
 #[derive(Args, Debug)]
@@ -54,6 +61,15 @@ pub struct Arguments {
     /// one of them. For two folders, a folder of references; those that it lacks are no error
     #[arg(long, value_name = "PATH")]
     or: Vec<PathBuf>,
+    /// Two images between whose values every value is accepted, with the same tolerance outside;
+    /// for two folders, folders of such images, and images without a range are compared as usual
+    #[arg(long, value_names = ["MIN", "MAX"], num_args = 2)]
+    reference_range: Vec<PathBuf>,
+    /// Make OURS the reference where the two differ or REFERENCE does not exist: write OURS to
+    /// REFERENCE, atomically, and nothing else. Of two folders, images that exist only in REFERENCE
+    /// stay
+    #[arg(long)]
+    accept: bool,
     /// Image that is black where the images need not agree; such pixels count as equal. For two
     /// folders, a folder of masks; images without a mask are compared whole
     #[arg(long, value_name = "PATH")]
@@ -126,6 +142,8 @@ pub struct Arguments {
     /// at this level; needs layers of variance
     #[arg(long, value_name = "P", value_parser = probability)]
     significance: Option<f64>,
+    #[command(flatten)]
+    thresholds: Thresholds,
     /// Number of worst pixels to list
     #[arg(long, value_name = "N", default_value_t = 10)]
     worst: usize,
@@ -202,7 +220,8 @@ impl Arguments {
             self.min_ssim,
             self.significance,
         ];
-        let others = self.max_area.is_some() || measured.iter().any(Option::is_some);
+        let others =
+            self.max_area.is_some() || self.thresholds.can_fail() || measured.iter().any(Option::is_some);
         self.max_over.or((!others).then_some(0))
     }
 }
@@ -210,7 +229,9 @@ impl Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<Exit, Failure> {
     let folder = arguments.ours.is_dir();
-    let mut others = arguments.or.iter().chain(&arguments.mask);
+    let mut others = (arguments.or.iter())
+        .chain(&arguments.mask)
+        .chain(&arguments.reference_range);
     if let Some(other) = others.find(|other| other.is_dir() != folder) {
         return Err(Failure::usage(format!(
             "{} should be {}, like {}",
@@ -238,7 +259,19 @@ pub fn run(arguments: &Arguments) -> Result<Exit, Failure> {
 
 fn run_files(arguments: &Arguments) -> Result<Exit, Failure> {
     let references: Vec<&Path> = arguments.references().collect();
-    let found = best(arguments, &arguments.ours, &references, arguments.mask.as_deref())?;
+    let extra = Extra {
+        mask: arguments.mask.clone(),
+        range: range(&arguments.reference_range, None),
+    };
+    let found = best(arguments, &arguments.ours, &references, &extra);
+    if arguments.accept
+        && found
+            .as_ref()
+            .map_or(true, |found| !found.comparison.broken.is_empty())
+    {
+        return run_accept(arguments, found);
+    }
+    let found = found?;
     let [ours, reference] = &found.images;
     found.comparison.print(ours, reference);
     if references.len() > 1 {
@@ -262,6 +295,59 @@ fn run_files(arguments: &Arguments) -> Result<Exit, Failure> {
     Ok(found.comparison.exit())
 }
 
+/// Makes ours the reference, because of a comparison that differs or is not possible.
+fn run_accept(arguments: &Arguments, found: Result<Compared, Failure>) -> Result<Exit, Failure> {
+    accept::accept(&arguments.ours, &arguments.reference)?;
+    let mut value = serde_json::json!({ "ours": arguments.ours, "reference": arguments.reference });
+    match found {
+        Ok(found) => {
+            let [ours, reference] = &found.images;
+            found.comparison.print(ours, reference);
+            if let Some(path) = &arguments.png {
+                write_trio(arguments, ours, reference, path)?;
+            }
+            value = found
+                .comparison
+                .json(arguments, &arguments.ours, &found.reference);
+        }
+        Err(problem) => println!("not comparable: {}", problem.problem()),
+    }
+    value["status"] = "accepted".into();
+    println!(
+        "accepted: {} now has the contents of {}",
+        arguments.reference.display(),
+        arguments.ours.display()
+    );
+    if let Some(path) = &arguments.json {
+        write_json(path, &value)?;
+    }
+    if let Some(path) = &arguments.junit {
+        let case = junit::Case {
+            name: arguments.ours.display().to_string(),
+            seconds: 0.0,
+            outcome: junit::Outcome::Pass,
+        };
+        junit::write(path, "whitstone compare", &[case])?;
+    }
+    Ok(Exit::Pass)
+}
+
+/// What else belongs to a comparison of two files.
+struct Extra {
+    mask: Option<PathBuf>,
+    range: Option<[PathBuf; 2]>,
+}
+
+/// The two images of a range; of folders the ones at a path, if there are such.
+fn range(paths: &[PathBuf], below: Option<&Path>) -> Option<[PathBuf; 2]> {
+    let [least, most] = paths else { return None };
+    let Some(below) = below else {
+        return Some([least.clone(), most.clone()]);
+    };
+    let both = [least.join(below), most.join(below)];
+    both.iter().any(|path| path.exists()).then_some(both)
+}
+
 /// A comparison of two files.
 struct Compared {
     comparison: Comparison,
@@ -276,11 +362,11 @@ fn best(
     arguments: &Arguments,
     ours: &Path,
     references: &[&Path],
-    mask: Option<&Path>,
+    extra: &Extra,
 ) -> Result<Compared, Failure> {
     let mut best: Option<Compared> = None;
     for reference in references {
-        let found = pair(arguments, ours, reference, mask)?;
+        let found = pair(arguments, ours, reference, extra)?;
         if found.comparison.broken.is_empty() {
             return Ok(found);
         }
@@ -294,15 +380,13 @@ fn best(
     best.ok_or_else(|| Failure::usage("there is no reference"))
 }
 
-fn pair(
-    arguments: &Arguments,
-    ours: &Path,
-    reference: &Path,
-    mask: Option<&Path>,
-) -> Result<Compared, Failure> {
+fn pair(arguments: &Arguments, ours: &Path, reference: &Path, extra: &Extra) -> Result<Compared, Failure> {
     let read = |path: &Path| input::read(path, arguments.layer.as_deref(), arguments.transfer);
     let mut inputs = [read(ours)?, read(reference)?];
-    if let Some(mask) = mask {
+    if let Some([least, most]) = &extra.range {
+        input::widen(&mut inputs, [least, most]).map_err(Failure::usage)?;
+    }
+    if let Some(mask) = &extra.mask {
         input::hide(&mut inputs, mask).map_err(Failure::usage)?;
     }
     let codes =

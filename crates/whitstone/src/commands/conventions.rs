@@ -12,14 +12,16 @@ use whitstone_validate::{Subject, counted};
 
 /// Find the conventions by which another renderer differs from the model
 ///
-/// The subject renders two probe scenes. The image is compared with that of the model under
-/// hypotheses: other sample positions and filters, reversed rows and columns, a vertical field of
-/// view, other light units, other transfer functions. Each difference is reported with the error of
-/// the image with and without it, and with the key of the subject's table that states it.
+/// The subject renders six small probe scenes. The images are compared with those of the model
+/// under hypotheses: other sample positions and filters, reversed rows and columns, a vertical
+/// field of view, other light units and transfer functions, other texture coordinates, indices of
+/// refraction, near clips, and starts of shadow rays. Each difference is reported with the error of
+/// the image with and without it, and with the key of the subject's table that states it. A probe
+/// that the subject cannot render is skipped, with the reason.
 ///
 /// Differences are relative to the table: a table that states all conventions has no findings. Exit
 /// code 0 whether or not there are findings, 2 for a wrong command line or table, 3 if the subject
-/// gives no image.
+/// gives no image of the first two probes.
 #[derive(Args, Debug)]
 #[command(
     help_template = super::HELP_TEMPLATE,
@@ -78,10 +80,13 @@ fn print(name: &str, found: &Conventions) {
         );
     }
     for (probe, error) in &found.errors {
-        println!("  error of the probe with a {probe} light that no tried convention explains: {error:.1e}");
+        println!("  error of the probe with {probe} that no tried convention explains: {error:.1e}");
+    }
+    for (what, words) in &found.measured {
+        println!("  {what}: {words}");
     }
     for (probe, why) in &found.skipped {
-        println!("  the probe with a {probe} light was skipped: {why}");
+        println!("  the probe with {probe} was skipped: {why}");
     }
     let keys: Vec<&str> = found
         .findings

@@ -1,5 +1,6 @@
 //! `stress`: parameter sweeps over ill-conditioned and extreme cases.
 
+mod kernel;
 mod search;
 mod unfinished;
 
@@ -9,6 +10,7 @@ use super::{Drivers, Target};
 use crate::terminal::{Exit, Failure, make_folder, progress, write_json};
 use clap::Args;
 use serde_json::json;
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use unfinished::Unfinished;
@@ -28,6 +30,9 @@ use whitstone_validate::report::Diagram;
 /// closed form. The frontier is the first value of the parameter at which a renderer's answers are
 /// unusable; "none" is best. The next `report` shows the diagrams.
 ///
+/// With --kernel, another program's ray-triangle kernel is judged instead: docs/subjects.md. Exit
+/// code 0 if it has no holes and no wrong hits, 1 if it has, 3 if it cannot be run.
+///
 /// An interrupted run continues where it stopped if the same program repeats it with the same
 /// settings.
 ///
@@ -37,7 +42,7 @@ use whitstone_validate::report::Diagram;
 #[derive(Args, Debug)]
 #[command(
     help_template = super::HELP_TEMPLATE,
-    after_help = "Examples:\n  whitstone stress --quick\n  whitstone stress planet --steps\n  whitstone stress --search --seconds 600\n  whitstone stress --list"
+    after_help = "Examples:\n  whitstone stress --quick\n  whitstone stress planet --steps\n  whitstone stress --search --seconds 600\n  whitstone stress --list\n  whitstone stress --rays 10000 --kernel python3 subjects/embreex_kernel.py"
 )]
 pub struct Arguments {
     /// Families of cases to run [default: all]
@@ -90,13 +95,19 @@ pub struct Arguments {
     target: Target,
     #[command(flatten)]
     drivers: Drivers,
-    /// Time limit for one step of Mitsuba, in seconds
+    /// Judge the kernel that this program and its arguments implement, which must come last
+    #[arg(long, value_name = "PROGRAM", num_args = 1.., allow_hyphen_values = true, conflicts_with_all = ["families", "quick", "steps", "plots", "page", "list"])]
+    kernel: Vec<OsString>,
+    /// Time limit for one step of Mitsuba or one answer of a kernel, in seconds
     #[arg(long, default_value_t = 120, value_name = "SECONDS")]
     time_limit: u64,
 }
 
 /// Runs the command.
 pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
+    if let [program, rest @ ..] = arguments.kernel.as_slice() {
+        return kernel::run(arguments, registry, program, rest);
+    }
     let families = chosen(&arguments.families)?;
     if arguments.list {
         for family in families {

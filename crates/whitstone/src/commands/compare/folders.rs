@@ -1,8 +1,9 @@
 //! Compares two folders of images, matched by their paths.
 
 use super::super::junit::{self, Case, Outcome};
+use super::accept::accept;
 use super::measure::Comparison;
-use super::{Arguments, Compared, best, write_trio};
+use super::{Arguments, Compared, Extra, best, range, write_trio};
 use crate::terminal::{Exit, Failure, progress, set_message, write_json};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
@@ -14,7 +15,15 @@ struct Row {
     name: String,
     /// A comparison, or why there is none.
     found: Result<Comparison, String>,
+    /// Whether ours became the reference, or why it did not.
+    accepted: Option<Result<(), String>>,
     json: Value,
+}
+
+impl Row {
+    fn is_accepted(&self) -> bool {
+        self.accepted == Some(Ok(()))
+    }
 }
 
 /// Compares all pairs, and fails if a file could not be compared.
@@ -40,15 +49,28 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Failure> {
             (true, false) => Err(format!("missing in {}", arguments.reference.display())),
             _ => Err(format!("missing in {}", arguments.ours.display())),
         };
-        let json = match &found {
+        let differs = (found.as_ref()).map_or(true, |found| !found.comparison.broken.is_empty());
+        let accepted = (arguments.accept && differs && ours.contains(path)).then(|| {
+            let reference = arguments.reference.join(path);
+            accept(&arguments.ours.join(path), &reference).map_err(Failure::problem)
+        });
+        let mut json = match &found {
             Ok(found) => {
                 let ours = arguments.ours.join(path);
                 found.comparison.json(arguments, &ours, &found.reference)
             }
             Err(problem) => json!({ "status": "error", "problems": [problem] }),
         };
+        if accepted == Some(Ok(())) {
+            json["status"] = "accepted".into();
+        }
         let found = found.map(|found| found.comparison);
-        rows.push(Row { name, found, json });
+        rows.push(Row {
+            name,
+            found,
+            accepted,
+            json,
+        });
         bar.inc(1);
     }
     bar.finish_and_clear();
@@ -64,9 +86,12 @@ fn compare(arguments: &Arguments, path: &Path) -> Result<Compared, String> {
     references.extend(others.filter(|other| other.exists()));
     let references: Vec<&Path> = references.iter().map(PathBuf::as_path).collect();
     let mask = arguments.mask.as_ref().map(|folder| folder.join(path));
-    let mask = mask.filter(|mask| mask.exists());
+    let extra = Extra {
+        mask: mask.filter(|mask| mask.exists()),
+        range: range(&arguments.reference_range, Some(path)),
+    };
     let ours = arguments.ours.join(path);
-    let found = best(arguments, &ours, &references, mask.as_deref()).map_err(message)?;
+    let found = best(arguments, &ours, &references, &extra).map_err(message)?;
     if let Some(folder) = &arguments.png {
         let picture = folder.join(path).with_extension("png");
         let parent = picture.parent().unwrap_or(folder);
@@ -114,10 +139,13 @@ fn name(path: &Path) -> String {
 
 fn counts(rows: &[Row]) -> [usize; 3] {
     let count = |of: fn(&Row) -> bool| rows.iter().filter(|row| of(row)).count();
+    let differs = |row: &Row| row.found.as_ref().is_ok_and(|found| !found.broken.is_empty());
     [
         count(|row| row.found.as_ref().is_ok_and(|found| found.broken.is_empty())),
-        count(|row| row.found.as_ref().is_ok_and(|found| !found.broken.is_empty())),
-        count(|row| row.found.is_err()),
+        rows.iter()
+            .filter(|row| differs(row) && !row.is_accepted())
+            .count(),
+        count(|row| row.found.is_err() && !row.is_accepted()),
     ]
 }
 
@@ -132,14 +160,21 @@ fn print(rows: &[Row]) {
         "       {:<width$}  {:>10}  {:>17}  {:>8}  {:>8}  {:>8}",
         "image", "rmse", "rel_rmse_interior", "over", "ssim", "flip"
     );
-    for Row { name, found, json } in rows {
+    for row in rows {
+        let Row {
+            name, found, json, ..
+        } = row;
         let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.3e}"));
         match found {
             Ok(found) => {
-                let status = if found.broken.is_empty() { "pass " } else { "FAIL " };
+                let status = match (found.broken.is_empty(), row.is_accepted()) {
+                    (true, _) => "pass ",
+                    (false, true) => "ACCEPT",
+                    (false, false) => "FAIL ",
+                };
                 let metrics = found.metrics.as_ref();
                 println!(
-                    "{status}  {name:<width$}  {:>10}  {:>17}  {:>8}  {:>8}  {:>8}",
+                    "{status:<6} {name:<width$}  {:>10}  {:>17}  {:>8}  {:>8}  {:>8}",
                     number(metrics.map(|metrics| metrics.rmse)),
                     number(metrics.and_then(|metrics| metrics.rel_rmse_interior)),
                     found.over,
@@ -154,13 +189,26 @@ fn print(rows: &[Row]) {
                 for broken in &found.broken {
                     println!("       {broken}");
                 }
+                for warning in &found.warnings {
+                    println!("       warning: {warning}");
+                }
             }
+            Err(_) if row.is_accepted() => println!("ACCEPT {name:<width$}  a new reference"),
             Err(problem) => println!("ERROR  {name:<width$}  {}", problem.replace('\n', "\n       ")),
         }
     }
+    for row in rows {
+        if let Some(Err(why)) = &row.accepted {
+            println!("       {why}");
+        }
+    }
     let [passed, failed, errors] = counts(rows);
+    let accepted = match rows.iter().filter(|row| row.is_accepted()).count() {
+        0 => String::new(),
+        accepted => format!(", {accepted} accepted"),
+    };
     println!(
-        "\n{}: {passed} passed, {failed} failed, {errors} could not be compared",
+        "\n{}: {passed} passed, {failed} failed, {errors} could not be compared{accepted}",
         counted(rows.len(), "image")
     );
 }
@@ -184,6 +232,11 @@ fn write(arguments: &Arguments, rows: &[Row]) -> Result<(), Failure> {
     }
     if let Some(path) = &arguments.junit {
         let case = |row: &Row| match &row.found {
+            _ if row.is_accepted() => Case {
+                name: row.name.clone(),
+                seconds: 0.0,
+                outcome: Outcome::Pass,
+            },
             Ok(comparison) => comparison.junit(row.name.clone()),
             Err(problem) => Case {
                 name: row.name.clone(),

@@ -12,6 +12,8 @@ pub(super) struct Input {
     pub(super) image: Image,
     /// For a file with codes: these, and their kind.
     codes: Option<(Image, Codes)>,
+    /// How its numbers were decoded.
+    decode: Transfer,
 }
 
 /// Reads an image. `layer` names the channels of an EXR file that are its colours; codes are
@@ -24,13 +26,18 @@ pub(super) fn read(path: &Path, layer: Option<&str>, transfer: Transfer) -> Resu
             .map_err(|problem| Failure::usage(format!("{}: {problem}", path.display())))?;
     }
     if read.codes == Codes::Float {
-        return Ok(Input { image, codes: None });
+        return Ok(Input {
+            image,
+            codes: None,
+            decode: Transfer::Linear,
+        });
     }
     let codes = image.clone();
     transfer.apply(&mut image);
     Ok(Input {
         image,
         codes: Some((codes, read.codes)),
+        decode: transfer,
     })
 }
 
@@ -103,6 +110,73 @@ pub(super) fn hide(inputs: &mut [Input; 2], mask: &Path) -> Result<(), String> {
     Ok(())
 }
 
+/// Takes each value of the reference to the nearest one to ours between those of two images, and of
+/// the reference itself.
+pub(super) fn widen(inputs: &mut [Input; 2], range: [&Path; 2]) -> Result<(), String> {
+    let [least, most] = range.map(|path| {
+        let read = picture::read(path, Limits::IMAGE).map_err(|error| error.to_string())?;
+        Ok::<_, String>((path, read))
+    });
+    let (least, most) = (least?, most?);
+    let [ours, reference] = inputs;
+    let kind = |input: &Input| input.codes.as_ref().map_or(Codes::Float, |(_, kind)| *kind);
+    for (path, read) in [&least, &most] {
+        let of = |image: &Image| [image.width(), image.height()];
+        if of(&read.image) != of(&reference.image) || read.codes != kind(reference) {
+            return Err(format!(
+                "{}: a range needs an image of the size and kind of the reference",
+                path.display()
+            ));
+        }
+    }
+    if [ours.image.width(), ours.image.height()] != [reference.image.width(), reference.image.height()] {
+        // The sizes are reported by the comparison.
+        return Ok(());
+    }
+    let decode = reference.decode;
+    let codes = ours.codes.as_ref().zip(reference.codes.as_mut());
+    let codes = codes.map(|((ours, _), (reference, _))| (ours, reference, Transfer::Linear));
+    for (ours, reference, decode) in [(&ours.image, &mut reference.image, decode)]
+        .into_iter()
+        .chain(codes)
+    {
+        for name in RGB {
+            let channel = |read: &'_ picture::Picture| -> Result<Vec<f32>, String> {
+                let plane = read
+                    .image
+                    .channel(name)
+                    .ok_or_else(|| format!("the range has no channel {name}"))?;
+                Ok(plane
+                    .iter()
+                    .map(|value| decode.decode(f64::from(*value)) as f32)
+                    .collect())
+            };
+            let (low, high) = (channel(&least.1)?, channel(&most.1)?);
+            let (Some(ours), Some(plane)) = (ours.channel(name), reference.channel_mut(name)) else {
+                continue;
+            };
+            let width = least.1.image.width();
+            for (index, value) in plane.iter_mut().enumerate() {
+                let (low, high) = (low[index], high[index]);
+                if low > high || low.is_nan() || high.is_nan() {
+                    return Err(format!(
+                        "{} is not above {} in channel {name} of pixel ({}, {})",
+                        most.0.display(),
+                        least.0.display(),
+                        index % width,
+                        index / width
+                    ));
+                }
+                // The comparison reports values that are not finite.
+                if ours[index].is_finite() && value.is_finite() {
+                    *value = ours[index].clamp(low.min(*value), high.max(*value));
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
 /// How the codes of two images differ.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub(super) struct CodeDifference {
@@ -116,6 +190,9 @@ pub(super) struct CodeDifference {
     pub(super) largest: u32,
     #[serde(skip)]
     pub(super) mask: Mask,
+    /// The largest difference of the codes of each pixel, from 0 to 1.
+    #[serde(skip)]
+    pub(super) differences: Vec<f64>,
 }
 
 /// Compares the codes of two images exactly; `None` if both have floating-point numbers. Codes that
@@ -172,8 +249,9 @@ pub(super) fn codes(ours: &Input, reference: &Input, limit: u32) -> Result<Optio
         kind: kind.to_string(),
         pixels: mask.count(),
         differing: differences.iter().filter(|difference| **difference > 0).count(),
-        largest: differences.into_iter().max().unwrap_or(0),
+        largest: differences.iter().copied().max().unwrap_or(0),
         mask,
+        differences: differences.iter().map(|code| f64::from(*code) / last).collect(),
     }))
 }
 
@@ -190,6 +268,7 @@ mod tests {
         Input {
             codes: codes.map(|codes| (image.clone(), codes)),
             image,
+            decode: Transfer::Linear,
         }
     }
 

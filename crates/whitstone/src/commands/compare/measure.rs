@@ -51,6 +51,8 @@ pub(super) struct Comparison {
     seconds: f64,
     /// Each limit that was exceeded, with the value.
     pub(super) broken: Vec<String>,
+    /// Each limit that only warns and was exceeded.
+    pub(super) warnings: Vec<String>,
 }
 
 /// The pixels of `over` that the stored variation of the reference explains, and the number of
@@ -160,6 +162,15 @@ pub(super) fn measure(
             "--significance needs layers variance.R, variance.G, variance.B, or m2.R, m2.G, m2.B, in one of the images",
         ));
     }
+    let is_explained = |index: usize| {
+        let of = |mask: &Mask| mask.contains(index % ours.width(), index / ours.width());
+        explained.as_ref().is_some_and(of)
+    };
+    let differences: Vec<f64> = largest_differences(ours, reference, codes.as_ref())?
+        .into_iter()
+        .enumerate()
+        .map(|(index, difference)| if is_explained(index) { 0.0 } else { difference })
+        .collect();
     let worst = metrics::worst(ours, reference, arguments.worst, Some(&over)).map_err(Failure::usage)?;
     let mut comparison = Comparison {
         not_finite,
@@ -177,9 +188,37 @@ pub(super) fn measure(
         worst,
         seconds: start.elapsed().as_secs_f64(),
         broken: Vec::new(),
+        warnings: Vec::new(),
     };
     comparison.broken = comparison.broken_limits(arguments);
+    if finite {
+        let [broken, warnings] = arguments.thresholds.check(&differences);
+        comparison.broken.extend(broken);
+        comparison.warnings = warnings;
+    }
     Ok(comparison)
+}
+
+/// The largest difference of each pixel over its channels; codes count from 0 to 1.
+fn largest_differences(
+    ours: &Image,
+    reference: &Image,
+    codes: Option<&CodeDifference>,
+) -> Result<Vec<f64>, Failure> {
+    if let Some(codes) = codes {
+        return Ok(codes.differences.clone());
+    }
+    let (ours, reference) = (
+        ours.rgb().map_err(Failure::usage)?,
+        reference.rgb().map_err(Failure::usage)?,
+    );
+    let at = |index: usize| {
+        let planes = ours.iter().zip(&reference);
+        planes
+            .map(|(ours, reference)| (f64::from(ours[index]) - f64::from(reference[index])).abs())
+            .fold(0.0, f64::max)
+    };
+    Ok((0..ours[0].len()).map(at).collect())
 }
 
 impl Comparison {
@@ -353,6 +392,9 @@ impl Comparison {
         if !not_compared.is_empty() {
             row("channels not compared", &not_compared.join(", "));
         }
+        for warning in &self.warnings {
+            println!("WARNING: {warning}");
+        }
         match self.broken.as_slice() {
             [] => println!("pass"),
             broken => println!("DIFFERS: {}", broken.join("; ")),
@@ -403,6 +445,7 @@ impl Comparison {
             "reference": reference,
             "status": if self.broken.is_empty() { "pass" } else { "fail" },
             "problems": self.broken,
+            "warnings": self.warnings,
             "limits": {
                 "max_rmse": arguments.max_rmse,
                 "max_rel_rmse_interior": arguments.max_rel_rmse_interior,
@@ -412,6 +455,7 @@ impl Comparison {
                 "max_flip": arguments.max_flip,
                 "min_ssim": arguments.min_ssim,
                 "significance": arguments.significance,
+                "idiff": arguments.thresholds,
             },
             "tolerance": { "relative": arguments.relative, "absolute": arguments.absolute },
             "nonfinite": self.not_finite,
