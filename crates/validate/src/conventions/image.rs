@@ -390,16 +390,18 @@ const FLIPS: [[bool; 2]; 4] = [[false, false], [true, false], [false, true], [tr
 pub(super) fn best(samples: &[Samples], image: &Image, allowed: &dyn Fn(&Guess) -> bool) -> (f64, Guess) {
     let mut best = (f64::INFINITY, CONFORMING);
     // Most hypotheses share their images with others.
-    let mut images: Vec<((usize, [i32; 2], Filter), Composed)> = Vec::new();
+    let mut keys = Vec::new();
+    let mut images: Vec<Composed> = Vec::new();
     let mut consider = |guess: &Guess, best: &mut (f64, Guess)| {
         if allowed(guess) && guess.view < samples.len() {
             let key = (guess.view, guess.offset, guess.filter);
-            let known = images.iter().position(|(known, _)| *known == key);
+            let known = keys.iter().position(|known| *known == key);
             let index = known.unwrap_or_else(|| {
-                images.push((key, compose(&samples[guess.view], guess)));
+                keys.push(key);
+                images.push(compose(&samples[guess.view], guess));
                 images.len() - 1
             });
-            let fit = fit(&images[index].1, image, guess, ALL_FREE);
+            let fit = fit(&images[index], image, guess, ALL_FREE);
             // Of equal ones the first, which is nearest to the model.
             if fit.error < best.0 {
                 *best = (fit.error, *guess);
