@@ -18,7 +18,7 @@ use crate::result::counted;
 use crate::stop::Stop;
 use crate::subject::Subject;
 use crate::subject::render::SubjectError;
-use choices::{Choice, Examined, Picked, changes, descend, examine};
+use choices::{Examined, Picked, changes, descend, examine};
 pub use image::Filter;
 use image::{ALL_FREE, Free, Guess, Samples, TRANSFERS, best, compose, fit};
 use probe::{Lab, Probe, VIEWS};
@@ -222,17 +222,17 @@ pub fn find(
         record(name, examined, &mut result)?;
     }
     let Some(film) = film else { return Ok(result) };
-    let others: [(_, fn() -> Vec<Choice>); 3] = [
-        ([surfaces::texture(), surfaces::texture()], surfaces::of_texture),
-        ([false, true].map(surfaces::glass), surfaces::of_glass),
-        ([surfaces::near(), surfaces::near()], surfaces::of_near),
+    let others = [
+        ([surfaces::texture(), surfaces::texture()], surfaces::of_texture()),
+        ([false, true].map(surfaces::glass), surfaces::of_glass()),
+        ([surfaces::near(), surfaces::near()], surfaces::of_near()),
     ];
     for (probes, choices) in others {
         let name = probes[0].name;
         let examined = understood(&film).and_then(|()| {
             let (probe, image) = image_of(&lab, probes)?;
             stage(&format!("examining {name}"));
-            let found = examine(&lab, &probe, &choices(), &image, &film)?;
+            let found = examine(&lab, &probe, &choices, &image, &film)?;
             result.errors.push((name, found.fit.error));
             result.findings.extend(found.findings);
             Ok(())

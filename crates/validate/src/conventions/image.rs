@@ -390,10 +390,15 @@ const FLIPS: [[bool; 2]; 4] = [[false, false], [true, false], [false, true], [tr
 pub(super) fn best(samples: &[Samples], image: &Image, allowed: &dyn Fn(&Guess) -> bool) -> (f64, Guess) {
     let mut best = (f64::INFINITY, CONFORMING);
     // Most hypotheses share their images with others.
-    let mut images: Vec<((usize, [i32; 2], Filter), Composed)> = Vec::new();
+    let mut images: Vec<(Guess, Composed)> = Vec::new();
     let mut consider = |guess: &Guess, best: &mut (f64, Guess)| {
         if allowed(guess) && guess.view < samples.len() {
-            let key = (guess.view, guess.offset, guess.filter);
+            let key = Guess {
+                view: guess.view,
+                offset: guess.offset,
+                filter: guess.filter,
+                ..CONFORMING
+            };
             let known = images.iter().position(|(known, _)| *known == key);
             let index = known.unwrap_or_else(|| {
                 images.push((key, compose(&samples[guess.view], guess)));
