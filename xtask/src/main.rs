@@ -50,7 +50,7 @@ struct Arguments {
 #[derive(Subcommand)]
 enum Verb {
     #[command(flatten)]
-    Whitstone(commands::Command),
+    Whitstone(Box<commands::Command>),
     Tidy(places::Arguments),
     /// Check that every plugin compiles as the only enabled feature of its crate
     Features,
