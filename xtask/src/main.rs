@@ -43,10 +43,6 @@ struct Arguments {
     verb: Verb,
 }
 
-#[expect(
-    clippy::large_enum_variant,
-    reason = "there is one value in a process, and clap flattens no box"
-)]
 #[derive(Subcommand)]
 enum Verb {
     #[command(flatten)]

@@ -117,9 +117,15 @@ pub(super) fn measure(lab: &Lab<'_>, guess: &Guess, free: Free) -> Result<Spawn,
         };
         let mut examined = || -> Result<_, String> {
             let (least, picked) = descend(&choices, &mut error)?;
-            Ok((least, error(&vec![None; 2])?, picked))
+            let without = error(&vec![None; 2])?;
+            // The table of the subject may switch shadows off.
+            let has_shadows = error(&vec![Some(SATURATED), None])? != without;
+            Ok((least, without, has_shadows.then_some(picked)))
         };
         let (least, without, picked) = examined().map_err(SubjectError::Environment)?;
+        let Some(picked) = picked else {
+            return Ok(Spawn::Skipped("no scene has shadows".to_owned()));
+        };
         let [strip, lower] = [picked[0], picked[1]].map(|part| part.unwrap_or(0.0));
         if strip > SATURATED || lower > SATURATED || least.is_infinite() {
             continue;
