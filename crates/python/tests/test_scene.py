@@ -162,7 +162,9 @@ def test_progress():
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_ctrl_c_stops_a_rendering():
     code = (
-        "import whitstone, sys\n"
+        # A process in the background of a shell inherits that the signal is ignored.
+        "import signal, whitstone\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         f"scene = whitstone.Scene({BALL!r}, {{'film.width': 8000, 'film.height': 8000, 'sampler.type': 'grid', 'sampler.samples_per_axis': 32}})\n"
         "print('ready', flush=True)\n"
         "try:\n    scene.render()\nexcept KeyboardInterrupt:\n    print('stopped')\n"
