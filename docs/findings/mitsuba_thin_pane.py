@@ -1,7 +1,7 @@
 """Mitsuba 3: a ray through a thin pane meets one of its two faces.
 
-A pane of glass is 5e-5 m thick, about as thick as a hair. A ray that goes on from its first face by
-`spawn_ray` starts behind the second one.
+A pane of glass is 5e-5 m thick. A ray that `spawn_ray` starts at its first face starts behind the
+second one.
 
 Exit code 0 if the fault is seen, 1 if not.
 """

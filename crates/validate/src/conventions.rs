@@ -126,7 +126,7 @@ struct Film {
 
 /// Why a probe says nothing.
 enum NoProbe {
-    /// It goes on without it.
+    /// The other probes are examined without it; the text is the reason.
     Skipped(String),
     /// The command cannot be run at all.
     Broken(String),
@@ -282,7 +282,7 @@ fn all_views(lab: &Lab<'_>, probe: &Probe, changes: &[String]) -> Result<Vec<Sam
         .collect()
 }
 
-/// Examines the image of the first probe: how images are made, and what of the scene is otherwise.
+/// Examines the image of the first probe: the conventions of the film and of the scene.
 fn first(
     lab: &Lab<'_>,
     probe: &Probe,

@@ -6,7 +6,7 @@ use whitstone_testkit::Random;
 
 /// Deeper tables take the alternative that refers to no other definition, if there is one.
 const DEEP: usize = 5;
-/// An optional key is present in one table of so many.
+/// An optional key has a chance of one in this number to be present.
 const RARE: usize = 4;
 
 /// How often a part of a scene is tried.

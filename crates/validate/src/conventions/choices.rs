@@ -29,7 +29,7 @@ pub(super) struct Number {
     pub(super) sentence: Box<dyn Fn(f64) -> String>,
 }
 
-/// What a subject can do instead of what the model does.
+/// A convention of a subject that differs from the model.
 pub(super) enum Others {
     Words(Vec<Alternative>),
     Number(Number),

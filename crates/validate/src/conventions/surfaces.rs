@@ -1,4 +1,4 @@
-//! The probes, and what a subject may do in each instead of what the model does.
+//! The probes of surfaces, and the conventions that each can show.
 
 use super::choices::{Alternative, Choice, Number, Others};
 use super::probe::{BALL, Camera, Probe, TEXELS};
