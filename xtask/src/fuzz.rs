@@ -55,15 +55,15 @@ pub(crate) struct Arguments {
     /// Number of the first random scene; each number is another scene, the same in every run
     #[arg(long, value_name = "NUMBER", default_value_t = 0)]
     first: u64,
-    /// Render random scenes from this number on, and print what became of each
-    #[arg(long, value_name = "NUMBER", hide = true)]
-    worker: Option<u64>,
+    /// Render the random scenes whose numbers are read, and print what became of each
+    #[arg(long, hide = true)]
+    worker: bool,
 }
 
 /// Runs the command.
 pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
-    if let Some(first) = arguments.worker {
-        return scenes::work(first, registry);
+    if arguments.worker {
+        return scenes::work(registry);
     }
     let kinds: Vec<&str> = match arguments.kinds.as_slice() {
         [] => KINDS.to_vec(),

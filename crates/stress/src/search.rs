@@ -33,6 +33,21 @@ pub struct Worst {
 }
 
 impl Worst {
+    /// The worst case of two searches of one family.
+    #[must_use]
+    pub fn merged(self, other: Self) -> Self {
+        let worse = if is_worse(&other.judged, &self.judged) {
+            other
+        } else {
+            self
+        };
+        Self {
+            questions: self.questions + other.questions,
+            wrong: self.wrong + other.wrong,
+            ..worse
+        }
+    }
+
     /// Whether an answer breaks the promise.
     pub fn breaks_promise(&self) -> bool {
         self.wrong > 0 || self.judged.share > 1.0

@@ -1,16 +1,18 @@
 //! `fuzz scenes`: random scenes, whose image must not depend on the accelerator, the number of
 //! threads or the vector instructions.
 //!
-//! The instructions are chosen once in a process, so each set has its own: a worker. It makes the
-//! scenes of a range of numbers and prints a line for each.
+//! The instructions are chosen once in a process, so each set has its own: a worker. It reads
+//! numbers of scenes and prints a line for each. A group of workers, one for each set, renders the
+//! same scenes; there are as many groups as keep the cores busy.
 
 use super::random_scene::Generator;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::fs;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, ChildStdin, Command, Stdio};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -36,6 +38,9 @@ const MOST_TESTS: u64 = 10_000_000;
 const LIMIT: Duration = Duration::from_secs(10);
 /// Time after which a worker is given up.
 const PATIENCE: Duration = Duration::from_secs(300);
+/// Scenes that a worker has been asked for at a time. The workers that render a scene once are
+/// ahead of the one that varies it by no more.
+const WINDOW: usize = 8;
 /// The folder that paths of the scenes are relative to.
 const BASE: &str = "scenes";
 const FINDINGS: &str = "target/fuzz/findings/scenes";
@@ -71,12 +76,13 @@ fn text(schema: &serde_json::Value, number: u64, registry: &Registry) -> Result<
     toml::to_string(&scene).map_err(|error| error.to_string())
 }
 
-/// Renders the scenes from a number on, and prints what became of each, until it is killed.
-pub(super) fn work(first: u64, registry: &Registry) -> Result<Exit, Failure> {
+/// Renders the scenes whose numbers it reads, and prints what became of each.
+pub(super) fn work(registry: &Registry) -> Result<Exit, Failure> {
     let schema = scene_schema(registry);
     let vary = std::env::var("WHITSTONE_SIMD").as_deref() == Ok(LEVELS[0]);
     let mut out = std::io::stdout().lock();
-    for number in first.. {
+    for line in std::io::stdin().lock().lines().map_while(Result::ok) {
+        let number = line.parse().map_err(Failure::environment)?;
         let text = text(&schema, number, registry).map_err(Failure::environment)?;
         let answer = answer(&text, number, vary, registry);
         if writeln!(out, "{}", answer.line())
@@ -199,17 +205,19 @@ fn hash(film: &Film) -> u64 {
 
 /// A process that renders scenes.
 struct Worker {
+    level: &'static str,
     child: Child,
+    numbers: Option<ChildStdin>,
     lines: Receiver<String>,
 }
 
 impl Worker {
-    fn start(level: &str, first: u64) -> Result<Self, Failure> {
+    fn start(level: &'static str) -> Result<Self, Failure> {
         let program = std::env::current_exe().map_err(Failure::environment)?;
         let mut child = Command::new(program)
-            .args(["fuzz", "--worker", &first.to_string()])
+            .args(["fuzz", "--worker"])
             .env("WHITSTONE_SIMD", level)
-            .stdin(Stdio::null())
+            .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()
             .map_err(Failure::environment)?;
@@ -224,10 +232,23 @@ impl Worker {
                 }
             });
         }
-        Ok(Self { child, lines })
+        let numbers = child.stdin.take();
+        Ok(Self {
+            level,
+            child,
+            numbers,
+            lines,
+        })
     }
 
-    /// The line of the next scene, or what went wrong instead.
+    /// Asks for a scene. A process that has ended is noticed when its answer is read.
+    fn ask(&mut self, number: u64) {
+        if let Some(pipe) = &mut self.numbers {
+            let _ = writeln!(pipe, "{number}");
+        }
+    }
+
+    /// The line of the scene that was asked for first, or what went wrong instead.
     fn next(&self) -> Result<String, String> {
         self.lines.recv_timeout(PATIENCE).map_err(|error| match error {
             RecvTimeoutError::Timeout => "no answer".to_owned(),
@@ -243,48 +264,89 @@ impl Drop for Worker {
     }
 }
 
-/// Renders random scenes for some time; returns the number of findings.
-pub(super) fn run(first: u64, seconds: u64, registry: &Registry) -> Result<usize, Failure> {
-    let schema = scene_schema(registry);
-    let end = Instant::now() + Duration::from_secs(seconds);
-    let start_all = |first| {
-        let workers: Result<Vec<Worker>, Failure> =
-            LEVELS.iter().map(|level| Worker::start(level, first)).collect();
-        workers
-    };
-    let mut workers = start_all(first)?;
-    let (mut valid, mut number) = (0, first);
-    let mut findings = BTreeMap::new();
-    while Instant::now() < end && findings.len() < ENOUGH {
+/// What came of the scenes of some workers.
+#[derive(Default)]
+struct Outcome {
+    scenes: u64,
+    valid: u64,
+    findings: BTreeMap<u64, String>,
+}
+
+/// Has one group of workers render scenes until a time.
+fn examine(next: &AtomicU64, end: Instant) -> Result<Outcome, Failure> {
+    let start_all = || -> Result<Vec<Worker>, Failure> { LEVELS.into_iter().map(Worker::start).collect() };
+    let mut workers = start_all()?;
+    let mut outcome = Outcome::default();
+    let mut asked = VecDeque::new();
+    loop {
+        while asked.len() < WINDOW && Instant::now() < end && outcome.findings.len() < ENOUGH {
+            let number = next.fetch_add(1, Ordering::Relaxed);
+            workers.iter_mut().for_each(|worker| worker.ask(number));
+            asked.push_back(number);
+        }
+        let Some(number) = asked.pop_front() else {
+            return Ok(outcome);
+        };
         let lines: Vec<Result<String, String>> = workers.iter().map(Worker::next).collect();
-        let ended = lines.iter().any(Result::is_err);
-        let told = lines.iter().zip(LEVELS).find_map(|(line, level)| match line {
+        let each = || lines.iter().zip(&workers);
+        let told = each().find_map(|(line, Worker { level, .. })| match line {
             Err(problem) => Some(format!("{problem}, with WHITSTONE_SIMD={level}")),
             Ok(line) => line
                 .strip_prefix("finding ")
                 .map(|text| format!("{text}, with WHITSTONE_SIMD={level}")),
         });
         let differs = || {
-            let other = lines.iter().zip(LEVELS).find(|(line, _)| **line != lines[0]);
-            other.map(|(_, level)| format!("another image with WHITSTONE_SIMD={level}"))
+            let other = each().find(|(line, _)| **line != lines[0]);
+            other.map(|(_, Worker { level, .. })| format!("another image with WHITSTONE_SIMD={level}"))
         };
+        outcome.scenes += 1;
         if let Some(finding) = told.or_else(differs) {
-            findings.insert(number, finding);
+            outcome.findings.insert(number, finding);
         } else if lines[0].as_ref().is_ok_and(|line| !line.starts_with("refused")) {
-            valid += 1;
+            outcome.valid += 1;
         }
-        number += 1;
-        if ended {
-            workers = start_all(number)?;
+        if lines.iter().any(Result::is_err) {
+            workers = start_all()?;
+            for number in &asked {
+                workers.iter_mut().for_each(|worker| worker.ask(*number));
+            }
         }
     }
-    drop(workers);
+}
+
+/// Renders random scenes for some time; returns the number of findings.
+pub(super) fn run(first: u64, seconds: u64, registry: &Registry) -> Result<usize, Failure> {
+    let end = Instant::now() + Duration::from_secs(seconds);
+    let next = AtomicU64::new(first);
+    // A group keeps about 1.7 cores busy: one worker varies each scene, two render it once.
+    let cores = thread::available_parallelism().map_or(1, usize::from);
+    let groups = (cores * 3 / 5).max(1);
+    let outcomes: Vec<Result<Outcome, Failure>> = thread::scope(|scope| {
+        let groups: Vec<_> = (0..groups).map(|_| scope.spawn(|| examine(&next, end))).collect();
+        groups
+            .into_iter()
+            .map(|group| {
+                group
+                    .join()
+                    .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+            })
+            .collect()
+    });
+    let mut all = Outcome::default();
+    for outcome in outcomes {
+        let outcome = outcome?;
+        all.scenes += outcome.scenes;
+        all.valid += outcome.valid;
+        all.findings.extend(outcome.findings);
+    }
     println!(
-        "scenes {:>9} random scenes, of which {valid} are valid, from number {first}; findings: {}",
-        number - first,
-        findings.len()
+        "scenes {:>9} random scenes, of which {} are valid, from number {first}; findings: {}",
+        all.scenes,
+        all.valid,
+        all.findings.len()
     );
-    for (number, finding) in &findings {
+    let schema = scene_schema(registry);
+    for (number, finding) in &all.findings {
         let file = Path::new(FINDINGS).join(format!("{number}.toml"));
         let text = text(&schema, *number, registry).map_err(Failure::environment)?;
         fs::create_dir_all(FINDINGS).map_err(Failure::environment)?;
@@ -293,5 +355,5 @@ pub(super) fn run(first: u64, seconds: u64, registry: &Registry) -> Result<usize
         fs::write(&file, text).map_err(Failure::environment)?;
         println!("{}: {finding}", file.display());
     }
-    Ok(findings.len())
+    Ok(all.findings.len())
 }
