@@ -34,8 +34,13 @@ const MEMORY: u64 = 256 << 20;
 const TREE_RAYS: u32 = 1 << 12;
 /// Pairs of a ray and an element that are all tested.
 const MOST_TESTS: u64 = 10_000_000;
-/// Time in which a scene must be answered. Without an accelerator it may take longer.
+/// Samples of an image; scenes of more are not rendered.
+const MOST_SAMPLES: u64 = 20_000;
+/// Time in which a scene must be answered, beside [`PER_RAY`]. Without an accelerator it may take
+/// longer.
 const LIMIT: Duration = Duration::from_secs(10);
+/// Time of a ray with a hit on repeated metaballs or a fractal, on a loaded machine.
+const PER_RAY: Duration = Duration::from_millis(5);
 /// Time after which a worker is given up.
 const PATIENCE: Duration = Duration::from_secs(300);
 /// Scenes that a worker has been asked for at a time. The workers that render a scene once are
@@ -99,9 +104,10 @@ pub(super) fn work(registry: &Registry) -> Result<Exit, Failure> {
 /// Renders a scene, if it is valid, in as many ways as `vary` says.
 fn answer(text: &str, number: u64, vary: bool, registry: &Registry) -> Answer {
     let start = Instant::now();
-    let mut tests = 0;
-    let found = image(text, &[], 1, registry, &mut tests);
-    if start.elapsed() > LIMIT {
+    let mut work = Work::default();
+    let found = image(text, &[], 1, registry, &mut work);
+    let rays = u32::try_from(work.rays).unwrap_or(u32::MAX);
+    if start.elapsed() > LIMIT + PER_RAY * rays {
         return Answer::Finding(format!("takes {:.0} s", start.elapsed().as_secs_f64()));
     }
     let first = match found {
@@ -111,11 +117,11 @@ fn answer(text: &str, number: u64, vary: bool, registry: &Registry) -> Answer {
     };
     if vary {
         let threads = [(Vec::new(), 3)];
-        let others = accelerators(number, tests < MOST_TESTS, registry).into_iter();
+        let others = accelerators(number, work.tests < MOST_TESTS, registry).into_iter();
         let others = others.map(|name| (vec![format!("accelerator={{type=\"{name}\"}}")], 1));
         for (changes, threads) in threads.into_iter().chain(others) {
             let with = || format!("{} and {threads} threads", changes.join(""));
-            match image(text, &changes, threads, registry, &mut tests) {
+            match image(text, &changes, threads, registry, &mut work) {
                 Ok(Ok(image)) if image == first => {}
                 Ok(Ok(_)) => return Answer::Finding(format!("another image with {}", with())),
                 Ok(Err(error)) => return Answer::Finding(format!("refused with {}: {error}", with())),
@@ -165,19 +171,31 @@ fn build(text: &str, changes: &[String], registry: &Registry) -> Result<Result<P
     }
 }
 
+/// What a rendering took.
+#[derive(Default)]
+struct Work {
+    rays: u64,
+    /// Pairs of a ray and an element.
+    tests: u64,
+}
+
 /// Hash of the image of a scene, or the error with which it is refused. The outer error is a
-/// finding. `tests` becomes the number of pairs of a ray and an element.
+/// finding.
 fn image(
     text: &str,
     changes: &[String],
     threads: usize,
     registry: &Registry,
-    tests: &mut u64,
+    work: &mut Work,
 ) -> Result<Result<u64, String>, String> {
     let pipeline = match build(text, changes, registry)? {
         Ok(pipeline) => pipeline,
         Err(error) => return Ok(Err(error)),
     };
+    let pixels = u64::from(pipeline.film.size.width) * u64::from(pipeline.film.size.height);
+    if pixels * u64::from(pipeline.sampler.count()) > MOST_SAMPLES {
+        return Ok(Err("too many samples".to_owned()));
+    }
     let film = pipeline.render(RenderOptions {
         threads,
         ..RenderOptions::default()
@@ -185,7 +203,8 @@ fn image(
     let groups = pipeline.groups.iter().map(|built| built.group.geometry());
     let geometries = std::iter::once(&pipeline.scene.geometry).chain(groups);
     let elements: usize = geometries.map(|geometry| geometry.elements().count()).sum();
-    *tests = film.counters.total() * elements as u64;
+    work.rays = film.counters.total();
+    work.tests = work.rays * elements as u64;
     // The place of the first tree that is too large depends on the threads.
     Ok(match film.check() {
         Ok(()) => Ok(hash(&film)),
