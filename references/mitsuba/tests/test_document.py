@@ -65,6 +65,12 @@ class Documents(Case):
     def test_tables_that_do_not_affect_the_image(self):
         self.value(HEAD + '[accelerator]\ntype = "anything"\nleaf = 4\n[expect]\nrmse = 1e-3\n')
 
+    def test_shared_tables_that_nothing_uses(self):
+        unused = '[texture.t]\ntype = "constant"\n[material.m]\ntype = "two_sided"\nfront = "m"\nback = "m"\nkey = 1\n'
+        self.value(HEAD + unused)
+        self.refuse(HEAD + "[texture.t]\nvalue = 1\n[material.m]\ntype = 3\n", "scene", "texture.t.type", "material.m.type")
+        self.refuse(HEAD + unused + FLOOR + 'material = "m"\n', "scene", "itself", "material.m.key")
+
 
 if __name__ == "__main__":
     unittest.main()

@@ -241,6 +241,8 @@ def parse(text: str, base: str) -> Document:
     material_reader = materials.Materials(_shared(root.get("material", {}), "material", errors), texture_reader, errors, unsupported)
     groups = _shared(root.get("group", {}), "group", errors)
     shape_list, found = shapes.read(root, groups, material_reader, texture_reader, folder, errors, unsupported)
+    material_reader.check_unused()
+    texture_reader.check_unused()
     covered = gradients = False
     if integrator is not None:
         _check_ray_count(integrator, material_reader.all, shape_list, errors)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Set, Tuple
 
 from .compounds import leaves
 from .fields import REQUIRED, Fields, Vector, nearest
@@ -401,8 +401,13 @@ class Materials:
         self._tables = shared
         # Names of shared materials that are being read; a repeated name is a cycle.
         self._open: List[str] = []
-        for name in shared:
-            self.number(name, f"material.{name}")
+        self._read: Set[str] = set()
+
+    def check_unused(self) -> None:
+        """Checks the type of each shared material that nothing has read (§2)."""
+        for name, table in self._tables.items():
+            if name not in self._read:
+                Fields(table, f"material.{name}", self._errors).kind()
 
     def number(self, value: Any, where: str) -> int:
         """The index of the material that `value` (a name, a table or None) describes."""
@@ -416,6 +421,7 @@ class Materials:
         if value in self._open:
             self._errors.append(f"{where}: the material {value!r} contains itself")
             return 0
+        self._read.add(value)
         self._open.append(value)
         number = self._table(self._tables[value], f"material.{value}")
         self._open.pop()

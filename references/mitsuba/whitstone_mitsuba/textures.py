@@ -206,8 +206,12 @@ class Textures:
         # Names of shared textures that are being read, and the number of compound ones.
         self._open: List[str] = []
         self._depth = 0
-        for name in shared:
-            self._shared(name, f"texture.{name}")
+
+    def check_unused(self) -> None:
+        """Checks the type of each shared texture that nothing has read (§2)."""
+        for name, table in self._tables.items():
+            if name not in self._read:
+                Fields(table, f"texture.{name}", self._errors).kind()
 
     def value(self, fields: Fields, key: str, default: Any, low: float, high: float) -> Any:
         """The texture under `key`: a number, a colour, a name or an inline table, with values in
