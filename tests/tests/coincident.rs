@@ -237,6 +237,21 @@ fn cases() -> Vec<(&'static str, Scene)> {
             }),
         ),
         (
+            // Both planes have the same distance from the origin.
+            "a rod through a box that comes after it in the file",
+            Box::new(move |gap| {
+                cuboid([0.3, 0.5 + gap, 0.3], [0.0, 0.0, 0.0], BLUE)
+                    + &cuboid([0.6, 0.5, 0.6], [0.0, 0.0, 0.0], RED)
+            }),
+        ),
+        (
+            "a rod in a box that comes before it in the file",
+            Box::new(move |gap| {
+                cuboid([0.6, 0.5 + gap, 0.6], [0.0, 0.0, 0.0], RED)
+                    + &cuboid([0.3, 0.5, 0.3], [0.0, 0.0, 0.0], BLUE)
+            }),
+        ),
+        (
             "equal spheres",
             Box::new(move |gap| {
                 let ball = |radius: f64, material: &str| {

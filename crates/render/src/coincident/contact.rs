@@ -11,6 +11,10 @@ const APART: f64 = 16.0 * f64::EPSILON;
 /// Normals and offsets are sorted, and compared exactly if they differ by less than this.
 const ALIKE: f64 = 1e-10;
 
+/// Maximum sine of the angle between normals that are compared, and relative distance of their
+/// planes.
+const NEARLY: f64 = 1e-6;
+
 /// Polygons only touch if their intersection is below this fraction of the smaller one.
 const LEAST_OVERLAP: f64 = 1e-9;
 
@@ -91,7 +95,8 @@ struct Flat {
     part: usize,
     /// A function of the normal that has the same value for the opposite normal.
     turn: f64,
-    /// Distance of the plane from the origin.
+    normal: DVec3,
+    /// Signed distance of the plane from the origin, along the normal.
     offset: f64,
     /// Largest coordinate of the corner from which it was computed.
     reach: f64,
@@ -110,7 +115,8 @@ fn coplanar(parts: &Parts<'_>) -> Vec<Vec<usize>> {
         Some(Flat {
             part: number,
             turn,
-            offset: point.dot(n).abs(),
+            normal: n,
+            offset: point.dot(n),
             reach: point.abs().max_element(),
         })
     });
@@ -118,18 +124,40 @@ fn coplanar(parts: &Parts<'_>) -> Vec<Vec<usize>> {
     flat.sort_by(|a, b| a.turn.total_cmp(&b.turn).then(a.part.cmp(&b.part)));
     let mut runs = Vec::new();
     for parallel in flat.chunk_by_mut(|a, b| b.turn - a.turn <= ALIKE) {
-        parallel.sort_by(|a, b| a.offset.total_cmp(&b.offset).then(a.part.cmp(&b.part)));
-        let same = |a: &Flat, b: &Flat| b.offset - a.offset <= ALIKE * a.reach.max(b.reach);
+        let distance = |flat: &Flat| flat.offset.abs();
+        parallel.sort_by(|a, b| distance(a).total_cmp(&distance(b)).then(a.part.cmp(&b.part)));
+        let same = |a: &Flat, b: &Flat| distance(b) - distance(a) <= ALIKE * a.reach.max(b.reach);
         for run in parallel.chunk_by(same) {
             let shape = |flat: &Flat| parts.all[flat.part].shape;
-            if run.iter().any(|flat| shape(flat) != shape(&run[0])) {
-                let mut run: Vec<usize> = run.iter().map(|flat| flat.part).collect();
-                run.sort_unstable();
-                runs.push(run);
+            for plane in planes(run) {
+                if plane.iter().any(|flat| shape(flat) != shape(plane[0])) {
+                    let mut plane: Vec<usize> = plane.iter().map(|flat| flat.part).collect();
+                    plane.sort_unstable();
+                    runs.push(plane);
+                }
             }
         }
     }
     runs
+}
+
+/// The planes of parts with equal keys: planes on both sides of the origin have the same, and other
+/// ones may.
+fn planes(run: &[Flat]) -> Vec<Vec<&Flat>> {
+    let mut planes: Vec<Vec<&Flat>> = Vec::new();
+    for flat in run {
+        let is_same = |plane: &&mut Vec<&Flat>| {
+            let first = plane[0];
+            let offset = flat.offset.copysign(flat.offset * first.normal.dot(flat.normal));
+            let near = NEARLY * first.reach.max(flat.reach);
+            first.normal.cross(flat.normal).length() <= NEARLY && (first.offset - offset).abs() <= near
+        };
+        match planes.iter_mut().find(is_same) {
+            Some(plane) => plane.push(flat),
+            None => planes.push(vec![flat]),
+        }
+    }
+    planes
 }
 
 /// A point and the normal of a flat part.
@@ -174,7 +202,7 @@ fn sweep(parts: &Parts<'_>, mut run: Vec<usize>, mut pair: impl FnMut(usize, usi
 /// do not coincide.
 fn flat_overlap(a: &SurfacePart, b: &SurfacePart) -> Option<Vec<(DVec3, DVec3)>> {
     let ((at, n), (other, m)) = (plane_of(a)?, plane_of(b)?);
-    if n.cross(m).length() > 1e-6 {
+    if n.cross(m).length() > NEARLY {
         return None;
     }
     let points = match (a, b) {
