@@ -113,7 +113,7 @@ impl Oracle {
     pub fn roots(&self, ray: &Ray) -> Option<Vec<Root>> {
         let mut bits = FIRST_BITS;
         while bits <= MAX_BITS {
-            let roots = self.shape.meet(&Line::of(ray, bits));
+            let roots = Line::of(ray, bits).and_then(|line| self.shape.meet(&line));
             if let Ok(mut roots) = roots
                 && roots.all.iter().all(|root| root.t.is_narrow())
             {
@@ -127,7 +127,7 @@ impl Oracle {
     }
 
     fn attempt(&self, ray: &Ray, interval: Interval, bits: usize) -> Decided<Nearest> {
-        let line = Line::of(ray, bits);
+        let line = Line::of(ray, bits)?;
         let mut ahead = Vec::new();
         for root in self.shape.meet_beyond(&line, interval.min)?.all {
             let begins = root.t.compare(&line.number(interval.min))? == Ordering::Greater;

@@ -1,6 +1,6 @@
 //! Vectors, lines and affine maps of intervals.
 
-use crate::interval::{Decided, Interval};
+use crate::interval::{Decided, Interval, Undecided};
 use whitstone_core::{DAffine3, DVec3, Ray};
 
 /// A point or a direction.
@@ -51,12 +51,16 @@ pub(crate) struct Line {
 }
 
 impl Line {
-    /// The line of a ray, whose doubles are taken as exact.
-    pub(crate) fn of(ray: &Ray, bits: usize) -> Self {
-        Self {
+    /// The line of a ray, whose doubles are taken as exact. It is undecided where a ray with a
+    /// coordinate that is not finite goes.
+    pub(crate) fn of(ray: &Ray, bits: usize) -> Decided<Self> {
+        if !(ray.origin.is_finite() && ray.direction.is_finite()) {
+            return Err(Undecided);
+        }
+        Ok(Self {
             origin: Vector::new(ray.origin.to_array(), bits),
             direction: Vector::new(ray.direction.to_array(), bits),
-        }
+        })
     }
 
     pub(crate) fn bits(&self) -> usize {

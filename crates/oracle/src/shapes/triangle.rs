@@ -131,7 +131,7 @@ mod tests {
             let size = a.abs().max(b.abs()).max(c.abs()).length() + origin.length();
             if certainly_outside(outside, direction, size) {
                 rejected += 1;
-                let line = Line::of(&Ray { origin, direction }, 512);
+                let line = Line::of(&Ray { origin, direction }, 512).unwrap();
                 assert!(
                     matches!(meet(vertices, 0, &line), Ok(None)),
                     "{vertices:?} {origin} {direction}"

@@ -85,8 +85,8 @@ impl Camera {
         let parallel = matches!(kind, Kind::Orthographic);
         let [origin, target, up] =
             [config.look_at.origin, config.look_at.target, config.look_at.up].map(DVec3::from_array);
-        let w = (origin - target).normalize();
-        let u = up.cross(w).normalize();
+        let w = unit(origin - target);
+        let u = unit(unit(up).cross(w));
         let size = [f64::from(film.size.width), f64::from(film.size.height)];
         let [width, height] = size;
         let window = config.window.unwrap_or_else(|| {
@@ -134,7 +134,7 @@ impl Camera {
         };
         match &self.kind {
             Kind::Orthographic => vec![begun(self.origin + across, -w)],
-            Kind::Perspective => vec![begun(self.origin, (across - w * d).normalize())],
+            Kind::Perspective => vec![begun(self.origin, unit(across - w * d))],
             Kind::Environment => {
                 let phi = PI * (2.0 * x / self.size[0] - 1.0);
                 let theta = PI * (0.5 - y / self.size[1]);
@@ -145,12 +145,17 @@ impl Camera {
                 }]
             }
             Kind::Lens(focus, points) => {
-                let sharp = self.origin + (across - w * d) * (focus / d);
+                let sharp = across - w * d;
                 let through = points.iter().map(|[a, b]| {
-                    let origin = self.origin + u * *a + v * *b;
+                    let offset = u * *a + v * *b;
+                    // Towards the point in focus. The factor that would overflow is not used.
+                    let direction = match *focus > d {
+                        true => sharp - offset * (d / focus),
+                        false => sharp * (focus / d) - offset,
+                    };
                     Ray {
-                        origin,
-                        direction: (sharp - origin).normalize(),
+                        origin: self.origin + offset,
+                        direction: unit(direction),
                     }
                 });
                 through.collect()
@@ -170,6 +175,11 @@ impl Camera {
     }
 }
 
+/// The unit vector of any finite vector, whose length may overflow.
+fn unit(v: DVec3) -> DVec3 {
+    (v / v.abs().max_element()).normalize()
+}
+
 /// Lens samples, mapped to the disk by the concentric map of Shirley and Chiu 1997.
 pub(super) fn lens(aperture: f64, n: u32) -> Vec<[f64; 2]> {
     let at = |k: u32| 2.0 * (f64::from(k) + 0.5) / f64::from(n) - 1.0;
@@ -185,4 +195,37 @@ pub(super) fn lens(aperture: f64, n: u32) -> Vec<[f64; 2]> {
         [aperture * s * phi.cos(), aperture * s * phi.sin()]
     };
     (0..n * n).map(point).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rays_of_extreme_lenses_are_finite() {
+        for focus in [1e-300, 1e-9, 1.0, 1e9, 1e300] {
+            for aperture in [0.0, 1e-300, 1.0, 1e300] {
+                let camera = Camera {
+                    kind: Kind::Lens(focus, lens(aperture, 2)),
+                    origin: DVec3::new(1.0, 2.0, 3.0),
+                    axes: [DVec3::X, DVec3::Y, DVec3::Z],
+                    window: Window {
+                        l: -3.0,
+                        r: 3.0,
+                        b: -2.0,
+                        t: 2.0,
+                        d: 1.0,
+                    },
+                    size: [4.0, 3.0],
+                    near: 0.0,
+                    spherical: false,
+                };
+                for ray in camera.rays([0.5, 0.5]) {
+                    let length = ray.direction.length();
+                    assert!((length - 1.0).abs() < 1e-15, "{focus:e} {aperture:e} {ray:?}");
+                    assert!(ray.origin.is_finite());
+                }
+            }
+        }
+    }
 }

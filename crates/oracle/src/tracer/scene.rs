@@ -263,7 +263,7 @@ impl Scene {
     }
 
     fn attempt(&self, ray: &Ray, from: Option<(usize, u32)>, end: f64, bits: usize) -> Decided<Option<Hit>> {
-        let line = Line::of(ray, bits);
+        let line = Line::of(ray, bits)?;
         let mut first: Option<(usize, Root)> = None;
         for (number, root) in self.ahead(&line, ray, from, end)? {
             let nearer = match &first {
@@ -278,7 +278,7 @@ impl Scene {
     }
 
     fn attempt_all(&self, ray: &Ray, from: Option<(usize, u32)>, end: f64, bits: usize) -> Decided<Vec<Hit>> {
-        let line = Line::of(ray, bits);
+        let line = Line::of(ray, bits)?;
         let mut sorted: Vec<(usize, Root)> = Vec::new();
         'roots: for (number, root) in self.ahead(&line, ray, from, end)? {
             for place in 0..sorted.len() {
@@ -423,7 +423,8 @@ impl Part {
                         direction: hit.normal,
                     },
                     FIRST_BITS,
-                );
+                )
+                .ok()?;
                 let roots = self.placed.meet(&line).ok()?.all;
                 let same = roots.iter().filter(|root| root.primitive == hit.primitive);
                 let nearest = same.min_by(|a, b| a.t.nearest().abs().total_cmp(&b.t.nearest().abs()))?;
