@@ -3,6 +3,7 @@
 //! The package `tests/fuzz` is compiled with the coverage counters of LLVM, which the stable
 //! compiler has as well, and runs under libFuzzer.
 
+mod against_mitsuba;
 mod random_scene;
 mod scenes;
 
@@ -14,11 +15,12 @@ use whitstone::core::Registry;
 use whitstone::{Exit, Failure};
 
 /// The kinds of files, by their extension, and random scenes.
-const KINDS: [&str; 16] = [
-    SCENES, "toml", "gltf", "glb", "xml", "pbrt", "obj", "mtl", "ply", "stl", "exr", "png", "jpg", "hdr",
-    "pfm", "tif",
+const KINDS: [&str; 17] = [
+    SCENES, MITSUBA, "toml", "gltf", "glb", "xml", "pbrt", "obj", "mtl", "ply", "stl", "exr", "png", "jpg",
+    "hdr", "pfm", "tif",
 ];
 const SCENES: &str = "scenes";
+const MITSUBA: &str = "mitsuba";
 /// Larger seeds make an execution slow.
 const MAX_SEED: u64 = 20_000;
 /// Counters for each branch, and comparisons, so that words and numbers are found.
@@ -37,7 +39,9 @@ const FOLDER: &str = "target/fuzz";
 /// target/fuzz/findings. Needs a C++ compiler.
 ///
 /// The kind `scenes` makes random scenes from the JSON Schema. One that is valid must have the same
-/// image, bit for bit, with other accelerators, threads and vector instructions.
+/// image, bit for bit, with other accelerators, threads and vector instructions. The kind
+/// `mitsuba` validates such scenes against Mitsuba: a scene that fails, or that only one of the two
+/// renderers accepts, is a finding.
 ///
 /// Exit code 0 without a finding, 1 with one.
 #[derive(Args, Debug)]
@@ -73,7 +77,11 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     if kinds.contains(&SCENES) {
         found += scenes::run(arguments.first, arguments.seconds, registry)?;
     }
-    let files: Vec<&str> = kinds.into_iter().filter(|kind| *kind != SCENES).collect();
+    if kinds.contains(&MITSUBA) {
+        found += against_mitsuba::run(arguments.first, arguments.seconds, registry)?;
+    }
+    let is_file = |kind: &&str| ![SCENES, MITSUBA].contains(kind);
+    let files: Vec<&str> = kinds.into_iter().filter(is_file).collect();
     if files.is_empty() {
         return Ok(exit(found));
     }

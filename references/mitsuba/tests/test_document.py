@@ -65,6 +65,10 @@ class Documents(Case):
     def test_tables_that_do_not_affect_the_image(self):
         self.value(HEAD + '[accelerator]\ntype = "anything"\nleaf = 4\n[expect]\nrmse = 1e-3\n')
 
+    def test_a_target_far_away(self):
+        for distance in ("1e300", "1e-300"):
+            self.value(HEAD.replace("target = [0, 0, 0]", f"target = [{distance}, 0, 0]").replace("origin = [0, 5, 0]", "origin = [0, 0, 0]"))
+
     def test_shared_tables_that_nothing_uses(self):
         unused = '[texture.t]\ntype = "constant"\n[material.m]\ntype = "two_sided"\nfront = "m"\nback = "m"\nkey = 1\n'
         self.value(HEAD + unused)

@@ -228,16 +228,24 @@ def read(table: Any, width: int, height: int, errors: List[str], unsupported: Li
     backwards = origin - target
     if errors:
         return None
+    backwards = _near_one(backwards)
     if not np.linalg.norm(backwards) > 0:
         look.error("target", "must differ from `origin`")
         return None
     w = backwards / np.linalg.norm(backwards)
+    up = _near_one(up)
     u = np.cross(up, w)
     if np.linalg.norm(u) <= 1e-12 * np.linalg.norm(up):
         look.error("up", "must not be parallel to the view direction")
         return None
     u /= np.linalg.norm(u)
     return Camera(kind, origin, np.column_stack([u, np.cross(w, u), w]), window, width, height, near, spherical, lens)
+
+
+def _near_one(v: np.ndarray) -> np.ndarray:
+    """The vector times a power of two, so that its length does not overflow."""
+    largest = np.abs(v).max()
+    return v / np.exp2(np.floor(np.log2(largest))) if largest > 0 else v
 
 
 def _window(fields: Fields, kind: str, width: int, height: int) -> Tuple[float, float, float, float, float]:

@@ -80,6 +80,9 @@ impl<'a> Generator<'a> {
             Value::from(Table::from_iter([("group".to_owned(), group.into())]))
         };
         scene.insert("group".into(), group(sphere.into()));
+        if self.random.below(8) > 0 {
+            scene.insert("light".into(), vec![lamp(), ambient()].into());
+        }
 
         let mut grow = |scene: &mut Table, add: &mut dyn FnMut(&mut Self, &mut Table)| {
             for _ in 0..TRIES {
@@ -116,7 +119,10 @@ impl<'a> Generator<'a> {
                     if this.random.below(2) == 0 {
                         let list = scene.entry(family).or_insert_with(|| Value::Array(Vec::new()));
                         if let Some(list) = list.as_array_mut() {
-                            list.push(this.named(family, 0));
+                            list.push(match family {
+                                "shape" => this.placed_shape(),
+                                _ => this.named(family, 0),
+                            });
                         }
                     }
                 });
@@ -145,6 +151,23 @@ impl<'a> Generator<'a> {
             let look_at = look_at.map(|(key, place)| (key.to_owned(), place.into()));
             table.remove("transform");
             table.insert("look_at".into(), Table::from_iter(look_at).into());
+        }
+        value
+    }
+
+    /// A shape, mostly away from the origin, so that few coincide, and often with a material.
+    fn placed_shape(&mut self) -> Value {
+        let mut value = self.named("shape", 0);
+        if let Some(table) = value.as_table_mut() {
+            if !table.contains_key("transform") && self.random.below(4) > 0 {
+                let mut place = || Value::from(self.random.unit() * 3.0 - 1.5);
+                let offset = vec![place(), place(), place()];
+                let step = Table::from_iter([("translate".to_owned(), Value::from(offset))]);
+                table.insert("transform".into(), step.into());
+            }
+            if !table.contains_key("material") && self.random.below(2) == 0 {
+                table.insert("material".into(), self.named("material", 2));
+            }
         }
         value
     }
@@ -279,6 +302,23 @@ fn film(width: i64, height: i64, layers: Vec<Value>) -> Table {
         .into_iter()
         .map(|(key, value)| (key.to_owned(), value))
         .collect()
+}
+
+/// A light that most shapes are seen by.
+fn lamp() -> Value {
+    let place = [2.0, 3.0, 4.0].map(Value::from).to_vec();
+    Value::from(Table::from_iter([
+        ("type".to_owned(), "point".into()),
+        ("position".to_owned(), place.into()),
+        ("intensity".to_owned(), 20.0.into()),
+    ]))
+}
+
+fn ambient() -> Value {
+    Value::from(Table::from_iter([
+        ("type".to_owned(), "ambient".into()),
+        ("radiance".to_owned(), 0.2.into()),
+    ]))
 }
 
 /// Whether a text is anywhere in a value.

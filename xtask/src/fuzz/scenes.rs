@@ -81,6 +81,23 @@ fn text(schema: &serde_json::Value, number: u64, registry: &Registry) -> Result<
     toml::to_string(&scene).map_err(|error| error.to_string())
 }
 
+/// The scene of this number, as TOML, if it is valid.
+pub(super) fn valid(
+    schema: &serde_json::Value,
+    number: u64,
+    registry: &Registry,
+) -> Result<Option<String>, String> {
+    let text = text(schema, number, registry)?;
+    let is_valid = build(&text, &[], registry)?.is_ok_and(|pipeline| samples(&pipeline) <= MOST_SAMPLES);
+    Ok(is_valid.then_some(text))
+}
+
+/// The number of samples of the image.
+fn samples(pipeline: &Pipeline) -> u64 {
+    let size = pipeline.film.size;
+    u64::from(size.width) * u64::from(size.height) * u64::from(pipeline.sampler.count())
+}
+
 /// Renders the scenes whose numbers it reads, and prints what became of each.
 pub(super) fn work(registry: &Registry) -> Result<Exit, Failure> {
     let schema = scene_schema(registry);
@@ -192,8 +209,7 @@ fn image(
         Ok(pipeline) => pipeline,
         Err(error) => return Ok(Err(error)),
     };
-    let pixels = u64::from(pipeline.film.size.width) * u64::from(pipeline.film.size.height);
-    if pixels * u64::from(pipeline.sampler.count()) > MOST_SAMPLES {
+    if samples(&pipeline) > MOST_SAMPLES {
         return Ok(Err("too many samples".to_owned()));
     }
     let film = pipeline.render(RenderOptions {
