@@ -106,3 +106,12 @@ impl Line {
         })
     }
 }
+
+/// The unit vector and the length of a finite vector other than zero. Squares do not overflow.
+pub(crate) fn unit_and_length(v: DVec3) -> (DVec3, f64) {
+    // A power of two, so that the division is exact.
+    let scale = v.abs().max_element().log2().floor().exp2();
+    let scaled = v / scale;
+    let length = scaled.length();
+    (scaled / length, scale * length)
+}

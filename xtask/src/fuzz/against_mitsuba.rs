@@ -48,7 +48,7 @@ pub(super) fn run(first: u64, seconds: u64, registry: &Registry) -> Result<usize
             let kind = match &outcome {
                 Outcome::Pass => "pass",
                 Outcome::Undecided => "undecided",
-                Outcome::NoTwin => "without a twin",
+                Outcome::Refused => "refused",
                 Outcome::Finding(_) => "findings",
             };
             *counts.entry(kind).or_default() += 1;
@@ -59,18 +59,18 @@ pub(super) fn run(first: u64, seconds: u64, registry: &Registry) -> Result<usize
                 Outcome::Undecided => {
                     keep(&file, UNDECIDED)?;
                 }
-                Outcome::Pass | Outcome::NoTwin => {}
+                Outcome::Pass | Outcome::Refused => {}
             }
         }
         fs::remove_dir_all(&folder).map_err(Failure::environment)?;
     }
     let of = |kind| counts.get(kind).copied().unwrap_or(0);
     println!(
-        "mitsuba {:>8} random scenes from number {first}: {} pass, {} undecided, {} without a twin; findings: {}",
+        "mitsuba {:>8} random scenes from number {first}: {} pass, {} undecided, {} refused; findings: {}",
         counts.values().sum::<usize>(),
         of("pass"),
         of("undecided"),
-        of("without a twin"),
+        of("refused"),
         findings.len()
     );
     for (file, finding) in &findings {
@@ -84,7 +84,8 @@ enum Outcome {
     Pass,
     /// For example, because different surfaces coincide where the model does not order them.
     Undecided,
-    NoTwin,
+    /// It has no twin, or it takes too many rays.
+    Refused,
     Finding(String),
 }
 
@@ -148,14 +149,16 @@ fn outcome(results: &Value, file: &Path) -> Outcome {
     };
     let Some(result) = of("results").next() else {
         return match of("skipped").next() {
-            Some(_) => Outcome::NoTwin,
+            Some(_) => Outcome::Refused,
             None => Outcome::Finding("no result".to_owned()),
         };
     };
     let verdict = result["verdict"].as_str().unwrap_or_default();
     match result["status"].as_str() {
         Some("pass" | "confirmed") => Outcome::Pass,
-        Some("undecided") if verdict == "the reference cannot render this scene" => Outcome::NoTwin,
+        Some("undecided") if verdict == "the reference cannot render this scene" => Outcome::Refused,
+        // For example, if the tree of a sample is too large.
+        Some("fail") if verdict == "the scene cannot be rendered" => Outcome::Refused,
         Some("undecided") if result["compared"] == true => Outcome::Undecided,
         status => Outcome::Finding(format!(
             "{}: {verdict}: {}",

@@ -60,6 +60,11 @@ impl<'a> Generator<'a> {
         })
     }
 
+    /// Whether the scene may have numbers that single precision does not hold.
+    pub(super) fn is_extreme(&self) -> bool {
+        self.numbers == Numbers::Extreme
+    }
+
     /// A scene of at most 16 x 12 pixels. Each part is tried some times until `is_valid` accepts
     /// the scene with it, and is otherwise left out.
     pub(super) fn scene(mut self, is_valid: &dyn Fn(&Table) -> bool) -> Table {

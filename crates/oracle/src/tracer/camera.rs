@@ -1,6 +1,7 @@
 //! Cameras: section 4 of the model.
 
 use super::unknown;
+use crate::vector::unit_and_length;
 use serde::Deserialize;
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 use whitstone_core::config::decode;
@@ -175,9 +176,8 @@ impl Camera {
     }
 }
 
-/// The unit vector of any finite vector, whose length may overflow.
 fn unit(v: DVec3) -> DVec3 {
-    (v / v.abs().max_element()).normalize()
+    unit_and_length(v).0
 }
 
 /// Lens samples, mapped to the disk by the concentric map of Shirley and Chiu 1997.

@@ -6,6 +6,7 @@ use super::texture::Texture;
 use super::wrap::Wrap;
 use super::{sky, unknown};
 use crate::shapes::mesh;
+use crate::vector::unit_and_length;
 use serde::Deserialize;
 use std::f64::consts::{PI, TAU};
 use whitstone_core::config::{Color, FilePath, TextureRef, decode};
@@ -189,7 +190,7 @@ impl Lights {
                     let [position, target] = [spot.position, spot.target].map(DVec3::from_array);
                     let beam = spot.beam_width.unwrap_or(0.75 * spot.cutoff_angle);
                     let angles = [beam, spot.cutoff_angle].map(f64::to_radians);
-                    let axis = (target - position).normalize();
+                    let axis = unit_and_length(target - position).0;
                     let image = match &spot.image {
                         Some(image) => Some(SpotImage {
                             frame: frame(axis, spot.up, angles[1].tan()),
@@ -209,7 +210,7 @@ impl Lights {
                 "directional" => {
                     let far: Directional = decode(&plugin.table)?;
                     lights.all.push(Light::Far {
-                        towards: -DVec3::from_array(far.direction).normalize(),
+                        towards: -unit_and_length(DVec3::from_array(far.direction)).0,
                         irradiance: far.irradiance.get(),
                     });
                 }
@@ -331,7 +332,7 @@ fn cube(description: &Description<'_>, faces: &Faces) -> Result<Vec<Picture>, Sc
 /// A projector with its frame.
 fn thrown(config: &Projector, slide: Texture) -> Slide {
     let position = DVec3::from_array(config.position);
-    let axis = (DVec3::from_array(config.target) - position).normalize();
+    let axis = unit_and_length(DVec3::from_array(config.target) - position).0;
     let half = (config.fov.unwrap_or(45.0).to_radians() / 2.0).tan();
     let [u, v, f] = frame(axis, config.up, half);
     Slide {
@@ -344,7 +345,8 @@ fn thrown(config: &Projector, slide: Texture) -> Slide {
 
 /// Axes to the right and up in an image that is projected along f, each divided by `half`, and f.
 fn frame(f: DVec3, up: Option<[f64; 3]>, half: f64) -> [DVec3; 3] {
-    let u = f.cross(up.map_or(DVec3::Y, DVec3::from_array)).normalize();
+    let up = up.map_or(DVec3::Y, DVec3::from_array);
+    let u = unit_and_length(f.cross(unit_and_length(up).0)).0;
     [u / half, u.cross(f) / half, f]
 }
 
@@ -511,8 +513,7 @@ impl Slide {
 /// Direction and distance; `None` if the light is exactly at the point.
 fn towards(position: DVec3, p: DVec3) -> Option<(DVec3, f64)> {
     let to = position - p;
-    let distance = to.length();
-    (distance != 0.0).then(|| (to / distance, distance))
+    (to != DVec3::ZERO).then(|| unit_and_length(to))
 }
 
 #[cfg(test)]
@@ -527,6 +528,16 @@ mod tests {
             "[[light]]\n{light}\n[[shape]]\ntype = \"rectangle\"\ntransform = {{ scale = 4 }}\n\
             material = {{ type = \"matte\", reflectance = 0.5 }}\n"
         )
+    }
+
+    #[test]
+    fn lights_far_away() {
+        for far in ["1e9", "1e308"] {
+            let light = format!(
+                "type = \"spot\"\nintensity = 2\nfalloff = \"none\"\nposition = [0, 0, {far}]\ntarget = [0, 0, 0]"
+            );
+            shows([0.5, 0.0], &lit(&light), &[], [0.5 + 2.0 * 0.5 / PI; 3]);
+        }
     }
 
     #[test]
