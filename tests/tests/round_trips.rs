@@ -95,6 +95,7 @@ fn simplified(mut document: toml::Table) -> toml::Table {
     }
     if let Some(Value::Table(film)) = document.get_mut("film") {
         film.remove("aovs");
+        film.remove("paths");
     }
     document
 }

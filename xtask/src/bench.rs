@@ -8,6 +8,7 @@ mod data;
 mod fetch;
 mod growth;
 mod import;
+pub(crate) mod light_paths;
 mod lights;
 mod machine;
 mod picture;
@@ -49,6 +50,7 @@ enum What {
     Accelerators(accelerators::Arguments),
     Growth(growth::Arguments),
     Import(import::Arguments),
+    LightPaths(light_paths::Arguments),
     Lights(lights::Arguments),
     Plugins(plugins::Arguments),
     Rasterizer(rasterizer::Arguments),
@@ -67,6 +69,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         Some(What::Accelerators(arguments)) => accelerators::run(arguments, registry),
         Some(What::Growth(arguments)) => growth::run(arguments, registry),
         Some(What::Import(arguments)) => import::run(arguments, registry),
+        Some(What::LightPaths(arguments)) => light_paths::run(arguments, registry),
         Some(What::Lights(arguments)) => lights::run(arguments, registry),
         Some(What::Plugins(arguments)) => plugins::run(arguments, registry),
         Some(What::Rasterizer(arguments)) => rasterizer::run(arguments, registry),

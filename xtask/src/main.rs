@@ -4,6 +4,7 @@
 mod assets;
 mod backends;
 mod bench;
+mod comparisons;
 mod dependencies;
 mod features;
 mod formats;
@@ -22,7 +23,9 @@ mod reliability;
 mod run_time;
 mod slim;
 mod tidy;
+mod topics;
 mod traversal;
+mod variants;
 mod width;
 mod worst_cases;
 
@@ -59,6 +62,7 @@ enum Verb {
     Readme(readme::Arguments),
     Reliability(reliability::Arguments),
     Slim(slim::Arguments),
+    Topics(topics::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -82,6 +86,7 @@ fn main() -> ExitCode {
         Verb::Fuzz(arguments) => fuzz::run(arguments, &registry),
         Verb::Gallery(arguments) => gallery::run(arguments, &registry),
         Verb::Oracle(arguments) => oracle::run(arguments, &registry),
+        Verb::Topics(arguments) => topics::run(arguments),
         Verb::Slim(arguments) => slim::run(arguments, &registry),
         Verb::Readme(arguments) => readme::run(arguments, &registry),
         Verb::Reliability(arguments) => reliability::run(arguments),

@@ -1,8 +1,10 @@
 //! `readme`: generates the pictures and the table of numbers in README.md from the stored
 //! references.
 
+use crate::bench::light_paths;
 use crate::{
-    formats, growth, licences, pages, plugins, reliability, run_time, traversal, verdict, worst_cases,
+    comparisons, formats, growth, licences, pages, plugins, reliability, run_time, topics, traversal,
+    variants, verdict, worst_cases,
 };
 use clap::Args;
 use std::fmt::Write;
@@ -133,6 +135,19 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
             plugins::package().map_err(Failure::environment)?.into_bytes(),
         ),
         (PathBuf::from(formats::PAGE), formats::page(registry).into_bytes()),
+        (
+            PathBuf::from(comparisons::PAGE),
+            comparisons::page(registry)?.into_bytes(),
+        ),
+        (
+            PathBuf::from(light_paths::PAGE),
+            light_paths::page(registry)?.into_bytes(),
+        ),
+        (PathBuf::from(topics::PAGE), topics::page(&cases)?.into_bytes()),
+        (
+            PathBuf::from(variants::PAGE),
+            variants::page(registry)?.into_bytes(),
+        ),
     ];
     for name in TRIOS {
         let path = PathBuf::from(format!("docs/images/{name}-trio.png"));
@@ -333,6 +348,14 @@ fn summary(cases: &[CaseResult]) -> String {
 
 fn build(registry: &Registry, scene: &Path, overrides: &[String]) -> Result<Pipeline, Failure> {
     let sources = Sources::load(scene, overrides, registry)
+        .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
+    let report = |errors| Failure::usage(sources.report(&errors, false));
+    Pipeline::load(&sources, registry, BuildOptions::default()).map_err(report)
+}
+
+/// A scene that is not in a file; its paths are relative to the root.
+pub(crate) fn of_text(registry: &Registry, text: &str) -> Result<Pipeline, Failure> {
+    let sources = Sources::from_text("scene.toml", text, Path::new("."), &[])
         .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
     let report = |errors| Failure::usage(sources.report(&errors, false));
     Pipeline::load(&sources, registry, BuildOptions::default()).map_err(report)

@@ -56,6 +56,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     let scene = scene.map_err(|error| Failure::usage(format!("{}: {error}", arguments.scene.display())))?;
     let Scene {
         needed,
+        parts,
         picture: expected,
         rays,
     } = needed(&scene, registry)?;
@@ -65,7 +66,10 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         .to_string_lossy()
         .into_owned();
     let folder = PathBuf::from(FOLDER);
-    let slim = build(&folder.join("package-slim"), &slim_package(&needed, registry))?;
+    let slim = build(
+        &folder.join("package-slim"),
+        &slim_package(&needed, parts, registry),
+    )?;
     let output = arguments.output.clone().unwrap_or_else(|| folder.join(&stem));
     std::fs::copy(&slim.binary, &output)
         .map_err(|error| Failure::environment(format!("{}: {error}", output.display())))?;
@@ -104,6 +108,8 @@ type Needed = BTreeMap<&'static str, Vec<String>>;
 /// The data of the scene before anything is built for it.
 struct Scene {
     needed: Needed,
+    /// The features of `whitstone` that the scene needs.
+    parts: &'static [&'static str],
     /// The bytes of the EXR file that this program renders.
     picture: Vec<u8>,
     /// Number of traced rays.
@@ -134,8 +140,14 @@ fn needed(scene: &Path, registry: &Registry) -> Result<Scene, Failure> {
     let path = Path::new(FOLDER).join("expected.exr");
     std::fs::create_dir_all(FOLDER).map_err(Failure::environment)?;
     whitstone::image::exr_io::write(&path, &image).map_err(Failure::environment)?;
+    let parts: &[_] = if pipeline.film.paths.is_some() {
+        &["paths"]
+    } else {
+        &[]
+    };
     Ok(Scene {
         needed,
+        parts,
         picture: std::fs::read(path).map_err(Failure::environment)?,
         rays: film.counters.total(),
     })
@@ -148,7 +160,7 @@ struct Package {
     main: String,
 }
 
-fn slim_package(needed: &Needed, registry: &Registry) -> Package {
+fn slim_package(needed: &Needed, parts: &[&str], registry: &Registry) -> Package {
     let folder = |package: &str| {
         root()
             .join("crates")
@@ -158,7 +170,8 @@ fn slim_package(needed: &Needed, registry: &Registry) -> Package {
         let path = folder(package).display().to_string();
         format!("{package} = {{ path = {path:?}, default-features = false, features = {features:?} }}\n")
     };
-    let mut dependencies = dependency("whitstone", &[]);
+    let parts: Vec<String> = parts.iter().map(|part| (*part).to_owned()).collect();
+    let mut dependencies = dependency("whitstone", &parts);
     let mut registered = String::new();
     for (package, features) in needed {
         dependencies += &dependency(package, features);

@@ -2,7 +2,7 @@
 //! are complete.
 
 use crate::parameters::{undeclared_defaults, undocumented_parameters};
-use crate::{assets, backends, dependencies, links, places, verdict, width};
+use crate::{assets, backends, dependencies, links, places, topics, verdict, width};
 use std::fs;
 use std::path::{Path, PathBuf};
 use whitstone::core::{Entry, FamilyName, Registry};
@@ -38,6 +38,7 @@ pub(crate) fn run(registry: &Registry) -> Result<Exit, Failure> {
     problems.extend(check_sources());
     problems.extend(width::check());
     problems.extend(check_studies());
+    problems.extend(topics::check(registry));
     problems.extend(links::check());
     problems.extend(dependencies::check());
     verdict(

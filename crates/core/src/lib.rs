@@ -56,6 +56,7 @@ pub use shading::nested_dielectrics::{
 };
 pub use shading::object_order::{ObjectOrder, Refused, View};
 pub use shading::path::{MediumState, PathLetter, PathState};
+pub use shading::path_classes::{BRANCH_EVENTS, PathClassState, PathClasses, PathEnd, PathSums};
 pub use shading::ray_differential::{Footprint, RayDifferential};
 pub use shading::sampler::{Refinement, Sampler};
 pub use shading::shadow::{DirectLighting, ShadowMode};

@@ -11,6 +11,7 @@ pub(crate) mod material;
 pub(crate) mod nested_dielectrics;
 pub(crate) mod object_order;
 pub(crate) mod path;
+pub(crate) mod path_classes;
 pub mod ray_differential;
 pub(crate) mod sampler;
 pub(crate) mod shadow;

@@ -85,7 +85,7 @@ const FEATURES: &[Feature] = features! {
     Approximated "texture of alpha": "The roughness is 0.1 everywhere.";
     Kept "texture bitmap": "image.";
     Kept "texture checkerboard": "checker.";
-    Dropped "[film] aovs": "The image has no additional channels.";
+    Dropped "[film] layers": "The image has no additional channels.";
     Dropped "[camera] environment": "Mitsuba has no panoramic sensor, and uses a default one.";
     Approximated "[camera] near_kind": "The near limit is a plane.";
     Approximated "[camera] pixels that are not square": "They are square; the width of the view is kept.";

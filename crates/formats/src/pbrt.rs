@@ -87,7 +87,7 @@ const FEATURES: &[Feature] = features! {
     Approximated "encoding gamma": "As sRGB.";
     Approximated "wrap black": "clamp.";
     Kept "mapping uv, planar, cylindrical": "The same mapping.";
-    Dropped "[film] aovs": "The image has no additional channels.";
+    Dropped "[film] layers": "The image has no additional channels.";
     Dropped "[camera] near": "pbrt's cameras have no near limit.";
     Approximated "[camera] thin_lens": "perspective with a lensradius, through random points of the lens.";
     Approximated "[sampler] adaptive": "sobol with the most samples.";

@@ -58,6 +58,10 @@ impl Integrator for Appel {
         false
     }
 
+    fn splits_paths(&self) -> bool {
+        true
+    }
+
     fn radiance(&self, scene: &Scene, ray: &Ray, scratch: &mut Scratch) -> Rgb {
         self.rules.radiance(scene, ray, scratch)
     }

@@ -1,8 +1,8 @@
 //! Shared code of the integrators: emission and local illumination.
 
 use whitstone_core::{
-    BsdfFlags, DVec3, DirectLighting, LightSamples, MediumState, Rgb, Scene, Scratch, SelfHitFilter,
-    SurfaceInteraction,
+    BsdfFlags, DVec3, DirectLighting, IncidentLight, LightSamples, MediumState, PathEnd, Rgb, Scene, Scratch,
+    SelfHitFilter, SurfaceInteraction,
 };
 
 /// Radiance towards `view`: emission, and reflected light of the ambient term and of the lights
@@ -32,4 +32,32 @@ pub(crate) fn local_illumination(
         sum += material.emission(point, view);
     }
     sum
+}
+
+/// The parts of [`local_illumination`] by the ends of their paths. Their sum is equal to it, except
+/// for rounding. `lights`: those that it gathered.
+pub(crate) fn split_local_illumination(
+    scene: &Scene,
+    shape: u32,
+    point: &SurfaceInteraction,
+    view: DVec3,
+    lights: &[IncidentLight],
+    mut add: impl FnMut(PathEnd, Rgb),
+) {
+    let (material, flags) = (&scene.materials[shape as usize], scene.flags_of(shape));
+    if flags.contains(BsdfFlags::LOCAL) {
+        let parts = [
+            (PathEnd::Light, Rgb::BLACK, lights),
+            (PathEnd::Ambient, scene.ambient, &[]),
+        ];
+        for (end, ambient, lights) in parts {
+            add(
+                end,
+                material.local_illumination(point, view, &LightSamples { ambient, lights }),
+            );
+        }
+    }
+    if flags.contains(BsdfFlags::EMISSION) {
+        add(PathEnd::Emission, material.emission(point, view));
+    }
 }

@@ -128,6 +128,11 @@ impl Integrator for Rasterizer {
         false
     }
 
+    /// Interpolated colours have no paths of their own.
+    fn splits_paths(&self) -> bool {
+        self.interpolation == Interpolation::Phong
+    }
+
     /// Uses ray casting: projecting all triangles does not pay off for a single ray.
     fn radiance(&self, scene: &Scene, ray: &Ray, scratch: &mut Scratch) -> Rgb {
         match self.interpolation {

@@ -1,11 +1,11 @@
 //! Single-ray traversal of ray trees, shared by the integrators.
 
-use crate::local_illumination::local_illumination;
+use crate::local_illumination::{local_illumination, split_local_illumination};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use whitstone_core::config::NonNegative;
 use whitstone_core::{
-    BsdfFlags, DVec3, DirectLighting, Interval, MediumState, PathState, Ray, Rgb, Scene, Scratch,
+    BsdfFlags, DVec3, DirectLighting, Interval, MediumState, PathEnd, PathState, Ray, Rgb, Scene, Scratch,
     SelfHitFilter, SpecularRay, SpecularRayKind, SpecularRays, SurfaceInteraction,
 };
 
@@ -77,7 +77,11 @@ impl Rules {
         else {
             let background = endless(scene, path.absorption, path.ray.direction);
             scratch.note(path, None, path.throughput, background);
-            return path.throughput * background;
+            let radiance = path.throughput * background;
+            if let Some(paths) = &mut scratch.paths {
+                paths.add(path.class_state, PathEnd::Background, radiance);
+            }
+            return radiance;
         };
         let throughput = path.throughput * path.absorption.transmittance(hit.t);
         let view = -path.ray.direction;
@@ -106,6 +110,12 @@ impl Rules {
                 medium,
                 scratch,
             );
+            if let Some(paths) = &mut scratch.paths {
+                let lights = &scratch.incoming;
+                split_local_illumination(scene, hit.shape, &point, view, lights, |end, part| {
+                    paths.add(path.class_state, end, throughput * part);
+                });
+            }
         }
         let node = scratch.note(path, Some((&hit, &point)), throughput, local);
         let mut sum = throughput * local;
@@ -121,6 +131,9 @@ impl Rules {
                     return;
                 };
                 child.origin = Some((node, letter));
+                if let Some(paths) = &scratch.paths {
+                    child.class_state = paths.after(path.class_state, letter);
+                }
                 child.inside = face.map_or(path.inside, |face| face.inside(branch.kind));
                 if path.depth < limits.max_depth {
                     child.differential = path.differential.map(|differential| {
@@ -142,7 +155,11 @@ impl Rules {
                 } else if limits.beyond == Beyond::Background {
                     let limit = endless(scene, child.absorption, branch.direction);
                     scratch.note_limit(&child, limit);
-                    sum += child.throughput * limit;
+                    let radiance = child.throughput * limit;
+                    if let Some(paths) = &mut scratch.paths {
+                        paths.add(child.class_state, PathEnd::Background, radiance);
+                    }
+                    sum += radiance;
                 }
             });
         }
@@ -183,6 +200,7 @@ fn follow(
         inside: path.inside,
         depth,
         origin: None,
+        class_state: 0,
         differential: None,
     })
 }

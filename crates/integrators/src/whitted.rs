@@ -82,6 +82,10 @@ impl Integrator for Whitted {
         true
     }
 
+    fn splits_paths(&self) -> bool {
+        true
+    }
+
     fn max_split_depth(&self, directions: u32) -> u32 {
         let Some(limits) = &self.rules.branches else {
             return 0;

@@ -1,7 +1,7 @@
 //! Pictures of AOV layers for people.
 
-use whitstone_image::Image;
 use whitstone_image::png::{NOT_FINITE, Raster};
+use whitstone_image::{Image, ToneMap};
 
 /// Colour of a miss: no id, an infinite depth.
 const NOTHING: [u8; 3] = [0; 3];
@@ -28,7 +28,8 @@ pub fn layers(image: &Image) -> Vec<&str> {
 /// Channel `I` is an id. Each id has its own colour; negative ones are black. A single channel `Z`
 /// is a distance in grey on a logarithmic scale over the range of the second image; near ones are
 /// bright, infinite ones black. `X`, `Y`, `Z` are a direction, drawn as `0.5 + 0.5 v`. `U`, `V` are
-/// texture coordinates, drawn by their fractional part. NaN is [`NOT_FINITE`].
+/// texture coordinates, drawn by their fractional part. `R`, `G`, `B` are a part of the radiance,
+/// drawn like a picture. NaN is [`NOT_FINITE`].
 #[must_use]
 pub fn layer_views(ours: &Image, reference: &Image, layer: &str) -> Option<[Raster; 2]> {
     let planes = |image: &'_ Image, channels: &[&str]| -> Option<Vec<Vec<f32>>> {
@@ -62,6 +63,10 @@ pub fn layer_views(ours: &Image, reference: &Image, layer: &str) -> Option<[Rast
         return Some(views(coordinates, &|v| {
             [byte(v[0] - v[0].floor()), byte(v[1] - v[1].floor()), 0]
         }));
+    }
+    if let Some(colors) = both(&["R", "G", "B"]) {
+        let tone = ToneMap::default();
+        return Some(views(colors, &|v| [v[0], v[1], v[2]].map(|v| tone.encode(v))));
     }
     let depths = both(&["Z"])?;
     let seen = depths[1][0].iter().map(|&depth| f64::from(depth));
@@ -123,10 +128,16 @@ mod tests {
                 ("normal.Z", [0.0; 4]),
                 ("uv.U", [0.0, 0.25, 1.25, -0.75]),
                 ("uv.V", [0.0; 4]),
+                ("path.direct.R", [0.0, 1.0, 4.0, f32::NAN]),
+                ("path.direct.G", [0.0; 4]),
+                ("path.direct.B", [0.0; 4]),
             ])
         };
         let (ours, reference) = (of(4.0), of(16.0));
-        assert_eq!(layers(&ours), ["depth", "normal", "shape_id", "uv"]);
+        assert_eq!(
+            layers(&ours),
+            ["depth", "normal", "path.direct", "shape_id", "uv"]
+        );
         let of_layer = |name| layer_views(&ours, &reference, name).unwrap();
         let [ids, same] = of_layer("shape_id");
         assert_eq!(ids, same);
@@ -141,6 +152,8 @@ mod tests {
         assert_eq!(of_layer("normal")[0].pixels()[1], [255, 128, 128]);
         let [uv, _] = of_layer("uv");
         assert!(uv.pixels()[1..].iter().all(|color| *color == [64, 0, 0]));
+        let [direct, _] = of_layer("path.direct");
+        assert_eq!(direct.pixels(), [[0; 3], [255, 0, 0], [255, 0, 0], NOT_FINITE]);
         assert!(layer_views(&ours, &reference, "color").is_none());
         assert!(layer_views(&ours, &image(&[]), "uv").is_none());
     }

@@ -9,6 +9,7 @@ mod conic;
 mod csg;
 mod flat;
 mod march;
+pub mod notes;
 mod patch;
 mod quartic;
 mod round;

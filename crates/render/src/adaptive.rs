@@ -90,15 +90,20 @@ impl Adaptive {
         }
     }
 
-    /// Takes all further samples and computes the colours of the pixels.
+    /// Takes all further samples and computes the colours of the pixels. `positions` receives the
+    /// number of positions that each pixel of the region took.
     pub(crate) fn refine(
         self,
         pipeline: &Pipeline,
         mut active: Vec<[u32; 2]>,
         region: Region,
         film: &mut Film,
+        mut positions: Option<&mut Vec<u32>>,
         progress: Option<Progress<'_>>,
     ) {
+        if let Some(positions) = &mut positions {
+            positions.resize(active.len(), 0);
+        }
         let tallies = std::mem::take(&mut *self.tallies.lock().unwrap_or_else(PoisonError::into_inner));
         let nears: Vec<f64> = (active.iter())
             .map(|pixel| self.near(*pixel, |neighbour| tallies[self.place(neighbour)].first_range))
@@ -126,6 +131,9 @@ impl Adaptive {
                     if !continues {
                         let mean = tally.sum * (1.0 / f64::from(taken * lens));
                         film.rgb[region.place(*pixel)] = mean.to_array().map(|c| c as f32);
+                        if let Some(positions) = &mut positions {
+                            positions[region.place(*pixel)] = taken;
+                        }
                     }
                     continues
                 });

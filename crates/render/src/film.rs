@@ -84,12 +84,16 @@ pub type Progress<'a> = &'a (dyn Fn(u64, u64) -> ControlFlow<()> + Sync);
 
 impl Film {
     /// Makes it a black, complete image of this size with these layers.
-    pub(crate) fn prepare<'a>(&mut self, [width, height]: [u32; 2], layers: impl Iterator<Item = &'a str>) {
+    pub(crate) fn prepare(
+        &mut self,
+        [width, height]: [u32; 2],
+        layers: impl Iterator<Item = impl AsRef<str>>,
+    ) {
         let count = width as usize * height as usize;
         let mut old = mem::take(&mut self.layers).into_iter();
-        let layer = |name: &str| {
+        let layer = |name| {
             let (mut own_name, values) = old.next().unwrap_or_default();
-            name.clone_into(&mut own_name);
+            AsRef::<str>::as_ref(&name).clone_into(&mut own_name);
             (own_name, zeros(values, count))
         };
         *self = Self {

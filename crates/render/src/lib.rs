@@ -14,6 +14,7 @@ mod film;
 mod limits;
 mod memory;
 mod operands;
+mod paths;
 mod pipeline;
 mod reach;
 mod render;

@@ -167,6 +167,13 @@ impl Pipeline {
                 integrator.as_ref(),
             ));
         }
+        if let (Some(paths), Some(integrator)) = (&description.film.paths, &integrator)
+            && !integrator.splits_paths()
+        {
+            let error = SceneError::at(paths.span.clone(), "the integrator does not split its paths");
+            let help = "remove the path classes, or use the integrator \"whitted\" or \"appel\"";
+            errors.0.push(error.with_help(help));
+        }
         let object_order = match (&camera, &integrator, &plan.integrator, &built) {
             (Some(camera), Some(integrator), Some(table), Some(built)) => {
                 let view = View {

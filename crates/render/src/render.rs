@@ -241,8 +241,7 @@ impl Pipeline {
                 height: TILE.min(region.height - y),
             })
             .collect();
-        let names = self.film.aovs.iter().flat_map(|aov| aov.channels()).copied();
-        film.prepare([region.width, region.height], names);
+        film.prepare([region.width, region.height], self.film.channels());
         film.samples = self.samples();
         let adaptive = self
             .sampler
@@ -286,6 +285,8 @@ impl Pipeline {
         for counted in counters {
             film.counters.add(counted);
         }
+        // The number of positions that each pixel of the region takes, if that differs.
+        let mut taken = (adaptive.is_some() && self.film.paths.is_some()).then(Vec::new);
         if stopped.into_inner() {
             // The last tile may have been finished before.
             film.is_complete = adaptive.is_none() && done.into_inner() == total;
@@ -301,10 +302,15 @@ impl Pipeline {
                 scratch.pixels.clone()
             });
             if film.too_large.is_none() {
-                adaptive.refine(self, pixels.collect(), region, film, progress);
+                adaptive.refine(self, pixels.collect(), region, film, taken.as_mut(), progress);
             }
         }
         film.stop_at(too_large.into_inner().unwrap_or_else(PoisonError::into_inner));
+        if let Some(paths) = &self.film.paths
+            && film.is_complete
+        {
+            self.split_paths(&paths.classes, region, taken.as_deref(), film, progress);
+        }
         film.render_seconds = start.elapsed().as_secs_f64();
     }
 

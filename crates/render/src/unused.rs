@@ -94,8 +94,8 @@ pub(crate) fn unused_parts(
     if !needs.contains(SurfaceAttributes::FOOTPRINT) {
         omit("footprints of rays", "no texture in use is filtered");
     }
-    if description.film.aovs.is_empty() {
-        omit("output layers", "`aovs` of the film is empty");
+    if description.film.channels().next().is_none() {
+        omit("output layers", "`aovs` and `paths` of the film are empty");
     }
     parts
 }

@@ -1,14 +1,17 @@
 use crate::document::{self, Flattened, Value, type_name};
+use crate::path_classes::{Expression, compile};
 use crate::{AUTO, Checked, Sources, transform};
+use serde::de::IgnoredAny;
 use serde::{Deserialize, Deserializer};
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::LazyLock;
+use std::sync::{Arc, LazyLock};
 use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue};
 use whitstone_core::config::{
     FilePath, GroupRef, IntegerIn, PluginRef, Positive, Table, decode, inline_reference,
 };
-use whitstone_core::{FilmSize, SceneError, SceneErrors, SourceSpan, Transform, nearest};
+use whitstone_core::{FilmSize, PathClasses, SceneError, SceneErrors, SourceSpan, Transform, nearest};
 
 /// Maximum number of pixels of an image.
 const MAX_PIXELS: u64 = 1 << 28;
@@ -151,16 +154,33 @@ pub struct FilmTable {
     pub size: FilmSize,
     /// Layers to write besides the radiance, in the requested order.
     pub aovs: Vec<Aov>,
+    /// Layers of path classes, after those.
+    pub paths: Option<PathLayers>,
     /// Place of the table, if the scene has one.
     pub span: Option<SourceSpan>,
 }
 
+/// The radiance by classes of light paths; section 11 of the model.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PathLayers {
+    /// Place of the table of classes.
+    pub span: SourceSpan,
+    /// The classes.
+    pub classes: Arc<PathClasses>,
+}
+
 impl FilmTable {
+    /// EXR channels of all layers, in order.
+    pub fn channels(&self) -> impl Iterator<Item = Cow<'static, str>> {
+        let aovs = self.aovs.iter().flat_map(|aov| aov.channels());
+        let paths = self.paths.iter().flat_map(|paths| paths.classes.channels());
+        aovs.copied().map(Cow::Borrowed).chain(paths.map(Cow::Owned))
+    }
+
     /// Memory of all pixels in bytes.
     pub fn bytes(&self) -> u64 {
         let pixels = u64::from(self.size.width) * u64::from(self.size.height);
-        let layers: usize = self.aovs.iter().map(|aov| aov.channels().len()).sum();
-        pixels * (3 + layers as u64) * size_of::<f32>() as u64
+        pixels * (3 + self.channels().count() as u64) * size_of::<f32>() as u64
     }
 }
 
@@ -172,6 +192,7 @@ impl Default for FilmTable {
                 height: DEFAULT_SIDE,
             },
             aovs: Vec::new(),
+            paths: None,
             span: None,
         }
     }
@@ -236,6 +257,9 @@ struct RawFilm {
     height: Option<Spanned<Side>>,
     #[serde(default)]
     aovs: Vec<Spanned<Aov>>,
+    /// Read by [`Reader::paths`].
+    #[serde(default, rename = "paths")]
+    _paths: Option<IgnoredAny>,
 }
 
 impl<'s> Description<'s> {
@@ -365,11 +389,43 @@ impl<'s> Reader<'_, 's> {
                 aovs.push(aov.into_inner());
             }
         }
+        let paths = table.get_ref().get("paths").cloned();
         Some(FilmTable {
             size: FilmSize { width, height },
             aovs,
+            paths: paths.and_then(|value| self.paths(value)),
             span: Some(table.span()),
         })
+    }
+
+    /// The path classes of the film. There are none if a class has an error.
+    fn paths(&mut self, value: Value<'s>) -> Option<PathLayers> {
+        let table = self.table(value, "path classes")?;
+        let span = table.span();
+        let errors = self.errors.0.len();
+        let mut expressions = Vec::new();
+        for (name, value) in table.into_inner() {
+            let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-');
+            if name.get_ref().is_empty() || !name.get_ref().chars().all(allowed) {
+                let message = "expected a name of letters, digits, `_` and `-` for a path class";
+                self.error(name.span(), message);
+            }
+            if let Some((span, text)) = self.text(value, "a path expression, such as \"E S* D L\"") {
+                expressions.push(Expression {
+                    name: name.into_inner().into_owned(),
+                    text,
+                    span,
+                });
+            }
+        }
+        if expressions.is_empty() {
+            return None;
+        }
+        let compiled = self
+            .errors
+            .take(compile(&expressions).map_err(|errors| errors.or_at(&span)));
+        let classes = Arc::new(compiled.filter(|_| self.errors.0.len() == errors)?);
+        Some(PathLayers { span, classes })
     }
 
     fn expect(&mut self, value: Option<Value<'s>>) -> Option<Expect> {

@@ -8,6 +8,7 @@ mod description;
 mod document;
 mod groups;
 mod import;
+mod path_classes;
 mod plan;
 #[cfg(feature = "schema")]
 mod schema;
@@ -16,7 +17,8 @@ mod transform;
 
 pub use checked::Checked;
 pub use description::{
-    Aov, Description, Expect, Faulty, FilmTable, GroupTable, PluginTable, ReplacedMaterial, ShapeTable,
+    Aov, Description, Expect, Faulty, FilmTable, GroupTable, PathLayers, PluginTable, ReplacedMaterial,
+    ShapeTable,
 };
 pub use document::{Flattened, nearest_top_level};
 pub use groups::{Appearance, Appearances, PlannedGroup, unknown_id};

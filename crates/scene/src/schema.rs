@@ -195,6 +195,13 @@ fn film() -> Value {
                 "uniqueItems": true,
                 "items": { "enum": ["depth", "normal", "uv", "shape_id", "primitive_id"] },
             },
+            "paths": {
+                "description": "Layers of the radiance by classes of light paths: for each name a path expression, such as \"E S* D L\". Events: E eye, S mirror reflection, G ray of a glossy reflection, T transmission, D local illumination, L light, A ambient term, O emission, B background.",
+                "type": "object",
+                "maxProperties": 64,
+                "patternProperties": { "^[A-Za-z0-9_-]+$": { "type": "string" } },
+                "additionalProperties": false,
+            },
         }),
         &[],
     )

@@ -286,18 +286,46 @@ impl Validator<'_> {
                 max_abs: None,
             });
         }
+        let mean = metrics::mean_reference(reference).unwrap_or(0.0);
         for name in names.iter().filter(|name| !name.ends_with(".I")) {
+            let off = is_path_class(name)
+                .then(|| off_tolerance(ours, reference, name, mean, explained))
+                .flatten();
             let numbers = layers::compare_floats(ours, reference, name, Some(&apart))?;
             case.layers.push(LayerResult {
                 name: name.clone(),
-                differing: None,
-                differing_alone: None,
+                differing: off.as_ref().map(Mask::count),
+                differing_alone: off.map(|off| off.pixels().filter(|(x, y)| !over.contains(*x, *y)).count()),
                 rms: Some(numbers.rms),
                 max_abs: Some(numbers.max_abs),
             });
         }
         Ok(())
     }
+}
+
+/// Whether a channel is a part of the radiance: that of a path class.
+fn is_path_class(name: &str) -> bool {
+    name.starts_with("path.")
+}
+
+/// The pixels whose values in a path class differ by more than the tolerance of the radiance, apart
+/// from the explained ones. `None` if the reference has no such layer.
+fn off_tolerance(ours: &Image, reference: &Image, name: &str, mean: f64, explained: &Mask) -> Option<Mask> {
+    let (mine, theirs) = (ours.channel(name)?, reference.channel(name)?);
+    let mut off = Mask::new(ours.width(), ours.height());
+    for y in 0..ours.height() {
+        for x in 0..ours.width() {
+            let place = y * ours.width() + x;
+            // A part of the radiance has the rounding errors of all of it.
+            let [r, g, b] = allowed(color_at(reference, [x, y]), mean);
+            let difference = (f64::from(mine[place]) - f64::from(theirs[place])).abs();
+            // Not `>`, so that NaN counts as a difference.
+            let near = difference <= r.max(g).max(b);
+            off.set(x, y, !near && !explained.contains(x, y));
+        }
+    }
+    Some(off)
 }
 
 /// The pixels that the reference's variation explains, by itself or together with the oracle.
@@ -332,4 +360,42 @@ pub(crate) fn measure(
     case.mean_reference = Some(measured.mean_reference);
     case.signed_block_bias = measured.signed_block_bias;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two classes that are exchanged in a pixel sum to the same image.
+    #[test]
+    fn exchanged_path_classes_are_found() {
+        let image = |a: [f32; 3], b: [f32; 3]| {
+            let rgb: Vec<[f32; 3]> = a.iter().zip(&b).map(|(a, b)| [a + b; 3]).collect();
+            let mut image = Image::from_rgb(3, 1, &rgb).unwrap();
+            image.add_channel("path.a.R", a.to_vec()).unwrap();
+            image.add_channel("path.b.R", b.to_vec()).unwrap();
+            image
+        };
+        let reference = image([0.5, 0.25, 0.0], [0.25, 0.5, 1.0]);
+        let nothing = Mask::new(3, 1);
+        let off = |ours: &Image, explained: &Mask| {
+            ["path.a.R", "path.b.R"].map(|name| {
+                off_tolerance(ours, &reference, name, 0.5, explained)
+                    .unwrap()
+                    .count()
+            })
+        };
+        assert!(is_path_class("path.a.R") && !is_path_class("depth.Z"));
+        assert_eq!(off(&reference, &nothing), [0, 0]);
+        let exchanged = image([0.25, 0.25, 0.0], [0.5, 0.5, 1.0]);
+        assert_eq!(off(&exchanged, &nothing), [1, 1]);
+        assert_eq!(
+            off(&image([f32::NAN, 0.25, 0.0], [0.25, 0.5, 1.0]), &nothing),
+            [1, 0]
+        );
+        let mut explained = nothing.clone();
+        explained.set(0, 0, true);
+        assert_eq!(off(&exchanged, &explained), [0, 0]);
+        assert!(off_tolerance(&exchanged, &reference, "path.c.R", 0.5, &nothing).is_none());
+    }
 }

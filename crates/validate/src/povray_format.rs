@@ -25,7 +25,7 @@ const LIMIT: Duration = Duration::from_secs(600);
 
 const KEPT: &str = "[scene]";
 const NEAR: &str = "[camera] near of perspective";
-const AOVS: &str = "[film] aovs";
+const LAYERS: &str = "[film] layers";
 const DEPTH: &str = "[integrator] at_max_depth";
 const CUTOFF: &str = "[integrator] min_contribution";
 const LIGHT_CUTOFF: &str = "[integrator] light_cutoff";
@@ -69,7 +69,7 @@ const FEATURES: &[Feature] = &[
         how: "POV-Ray's perspective camera has no near limit.",
     },
     Feature {
-        name: AOVS,
+        name: LAYERS,
         treatment: Treatment::Dropped,
         how: "POV-Ray has no layers other than the radiance.",
     },
@@ -100,7 +100,7 @@ impl PovRayFormat {
         notes.add(FEATURES, KEPT, path.display().to_string());
         for Adaptation { change, .. } in Renderer::POVRAY.adaptations(&document) {
             let feature = match change.split(['=', '.']).collect::<Vec<_>>()[..] {
-                ["film", ..] => AOVS,
+                ["film", ..] => LAYERS,
                 ["integrator", "min_contribution", ..] => CUTOFF,
                 ["integrator", "light_cutoff", ..] => LIGHT_CUTOFF,
                 _ => DEPTH,

@@ -105,10 +105,14 @@ impl Adaptation {
 }
 
 /// Removes the layers other than the radiance, if a scene has some.
-pub(crate) fn without_layers(scene: &toml::Table, reason: &'static str) -> Option<Adaptation> {
-    let layers = scene.get("film").and_then(|film| film.get("aovs"));
-    let some = layers
-        .and_then(toml::Value::as_array)
-        .is_some_and(|aovs| !aovs.is_empty());
-    some.then(|| Adaptation::new("film.aovs=[]", reason))
+pub(crate) fn without_layers(scene: &toml::Table, reason: &'static str) -> impl Iterator<Item = Adaptation> {
+    let film = scene.get("film").and_then(toml::Value::as_table);
+    let has = move |key: &str| match film.and_then(|film| film.get(key)) {
+        Some(toml::Value::Array(aovs)) => !aovs.is_empty(),
+        Some(toml::Value::Table(paths)) => !paths.is_empty(),
+        _ => false,
+    };
+    let changes = [("aovs", "film.aovs=[]"), ("paths", "film.paths={}")];
+    let present = changes.into_iter().filter(move |(key, _)| has(key));
+    present.map(move |(_, change)| Adaptation::new(change, reason))
 }

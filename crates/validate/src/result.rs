@@ -325,7 +325,8 @@ fn nullable_range<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[
 pub struct LayerResult {
     /// EXR channel.
     pub name: String,
-    /// Pixels whose ids differ, for layers of ids.
+    /// For layers of ids: pixels whose ids differ. For path classes: pixels over the tolerance of
+    /// the radiance, apart from the explained ones.
     pub differing: Option<usize>,
     /// Those of them whose colours agree.
     #[serde(default)]
@@ -407,7 +408,8 @@ impl CaseResult {
         self.counted(self.nonfinite, 0)
     }
 
-    /// Number of differing pixels in a layer of ids. The limit is that of the explained pixels.
+    /// Number of differing pixels in a layer of ids or a path class. The limit is that of the
+    /// explained pixels.
     pub fn ids(&self, layer: &LayerResult) -> Check<usize> {
         Check {
             value: layer.differing,
@@ -415,7 +417,7 @@ impl CaseResult {
         }
     }
 
-    /// The check of the layer of ids with most differing pixels.
+    /// The check of the layer of ids or path class with most differing pixels.
     pub fn worst_ids(&self) -> Check<usize> {
         let checks = self.layers.iter().map(|layer| self.ids(layer));
         let worst = checks.max_by_key(|check| check.value);

@@ -211,7 +211,7 @@ impl Validator<'_> {
             && count > case.explained_limit
         {
             open.push(format!(
-                "ids of shapes or primitives differ in {} that have the same colour, and the oracle has no ids to compare",
+                "ids or path classes differ in {} that have the same colour, and the oracle has neither to compare",
                 counted(count, "pixel")
             ));
         }

@@ -323,6 +323,8 @@ impl Loaded {
             self.previews = aspect.preview;
         }
         self.pipeline.film.aovs = layers.to_vec();
+        // The view has no pictures of path classes.
+        self.pipeline.film.paths = None;
         Ok(())
     }
 }

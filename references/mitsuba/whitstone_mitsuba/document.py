@@ -16,6 +16,7 @@ from . import (
     footprints,
     lights,
     materials,
+    paths,
     patterns,
     samplers,
     shapes,
@@ -72,6 +73,8 @@ class Document:
     materials: Tuple[materials.Material, ...]
     shapes: Tuple[shapes.Shape, ...]
     folder: Folder
+    # Path classes: names and expressions.
+    paths: Tuple[Tuple[str, str], ...] = ()
     # Whether a surface has a texture that is filtered over footprints.
     footprints: bool = False
     # Whether a surface has a bump map with a height that depends on (u, v).
@@ -153,7 +156,7 @@ def twin_of(hosted: List[dict]) -> str:
     return next((kind for kind in ("formula", "hosted") if kind in kinds), "native")
 
 
-def _film(table: Any, errors: List[str]) -> Tuple[int, int, Tuple[str, ...]]:
+def _film(table: Any, errors: List[str]) -> Tuple[int, int, Tuple[str, ...], Tuple[Tuple[str, str], ...]]:
     fields = Fields(table, "film", errors)
     width, height = fields.integer("width", 512, 1, 65536), fields.integer("height", 512, 1, 65536)
     if width * height > 2**28:
@@ -162,8 +165,9 @@ def _film(table: Any, errors: List[str]) -> Tuple[int, int, Tuple[str, ...]]:
     if not isinstance(names, list) or any(name not in AOVS for name in names):
         fields.error("aovs", f"expected a list of names from {', '.join(AOVS)}, found {names!r}")
         names = []
+    classes = paths.read(fields.take("paths", {}), errors)
     fields.close()
-    return width, height, tuple(name for name in AOVS if name in names)
+    return width, height, tuple(name for name in AOVS if name in names), classes
 
 
 def _integrator(table: Any, errors: List[str], unsupported: List[str]) -> Optional[Integrator]:
@@ -228,7 +232,7 @@ def parse(text: str, base: str) -> Document:
     for key in root:
         if key not in TABLES:
             errors.append(f"{key}: unknown table; {nearest(key, TABLES)}")
-    width, height, aovs = _film(root.get("film", {}), errors)
+    width, height, aovs, classes = _film(root.get("film", {}), errors)
     camera = cameras.read(root.get("camera"), width, height, errors, unsupported)
     sampler = samplers.read(root.get("sampler", {"type": "center"}), errors, unsupported)
     integrator = _integrator(root.get("integrator", {"type": "whitted"}), errors, unsupported)
@@ -236,6 +240,8 @@ def parse(text: str, base: str) -> Document:
         _only_triangles(root.get("shape", []), camera, errors)
         if integrator is not None and integrator.gouraud and camera is not None and (camera.kind != "perspective" or camera.near != 0):
             errors.append("integrator.interpolation: Gouraud shading needs a perspective camera without a near limit")
+    if classes and integrator is not None and integrator.gouraud:
+        errors.append("film.paths: Gouraud shading has no path classes")
     texture_reader = textures.Textures(_shared(root.get("texture", {}), "texture", errors), folder, errors, unsupported)
     lamps = lights.read(root.get("light", []), texture_reader, folder, errors, unsupported)
     material_reader = materials.Materials(_shared(root.get("material", {}), "material", errors), texture_reader, errors, unsupported)
@@ -260,4 +266,4 @@ def parse(text: str, base: str) -> Document:
         places = [(lamp, lamp.place()) for lamp in lamps.lamps]
         margins = tuple(lamp if place is None else replace(lamp, margin=found.margin(place)) for lamp, place in places)
         lamps = replace(lamps, lamps=margins)
-    return Document(width, height, aovs, samplers.Samples.all(sampler, camera.lens_points()), camera, integrator, lamps, tuple(material_reader.all), tuple(shape_list), folder, covered, gradients, tuple(found.reported))
+    return Document(width, height, aovs, samplers.Samples.all(sampler, camera.lens_points()), camera, integrator, lamps, tuple(material_reader.all), tuple(shape_list), folder, classes, covered, gradients, tuple(found.reported))

@@ -21,7 +21,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from . import footprints, gouraud, shaders, shadows, spawn
+from . import footprints, gouraud, paths, shaders, shadows, spawn
 from .lanes import Counts, Sums, TooDeep, branch_name, mix, pad
 from .levels import Hits, Level, Rays
 from .runtime import ULP, dr, mi
@@ -72,6 +72,10 @@ class Tracer:
         self._cut = dr.opaque(mi.Float, float(self.document.integrator.min_contribution))
         self._pending: List[Any] = []
         self._budget: float = math.inf
+        # The path classes, while `split` traces.
+        self._classes: Optional[paths.Classes] = None
+        # Positions that each pixel of the last call of `pixels` took, if the sampler is adaptive.
+        self.taken: Optional[np.ndarray] = None
 
     # ---- pixels
     # ----------------------------------------------------------------------------------------------
@@ -112,10 +116,12 @@ class Tracer:
         own[there] = place
         state = found.of(own[:, middle])
         values = np.zeros((len(x), 3))
+        self.taken = np.zeros(len(x), dtype=np.int64)
         active = np.arange(len(x))
         while True:
             most = taken == samples.sampler.count
             unfinished = (not most) & refinement.applies(taken * lens, state.ranges(), near[active])
+            self.taken[active[~unfinished]] = taken
             values[active[~unfinished]] = state.total[~unfinished] / (taken * lens)
             active, state = active[unfinished], state.of(unfinished)
             if len(active) == 0:
@@ -150,6 +156,22 @@ class Tracer:
         """(n, samples, 3) float32: radiance at each position of each pixel."""
         radiance = self.trace(self.camera_rays(x, y, setting, samples), 0)
         return radiance.numpy().T[: len(x) * len(samples)].reshape(len(x), len(samples), 3)
+
+    def split(self, x: np.ndarray, y: np.ndarray, samples: Samples, classes: paths.Classes) -> np.ndarray:
+        """(classes, n, 3) float32: the values of pixels by path class, as means over the samples."""
+        count = len(x) * len(samples)
+        rays = self.camera_rays(x, y, np.zeros(len(x), dtype=np.int64), samples)
+        rays.states = np.zeros(dr.width(rays.o), dtype=np.int64)
+        counts, self._classes = replace(self.counts), classes
+        try:
+            found = self._trace(rays, 0)[1:]
+        finally:
+            self._classes = None
+            # The rays of the image are counted already.
+            self.counts = counts
+            self._pending.clear()
+        values = [value.numpy().T[:count].reshape(len(x), len(samples), 3).astype(np.float64) for value in found]
+        return np.array([value.sum(axis=1) / len(samples) for value in values]).astype(np.float32)
 
     def camera_rays(self, x: np.ndarray, y: np.ndarray, setting: np.ndarray, samples: Samples) -> Rays:
         """Camera rays; the samples of a pixel are adjacent. If they have no lens sample, rays go
@@ -191,8 +213,12 @@ class Tracer:
 
     def trace(self, rays: Rays, depth: int) -> Any:
         """Radiance along each ray (Color3f, evaluated)."""
+        return self._trace(rays, depth)[0]
+
+    def _trace(self, rays: Rays, depth: int) -> List[Any]:
+        """Radiance along each ray; then that of each path class, if there are some."""
         levels: List[Level] = []
-        radiance: Any = None
+        radiance: Optional[List[Any]] = None
         kept = 0
         while True:
             level, children = self.level(rays, depth)
@@ -211,25 +237,34 @@ class Tracer:
                 # Each part is traced to its end before the next one starts, which bounds the
                 # memory.
                 pieces = [
-                    self.trace(children.gather(np.arange(first, min(first + self.lanes, children.real))), depth)
+                    self._trace(children.gather(np.arange(first, min(first + self.lanes, children.real))), depth)
                     for first in range(0, children.real, self.lanes)
                 ]
-                radiance = mi.Color3f(*[dr.concat([piece[channel] for piece in pieces]) for channel in range(3)])
-                dr.eval(radiance)
+                radiance = [_join_colors(list(parts)) for parts in zip(*pieces)]
                 break
             rays = children
         for level in reversed(levels):
-            radiance = self._backward(level, radiance)
+            locals_ = [level.local, *level.split]
+            deeper = radiance or [None] * len(locals_)
+            radiance = [self._backward(level, number, local, deeper[number]) for number, local in enumerate(locals_)]
+        assert radiance is not None, "there is at least one level"
         return radiance
 
-    def _backward(self, level: Level, deeper: Any) -> Any:
+    def _backward(self, level: Level, number: int, local: Any, deeper: Any) -> Any:
         """The radiance of a level from that of the next one: local terms plus weighted children,
-        times transmittance.
+        times transmittance. Number 0 is all of it, the others are the path classes.
         """
-        radiance = level.local
-        for _, parents, weight, children, limit in level.links:
+        radiance = local
+        for link, (_, parents, weight, children, limit) in enumerate(level.links):
             lanes = pad(parents)
-            value = limit if children is None else dr.gather(mi.Color3f, deeper, pad(children))
+            if children is not None:
+                value = dr.gather(mi.Color3f, deeper, pad(children))
+            elif number == 0:
+                value = limit
+            else:
+                among = level.limits[link]
+                assert among is not None, "the link is at the limit"
+                value = dr.select(mi.Bool(among[number - 1]), limit, 0)
             sum_ = dr.gather(mi.Color3f, radiance, lanes) + weight * value
             radiance = mi.Color3f(radiance)
             dr.scatter(radiance, sum_, lanes)
@@ -254,8 +289,21 @@ class Tracer:
             for number in range(len(self.document.materials))
             if starts[number + 1] > starts[number]
         }
+        if self._classes is not None:
+            level.parts = {end: mi.Color3f(dr.zeros(mi.Float, dr.width(hits.t))) for end in ("DL", "DA", "O")}
+            for part in level.parts.values():
+                dr.make_opaque(part)
+            level.parts["B"] = mi.Color3f(hits.local)
         local = self._gouraud if self.document.integrator.gouraud else self._local
         local(level, {number: lanes for number, lanes in groups.items() if self.document.materials[number].smooth})
+        if self._classes is not None:
+            assert rays.states is not None, "the camera rays have states"
+            for end, part in level.parts.items():
+                for number, among in enumerate(self._classes.ends(rays.states, end)):
+                    if number == len(level.split):
+                        level.split.append(mi.Color3f(0))
+                    level.split[number] = level.split[number] + dr.select(mi.Bool(among), part, 0)
+            dr.eval(level.split)
         children = self._branches(level, groups, depth) if self.document.integrator.follow else None
         return level, children
 
@@ -379,21 +427,28 @@ class Tracer:
             si = self._interaction(level, here)
             total = mi.Color3f(0)
             shader = self.built.shaders[number]
-            total = total + shader.ambient(si) * self.built.ambient_light
+            ambient, emission = shader.ambient(si) * self.built.ambient_light, shader.emission(si)
+            total = total + ambient
             if self.record:
                 dr.eval(total)
                 level.ambient.append((lanes, mi.Color3f(total)))
-            total = total + shader.emission(si)
+            total = total + emission
+            lit_by_lamps = mi.Color3f(0)
             for lamp, (direction, irradiance, visible) in enumerate(lit):
                 wo = si.to_local(dr.gather(mi.Vector3f, direction, inner))
                 value = shader.local(si, wo) * dr.gather(mi.Color3f, irradiance, inner)
                 total = total + value
+                lit_by_lamps = lit_by_lamps + value
                 if self.record:
                     seen = dr.gather(mi.Bool, visible, inner)
                     dr.eval(value, seen)
                     level.lamps.append((lanes, self.document.lights.lamps[lamp].index, seen, value))
             dr.scatter(level.local, total, here)
             dr.eval(level.local)
+            if level.parts:
+                for end, part in (("DL", lit_by_lamps), ("DA", ambient), ("O", emission)):
+                    dr.scatter(level.parts[end], mi.Color3f(part), here)
+                dr.eval(level.parts)
 
     def _gouraud(self, level: Level, groups: Dict[int, np.ndarray]) -> None:
         """Adds the interpolated local terms of the vertices of the triangles (Gouraud shading)."""
@@ -560,6 +615,11 @@ class Tracer:
                 children = np.arange(first, first + len(places))
             dr.eval(weight)
             level.links.append((letter, parents, weight, children, limit))
+            among = None
+            if self._classes is not None and last:
+                assert everything.states is not None, "the rays have states"
+                among = self._classes.ends(everything.states[pad(places).numpy()], "B")
+            level.limits.append(among)
             chosen.append(places)
             first += len(places)
         return None if last else everything.gather(np.concatenate(chosen))
@@ -600,6 +660,10 @@ class Tracer:
         o, direction = self._perturb(left.o, direction, key, path, setting)
         spawned = Rays(o, direction, throughput, medium, key, path, setting, left.shape, left.facet, left.within, left.push, inside)
         dr.eval(spawned.arrays(), weight, keep)
+        if self._classes is not None:
+            assert rays.states is not None, "the rays have states"
+            event = "T" if letter == "T" else "G" if self.document.materials[number].spread > 1 else "S"
+            spawned.states = self._classes.after(rays.states[lanes.numpy()], event)
         if level.footprint is not None:
             spawned.differentials = footprints.branch(level, lanes.numpy(), letter, found, self._bent(level, number, letter, si, lanes.numpy()))
         return spawned, weight, keep

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, List, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -38,6 +38,8 @@ class Rays:
     # Ray differentials, (n, 2, 2, 3) float64 in NumPy: see `footprints`. None in documents without
     # textures that need them.
     differentials: Optional[np.ndarray] = None
+    # States of the path classes, (n,) in NumPy: see `paths`. None if they are not asked for.
+    states: Optional[np.ndarray] = None
 
     def arrays(self) -> List[Any]:
         return [
@@ -51,6 +53,7 @@ class Rays:
         differentials = None if self.differentials is None else self.differentials[lanes.numpy()]
         taken = Rays(*[dr.gather(type(array), array, lanes) for array in self.arrays()])
         taken.real, taken.differentials = len(indices), differentials
+        taken.states = None if self.states is None else self.states[lanes.numpy()]
         dr.eval(taken.arrays())
         return taken
 
@@ -70,6 +73,8 @@ class Rays:
         dr.eval(joined.arrays())
         if parts[0].differentials is not None:
             joined.differentials = np.concatenate([part.differentials for part in parts])
+        if parts[0].states is not None:
+            joined.states = np.concatenate([part.states for part in parts])
         return joined
 
 
@@ -115,6 +120,11 @@ class Level:
     # Per lamp (lanes, visible, contribution); only when recording.
     lamps: List[Tuple[np.ndarray, int, Any, Any]] = field(default_factory=list)
     ambient: List[Tuple[np.ndarray, Any]] = field(default_factory=list)
+    # With path classes: the local terms by the ends of their paths; then the local terms by class,
+    # and for each link at the depth limit, whether its background is in each class.
+    parts: Dict[str, Any] = field(default_factory=dict)
+    split: List[Any] = field(default_factory=list)
+    limits: List[Optional[np.ndarray]] = field(default_factory=list)
 
     @property
     def rays(self) -> Rays:

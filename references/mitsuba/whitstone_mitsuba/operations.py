@@ -13,7 +13,7 @@ from whitstone_protocol import exr, requests
 from whitstone_protocol.errors import DriverError
 from whitstone_protocol.requests import Answer, Operation, Request, cpu, get
 
-from . import aovs, check, document, probes, stock, timing, tree, usage
+from . import aovs, check, document, paths, probes, stock, timing, tree, usage
 from .driver import Tracer
 from .runtime import LLVM, VARIANT, dr, mi, set_threads
 from .scene import Built, Cache, geometry
@@ -86,6 +86,8 @@ def render(request: Request) -> Answer:
     channels = {letter: values[:, number] for number, letter in enumerate("RGB")}
     if doc.aovs:
         channels.update(aovs.render(Tracer(built, [setting]), x, y))
+    if doc.paths:
+        channels.update(paths.render(tracer, x, y))
     _write(out, doc, channels)
     return {
         "seconds": {"load": loaded - begin, "trace": traced - loaded, "cpu": processor},

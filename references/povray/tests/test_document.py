@@ -70,6 +70,7 @@ class Documents(Case):
         for text, *words in (
             (HEAD + SKY + BALL % 'type = "mirror"', "integrator.at_max_depth", "black"),
             (HEAD.replace("height = 1\n", 'height = 1\naovs = ["uv"]\n') + BLACK_LIMIT, "film.aovs", "layers"),
+            (HEAD.replace("height = 1\n", 'height = 1\npaths = { one = "E D L" }\n') + BLACK_LIMIT, "film.paths", "layers"),
             (HEAD + BLACK_LIMIT + "min_contribution = 0.1\n", "integrator.min_contribution"),
             (HEAD + BLACK_LIMIT + "max_depth = 256\n", "integrator.max_depth", "255"),
             (dark + FLOOR + f"material = {{ {glass} }}\n", "shape[0]", "not closed"),

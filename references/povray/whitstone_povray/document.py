@@ -247,8 +247,9 @@ class _Scene:
 def _film(table: Any, context: Context) -> Tuple[int, int]:
     fields = Fields(table, "film", context)
     width, height = fields.integer("width", 512, 1, 65536), fields.integer("height", 512, 1, 65536)
-    if fields.take("aovs", []):
-        fields.unsupported("POV-Ray has no layers beside the radiance", "aovs")
+    for key in ("aovs", "paths"):
+        if fields.take(key, None):
+            fields.unsupported("POV-Ray has no layers other than the radiance", key)
     fields.close()
     return width, height
 

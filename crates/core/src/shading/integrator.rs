@@ -9,8 +9,9 @@ use crate::stream::{
 use crate::{
     Aabb, Accelerator, BsdfFlags, Context, DirectLighting, Footprint, Geometry, IncidentLight, Interval,
     Light, LightFlags, LightSample, Material, MediumInterface, MediumStack, MediumState, NestedDielectrics,
-    ObjectOrder, PathState, PreliminaryIntersection, Ray, RayDifferential, Refused, Rgb, SelfHitFilter,
-    ShadowMode, SpecularRays, SurfaceAttributes, SurfaceInteraction, VertexAttributes, View,
+    ObjectOrder, PathClasses, PathState, PathSums, PreliminaryIntersection, Ray, RayDifferential, Refused,
+    Rgb, SelfHitFilter, ShadowMode, SpecularRays, SurfaceAttributes, SurfaceInteraction, VertexAttributes,
+    View,
 };
 use glam::DVec3;
 use std::any::Any;
@@ -21,6 +22,12 @@ pub trait Integrator: Send + Sync {
     /// Whether it follows the specular rays of materials. If not, the plan skips everything that
     /// only specular rays need.
     fn follows_branches(&self) -> bool;
+
+    /// Whether [`Self::radiance`] fills [`Scratch::paths`]. If not, scenes with path classes are
+    /// refused.
+    fn splits_paths(&self) -> bool {
+        false
+    }
 
     /// Upper bound on path length when every bounce splits into `directions` equally weighted rays.
     /// The pipeline rejects scenes whose ray count would explode.
@@ -652,6 +659,9 @@ pub struct Scratch {
     pub differential: Option<RayDifferential>,
     /// If present, integrators record every ray of the tree here, for debugging.
     pub record: Option<Vec<TreeNode>>,
+    /// If present, [`Integrator::radiance`] of integrators that split paths
+    /// ([`Integrator::splits_paths`]) adds the radiance by path class here.
+    pub paths: Option<PathSums>,
 }
 
 impl Scratch {
@@ -668,6 +678,14 @@ impl Scratch {
         Self {
             record: Some(Vec::new()),
             ..Self::default()
+        }
+    }
+
+    /// Working memory for trees within these limits, with sums of 0 for these path classes.
+    pub fn splitting(limits: TreeLimits, classes: Arc<PathClasses>) -> Self {
+        Self {
+            paths: Some(PathSums::new(classes)),
+            ..Self::within(limits)
         }
     }
 

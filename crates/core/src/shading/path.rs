@@ -21,6 +21,8 @@ pub struct PathState {
     /// For [`Scratch::record`](crate::Scratch::record): index of the parent node and letter of the
     /// branch; `None` for a camera ray.
     pub origin: Option<(u32, PathLetter)>,
+    /// For [`Scratch::paths`](crate::Scratch::paths): the state of the automaton of path classes.
+    pub class_state: u32,
     /// Ray differentials, if textures read footprints.
     pub differential: Option<RayDifferential>,
 }
@@ -37,6 +39,7 @@ impl PathState {
             inside: MediumStack::NOTHING,
             depth: 0,
             origin: None,
+            class_state: 0,
             differential: None,
         }
     }

@@ -155,6 +155,7 @@ fn export(subject: &Subject, job: &Job<'_>, path: &Path) -> Result<Vec<String>, 
     // Only the colours of a subject are compared.
     if let Some(film) = document.get_mut("film").and_then(toml::Value::as_table_mut) {
         film.remove("aovs");
+        film.remove("paths");
     }
     let scene = ExportScene {
         document: &document,

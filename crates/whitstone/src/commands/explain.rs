@@ -7,6 +7,7 @@ use crate::terminal::{Exit, Failure, write_json};
 use crate::wireframe;
 use clap::Args;
 use serde_json::{Value, json};
+use std::borrow::Cow;
 use std::path::PathBuf;
 use std::sync::Arc;
 use whitstone_core::{Counters, Geometry, Registry, SurfaceAttributes};
@@ -154,18 +155,21 @@ fn print_pipeline(pipeline: &Pipeline, names: &Names) {
         }
     };
     let size = pipeline.film.size;
-    let layers: Vec<&str> = pipeline
-        .film
-        .aovs
-        .iter()
-        .flat_map(|aov| aov.channels())
-        .copied()
-        .collect();
+    let layers: Vec<Cow<'_, str>> = pipeline.film.channels().collect();
+    let layers = layers.iter().map(AsRef::as_ref).collect();
     let samples = pipeline.samples();
     row(
         "film",
         &format!("{} x {}, layers: {}", size.width, size.height, or_none(layers)),
     );
+    if let Some(paths) = &pipeline.film.paths {
+        let sum = if paths.classes.is_partition() {
+            "every path is in exactly one, so that they sum to the image"
+        } else {
+            "they do not sum to the image: a path is in none of them, or in several"
+        };
+        row("path classes", &format!("{}; {sum}", paths.classes.names.len()));
+    }
     row("camera", &names.camera);
     row(
         "sampler",
@@ -275,7 +279,7 @@ fn report(pipeline: &Pipeline, names: &Names, tree: Option<&PixelTree>, counted:
         })),
         "width": size.width,
         "height": size.height,
-        "layers": pipeline.film.aovs.iter().flat_map(|aov| aov.channels()).collect::<Vec<_>>(),
+        "layers": pipeline.film.channels().collect::<Vec<_>>(),
         "camera": names.camera,
         "sampler": names.sampler,
         "samples": pipeline.samples(),

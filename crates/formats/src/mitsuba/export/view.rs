@@ -126,8 +126,8 @@ impl<'a> Exporter<'a> {
         let film = table::table(self.document, "film");
         let size = |key: &str| film.and_then(|film| table::number(film, key)).unwrap_or(512.0);
         let (width, height) = (size("width"), size("height"));
-        if film.is_some_and(|film| film.contains_key("aovs")) {
-            self.note("[film] aovs", "film");
+        if film.is_some_and(|film| film.contains_key("aovs") || film.contains_key("paths")) {
+            self.note("[film] layers", "film");
         }
         let camera = table::table(self.document, "camera")?;
         let kind = table::kind(camera);
