@@ -110,8 +110,8 @@ impl Quality {
 }
 
 /// The picture as lines of text, reduced to at most `columns` columns: each character cell shows
-/// two pixels, as its upper half and its background, in 24-bit colour (SGR 38 and 48 of ISO 8613-6).
-/// A last row without a partner has the terminal's own background.
+/// two pixels, as its upper half and its background, in 24-bit colour (SGR 38 and 48 of ISO
+/// 8613-6). A last row without a partner has the terminal's own background.
 fn half_blocks(picture: &Raster, columns: usize) -> String {
     let (width, height) = (picture.width(), picture.height());
     let columns = columns.clamp(1, width);
