@@ -467,11 +467,125 @@ fn an_exposure_is_a_number() {
     }
 }
 
+/// Renders the classic scene at 12 x 8 pixels to `picture.png` in the folder, and returns the PNG
+/// and the output.
+fn pictured(folder: &Path, arguments: &[&str]) -> (Vec<u8>, Output) {
+    let path = folder.join("picture.png");
+    let output = program!()
+        .current_dir(root())
+        .env_remove("NO_COLOR")
+        .args([
+            "render",
+            "scenes/showcase/classic.toml",
+            "--set",
+            "film={width=12,height=8}",
+            "-o",
+        ])
+        .arg(&path)
+        .args(arguments)
+        .output()
+        .unwrap();
+    assert_eq!(code(&output), Some(0), "{arguments:?}: {}", stderr(&output));
+    (fs::read(path).unwrap(), output)
+}
+
+#[test]
+fn pictures_have_exposure_tone_curve_and_quality() {
+    let folder = tempfile::tempdir().unwrap();
+    let pixels = |arguments: &[&str]| pictured(folder.path(), arguments).0;
+    let plain = pixels(&[]);
+    assert_eq!(plain, pixels(&["--exposure", "0", "--tone-map", "clamp"]));
+    let variants = [
+        pixels(&["--exposure", "-1.5"]),
+        pixels(&["--tone-map", "filmic"]),
+        pixels(&["--quality", "good"]),
+    ];
+    for (k, variant) in variants.iter().enumerate() {
+        assert!(
+            !variants[..k].contains(variant) && *variant != plain,
+            "variant {k}"
+        );
+    }
+    // Each quality is the sampler that its help names, and --set changes that sampler.
+    for (quality, sampler) in [
+        ("draft", r#"sampler={type="center"}"#),
+        ("good", r#"sampler={type="adaptive",samples=64,threshold=0.02}"#),
+        (
+            "best",
+            r#"sampler={type="adaptive",samples=1024,initial_samples=16,threshold=0.005}"#,
+        ),
+    ] {
+        let help = stdout(&run(&["render", "--help"]))
+            .split_whitespace()
+            .collect::<String>();
+        assert!(
+            help.contains(&sampler["sampler={".len()..sampler.len() - 1]),
+            "{quality}: {help}"
+        );
+        assert_eq!(
+            pixels(&["--quality", quality]),
+            pixels(&["--set", sampler]),
+            "{quality}"
+        );
+    }
+    let few = ["--quality", "good", "--set", "sampler.samples=8"];
+    assert_eq!(
+        pixels(&few),
+        pixels(&["--set", r#"sampler={type="adaptive",samples=8,threshold=0.02}"#])
+    );
+    for (arguments, expected) in [
+        (["--quality", "goood"], "draft, good, best"),
+        (["--tone-map", "reinhard"], "clamp, filmic"),
+    ] {
+        let output = run(&[&["render", "scenes/showcase/classic.toml"][..], &arguments].concat());
+        assert_eq!(code(&output), Some(2));
+        assert!(stderr(&output).contains(expected), "{}", stderr(&output));
+    }
+}
+
+#[test]
+fn a_preview_draws_the_pixels_of_the_png_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let (png, output) = pictured(folder.path(), &["--preview", "--exposure", "0.5", "--json", "-"]);
+    // With `--json -` standard output is for the JSON alone.
+    assert!(serde_json::from_slice::<Value>(&output.stdout).is_ok());
+    let picture = whitstone::image::picture::decode(&png, whitstone::image::Limits::IMAGE).unwrap();
+    let planes = picture.image.rgb().unwrap();
+    let code_at = |x: usize, y: usize| {
+        let codes = planes.map(|plane| (plane[y * 12 + x] * 255.0).round().to_string());
+        codes.join(";")
+    };
+    let drawn = stderr(&output);
+    let lines: Vec<&str> = drawn.lines().filter(|line| line.contains('▀')).collect();
+    assert_eq!(lines.len(), 4);
+    for (k, line) in lines.iter().enumerate() {
+        let cells: Vec<&str> = line.split('▀').collect();
+        assert_eq!((cells.len(), cells[12]), (13, "\u{1b}[0m"));
+        for (x, cell) in cells[..12].iter().enumerate() {
+            let expected = format!(
+                "\u{1b}[38;2;{};48;2;{}m",
+                code_at(x, 2 * k),
+                code_at(x, 2 * k + 1)
+            );
+            assert_eq!(*cell, expected);
+        }
+    }
+    let output = program!()
+        .current_dir(root())
+        .env("NO_COLOR", "1")
+        .args(["render", "scenes/showcase/classic.toml", "--preview"])
+        .output()
+        .unwrap();
+    assert_eq!(code(&output), Some(2));
+    assert!(stderr(&output).contains("NO_COLOR"), "{}", stderr(&output));
+}
+
 #[test]
 fn an_option_without_effect_is_an_error() {
     let classic = "scenes/showcase/classic.toml";
     for (arguments, named) in [
         (vec!["render", classic, "--exposure", "1"], "--png"),
+        (vec!["render", classic, "--tone-map", "filmic"], "--png"),
         (vec!["render", classic, "--tile-size", "8"], "--cluster"),
         (vec!["render", classic, "--workers", "2"], "--cluster"),
         (vec!["explain", classic, "--max-rays", "3"], "--pixel"),

@@ -7,7 +7,7 @@
 //! | [`exr_io`] | OpenEXR in (any flat file) and out (float32, scan lines, ZIP) |
 //! | [`picture`] | images of other programs (EXR, PNG, JPEG, WebP, HDR, PFM, TIFF) |
 //! | [`texels`] | texture files (PNG, JPEG, WebP, EXR) as raw normalised values |
-//! | [`tone`] | exposure and the sRGB transfer functions |
+//! | [`tone`] | exposure, tone curves and the sRGB transfer functions |
 //! | [`png`] | 8-bit pictures for people |
 //! | [`limits`] | sizes that files may have; errors of reading |
 //! | [`atomic`] | files that are either complete or absent |
@@ -38,4 +38,4 @@ pub use picture::{Codes, Picture, Transfer};
 pub use planes::{Image, ImageError, Placement};
 pub use png::Raster;
 pub use texels::{Encoding, Texels};
-pub use tone::ToneMap;
+pub use tone::{ToneCurve, ToneMap};

@@ -1,14 +1,48 @@
 //! Converts scene-referred linear values to 8-bit display values, and the sRGB transfer functions.
 
-/// Exposure for previews. The steps, for each channel separately: multiply by 2^exposure, clamp to
-/// [0, 1], encode with [`linear_to_srgb`], multiply by 255 and round half up.
+/// How values after the exposure become display values in [0, 1].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ToneCurve {
+    /// Values are kept, and those above 1 are white. Equal pixels mean equal values, as comparisons
+    /// need.
+    #[default]
+    Clamp,
+    /// [`ACES`]: dark values gain contrast, and bright ones approach white slowly, as on film.
+    Filmic,
+}
+
+/// A filmic tone curve: the fit of K. Narkowicz, *ACES Filmic Tone Mapping Curve* (2016), to the
+/// reference rendering transform of the Academy Color Encoding System, with his factor of 0.6,
+/// which keeps the exposure of that transform.
 ///
-/// There is no tone curve: values above 1 after the exposure are white, so that equal pixels mean
-/// equal values.
+/// The numbers are a to f of `(a x² + b x + c) / (d x² + e x + f)`, limited to [0, 1].
+pub const ACES: [f64; 6] = [0.36 * 2.51, 0.6 * 0.03, 0.0, 0.36 * 2.43, 0.6 * 0.59, 0.14];
+
+impl ToneCurve {
+    /// The display value, in [0, 1], of a linear value; NaN stays NaN. Values below 0 give 0, and
+    /// infinity gives 1.
+    #[must_use]
+    pub fn apply(self, linear: f64) -> f64 {
+        match self {
+            Self::Clamp => linear.clamp(0.0, 1.0),
+            Self::Filmic => {
+                let [a, b, c, d, e, f] = ACES;
+                // From about 9.2 on the quotient is above 1; the limit keeps its squares finite.
+                let x = linear.clamp(0.0, 1e6);
+                ((a * x * x + b * x + c) / (d * x * x + e * x + f)).clamp(0.0, 1.0)
+            }
+        }
+    }
+}
+
+/// Exposure and tone curve for previews. The steps, for each channel separately: multiply by
+/// 2^exposure, apply the curve, encode with [`linear_to_srgb`], multiply by 255 and round half up.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ToneMap {
     /// Exposure in stops: 0 leaves values as they are, 1 doubles them.
     pub exposure: f64,
+    /// The curve after the exposure.
+    pub curve: ToneCurve,
 }
 
 impl ToneMap {
@@ -16,7 +50,7 @@ impl ToneMap {
     /// [`Raster::preview`](crate::Raster::preview) shows it as an unmistakable colour.
     #[must_use]
     pub fn encode(&self, linear: f64) -> u8 {
-        let shown = (linear * self.exposure.exp2()).clamp(0.0, 1.0);
+        let shown = self.curve.apply(linear * self.exposure.exp2());
         // The cast clamps, and maps NaN to 0.
         (linear_to_srgb(shown) * 255.0 + 0.5).floor() as u8
     }
@@ -77,26 +111,46 @@ mod tests {
         }
     }
 
+    fn exposed(exposure: f64) -> ToneMap {
+        ToneMap {
+            exposure,
+            ..ToneMap::default()
+        }
+    }
+
     #[test]
     fn exposure_is_in_stops_and_values_are_clamped() {
-        assert_eq!(
-            ToneMap { exposure: 1.0 }.encode(0.25),
-            ToneMap::default().encode(0.5)
-        );
-        assert_eq!(
-            ToneMap { exposure: -2.0 }.encode(2.0),
-            ToneMap::default().encode(0.5)
-        );
+        assert_eq!(exposed(1.0).encode(0.25), ToneMap::default().encode(0.5));
+        assert_eq!(exposed(-2.0).encode(2.0), ToneMap::default().encode(0.5));
         assert_eq!(ToneMap::default().encode(7.0), 255);
         assert_eq!(ToneMap::default().encode(-1.0), 0);
-        assert_eq!(
-            ToneMap {
-                exposure: f64::INFINITY
-            }
-            .encode(0.0),
-            0
-        );
-        assert_eq!(ToneMap { exposure: f64::NAN }.encode(0.5), 0);
+        assert_eq!(exposed(f64::INFINITY).encode(0.0), 0);
+        assert_eq!(exposed(f64::NAN).encode(0.5), 0);
+    }
+
+    #[test]
+    fn the_filmic_curve_is_the_published_one_and_never_falls() {
+        // As published: (x (2.51 x + 0.03)) / (x (2.43 x + 0.59) + 0.14), of 0.6 times the value.
+        let published = |value: f64| {
+            let x = 0.6 * value;
+            (x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14)
+        };
+        for value in [0.0, 0.01, 0.18, 0.5, 1.0, 4.0] {
+            assert_abs_diff_eq!(ToneCurve::Filmic.apply(value), published(value), epsilon = 1e-15);
+        }
+        let values: Vec<f64> = (0..2000).map(|k| f64::from(k) / 100.0).collect();
+        let shown = values.iter().map(|&value| ToneCurve::Filmic.apply(value));
+        assert!(shown.is_sorted());
+        for (value, expected) in [(-1.0, 0.0), (100.0, 1.0), (f64::INFINITY, 1.0), (f64::MAX, 1.0)] {
+            assert_eq!(ToneCurve::Filmic.apply(value), expected);
+        }
+        let filmic = ToneMap {
+            curve: ToneCurve::Filmic,
+            ..ToneMap::default()
+        };
+        assert_eq!(filmic.encode(f64::NAN), 0);
+        // A value that clamps to white still has room above it.
+        assert!(filmic.encode(1.0) < filmic.encode(2.0) && filmic.encode(2.0) < 255);
     }
 
     #[test]

@@ -14,6 +14,7 @@ use crate::sum::Sum;
 use serde::Serialize;
 use std::f64::consts::PI;
 use whitstone_image::Image;
+use whitstone_image::tone::{ACES, ToneCurve};
 
 /// Pixels per degree of the visual field for which the values are valid: a screen of 3840 pixels
 /// and 0.7 m, seen from 0.7 m.
@@ -47,7 +48,8 @@ pub fn flip(ours: &Image, reference: &Image) -> Result<Flip, CompareError> {
         let exposure = start + (stop - start) * i as f64 / (count - 1) as f64;
         let shown = |image: &[Vec3]| -> Vec<Vec3> {
             let factor = exposure.exp2();
-            image.iter().map(|rgb| rgb.map(|x| tone(x * factor))).collect()
+            let filmic = |x: f64| ToneCurve::Filmic.apply(x * factor);
+            image.iter().map(|rgb| rgb.map(filmic)).collect()
         };
         let of_exposure = filters.map(&shown(&ours), &shown(&reference), pair.width);
         for (worst, value) in map.iter_mut().zip(of_exposure) {
@@ -95,14 +97,6 @@ fn mean(map: &[f64]) -> f64 {
     let mut sum = Sum::default();
     map.iter().for_each(|&value| sum.add(value));
     sum.total() / map.len().max(1) as f64
-}
-
-/// Narkowicz's fit to the ACES curve (2016), with its exposure of 0.6: numerator and denominator.
-const ACES: [f64; 6] = [0.36 * 2.51, 0.6 * 0.03, 0.0, 0.36 * 2.43, 0.6 * 0.59, 0.14];
-
-fn tone(x: f64) -> f64 {
-    let [a, b, c, d, e, f] = ACES;
-    ((a * x * x + b * x + c) / (d * x * x + e * x + f)).clamp(0.0, 1.0)
 }
 
 /// The exposures in stops at which the brightest and the median pixel are shown at 0.85 (2021,

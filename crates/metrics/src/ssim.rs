@@ -116,7 +116,11 @@ mod tests {
         // double precision.
         let reference = image(pattern(0));
         let of = |other: &Image, exposure: f64| {
-            let found = ssim(other, &reference, ToneMap { exposure });
+            let tone = ToneMap {
+                exposure,
+                ..ToneMap::default()
+            };
+            let found = ssim(other, &reference, tone);
             found.unwrap().unwrap()
         };
         let shifted = |x: usize, y: usize, c: usize| pattern(0)((x + 39) % 40, y, c);

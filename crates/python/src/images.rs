@@ -97,7 +97,11 @@ pub(crate) fn read_image<'py>(
 pub(crate) fn png(py: Python<'_>, rgb: PyReadonlyArray3<'_, f32>, exposure: f64) -> PyResult<Vec<u8>> {
     let image = image(&rgb, BTreeMap::new())?;
     py.detach(|| {
-        let raster = Raster::preview(&image, ToneMap { exposure }).map_err(value_error)?;
+        let tone = ToneMap {
+            exposure,
+            ..ToneMap::default()
+        };
+        let raster = Raster::preview(&image, tone).map_err(value_error)?;
         raster.to_png().map_err(value_error)
     })
 }

@@ -215,7 +215,7 @@ fn gib(text: &str) -> Result<u64, String> {
 }
 
 /// Parses a finite number.
-fn finite(text: &str) -> Result<f64, String> {
+pub(crate) fn finite(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| "expected a number".to_owned())?;
     if value.is_finite() {
         Ok(value)

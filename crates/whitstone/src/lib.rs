@@ -14,6 +14,8 @@ mod interrupt;
 #[cfg(feature = "cli")]
 mod jobs;
 mod library;
+#[cfg(feature = "cli")]
+pub mod picture;
 pub mod slim;
 #[cfg(feature = "cli")]
 pub mod wireframe;

@@ -40,8 +40,22 @@ pub(crate) fn out(text: Arguments<'_>) {
 }
 
 fn stdout(text: Arguments<'_>) {
-    let text = text.to_string();
-    if let Err(error) = std::io::stdout().lock().write_all(visible(&text).as_bytes())
+    write(visible(&text.to_string()).as_bytes());
+}
+
+/// Writes text with control sequences of this program's own to standard output, or with `--json -`
+/// to standard error. It must contain nothing that comes from a file or a scene.
+#[cfg(feature = "cli")]
+pub(crate) fn trusted(text: &str) {
+    if json_on_stdout() {
+        let _ = std::io::stderr().lock().write_all(text.as_bytes());
+    } else {
+        write(text.as_bytes());
+    }
+}
+
+fn write(bytes: &[u8]) {
+    if let Err(error) = std::io::stdout().lock().write_all(bytes)
         && error.kind() != ErrorKind::BrokenPipe
     {
         OUTPUT_LOST.store(true, Ordering::Relaxed);

@@ -208,6 +208,7 @@ impl Arguments {
     fn tone(&self) -> ToneMap {
         ToneMap {
             exposure: self.exposure,
+            ..ToneMap::default()
         }
     }
 

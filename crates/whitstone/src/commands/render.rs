@@ -4,6 +4,7 @@ use super::cluster::{self, Cluster};
 use super::{SceneArguments, build_with, merge, plan};
 use crate::interrupt;
 use crate::jobs::{self, Program};
+use crate::picture::{Quality, View};
 use crate::slim;
 use crate::terminal::{Exit, Failure, STDOUT, progress, write_json};
 use clap::Args;
@@ -11,7 +12,7 @@ use serde_json::json;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use whitstone_core::Registry;
-use whitstone_image::{Image, Limits, Raster, ToneMap, atomic, exr_io};
+use whitstone_image::{Limits, atomic, exr_io};
 use whitstone_render::RenderOptions;
 use whitstone_scene::Plan;
 
@@ -21,7 +22,7 @@ use whitstone_scene::Plan;
 #[derive(Args, Debug)]
 #[command(
     help_template = super::HELP_TEMPLATE,
-    after_help = "Examples:\n  whitstone render scenes/showcase/classic.toml --png\n  whitstone render scenes/showcase/classic.toml --cluster local\n  whitstone render scenes/showcase/classic.toml --set camera.fov=30 -o classic.png"
+    after_help = "Examples:\n  whitstone render scenes/showcase/classic.toml --png\n  whitstone render scenes/showcase/classic.toml -o classic.png --quality good --tone-map filmic\n  whitstone render scenes/showcase/classic.toml --preview\n  whitstone render scenes/showcase/classic.toml --cluster local\n  whitstone render scenes/showcase/classic.toml --set camera.fov=30 -o classic.png"
 )]
 pub struct Arguments {
     #[command(flatten)]
@@ -33,10 +34,12 @@ pub struct Arguments {
     /// Also write a PNG preview next to the EXR file, with the same name
     #[arg(long)]
     png: bool,
-    /// Exposure of the PNG preview, in stops; the scaled values are clamped to 1 and encoded as
-    /// sRGB
-    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true, requires = "png", value_parser = super::finite)]
-    exposure: f64,
+    #[command(flatten)]
+    view: View,
+    /// Replace the sampler of the scene; --set still changes keys of the new one. Samples of
+    /// lenses, area lights and glossy materials stay as in the scene
+    #[arg(long, value_name = "QUALITY")]
+    quality: Option<Quality>,
     /// Number of threads; 0 means one per core, and with --cluster one per job. The image does not
     /// depend on it
     #[arg(long, value_name = "COUNT", default_value_t = 0, value_parser = super::threads)]
@@ -68,6 +71,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
             )));
         }
     };
+    arguments.view.check(as_png || arguments.png)?;
     let picture = (as_png || arguments.png).then(|| output.with_extension("png"));
     let exr = (!as_png).then_some(&output);
     let json = (arguments.json.as_ref()).filter(|path| *path != Path::new(STDOUT));
@@ -76,11 +80,15 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         .flatten()
         .map(PathBuf::as_path)
         .collect();
+    let mut scene = arguments.scene.clone();
+    if let Some(quality) = arguments.quality {
+        scene.overrides.insert(0, quality.sampler().to_owned());
+    }
     if arguments.cluster.cluster.is_some() {
         let exr = exr.ok_or_else(|| {
             Failure::usage("--cluster writes an EXR file: give -o FILE.exr, and --png for a preview")
         })?;
-        return on_cluster(arguments, exr, picture.as_deref(), &outputs, registry);
+        return on_cluster(arguments, &scene, exr, picture.as_deref(), &outputs, registry);
     }
     if arguments.cluster.size.tile_size.is_some() {
         return Err(Failure::usage(
@@ -93,7 +101,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
             .chain(plan.description.flattened.files.clone())
             .collect::<Vec<_>>()
     };
-    let (mut pipeline, inputs) = build_with(&arguments.scene, registry, None, read)?;
+    let (mut pipeline, inputs) = build_with(&scene, registry, None, read)?;
     check_apart(&outputs, &inputs)?;
     for output in &outputs {
         atomic::check(output).map_err(Failure::environment)?;
@@ -130,9 +138,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     if let Some(output) = exr {
         exr_io::write(output, &image).map_err(Failure::environment)?;
     }
-    if let Some(picture) = &picture {
-        write_preview(&image, arguments.exposure, picture)?;
-    }
+    arguments.view.show(&image, picture.as_deref())?;
     summary.print();
     if let Some(path) = &arguments.json {
         write_json(path, &report)?;
@@ -150,29 +156,25 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     }
 }
 
-fn write_preview(image: &Image, exposure: f64, path: &Path) -> Result<(), Failure> {
-    let raster = Raster::preview(image, ToneMap { exposure }).map_err(Failure::usage)?;
-    raster.write_png(path).map_err(Failure::environment)
-}
-
 /// Renders the tiles on a cluster and merges them.
 fn on_cluster(
     arguments: &Arguments,
+    scene: &SceneArguments,
     exr: &Path,
     picture: Option<&Path>,
     outputs: &[&Path],
     registry: &Registry,
 ) -> Result<Exit, Failure> {
-    let target = &arguments.scene.target;
+    let target = &scene.target;
     let tile_size = arguments.cluster.size.side();
-    let jobs = plan::jobs(&arguments.scene, tile_size, &Program::this()?, registry)?;
+    let jobs = plan::jobs(scene, tile_size, &Program::this()?, registry)?;
     let image = &jobs[0].picture;
     check_apart(outputs, &jobs::input_paths(&jobs))?;
     for output in outputs {
         atomic::check(output).map_err(Failure::environment)?;
     }
     let results = cluster::results(target)?;
-    if arguments.scene.fresh {
+    if scene.fresh {
         results.remove(&jobs);
     }
     let installation = target.installation();
@@ -180,9 +182,9 @@ fn on_cluster(
     let sums = merge::merge(&jobs, &results, exr)?;
     results.remove(&jobs);
     println!("{}", sums.line(exr, image));
-    if let Some(picture) = picture {
+    if picture.is_some() || arguments.view.preview {
         let image = exr_io::read(exr, Limits::IMAGE).map_err(Failure::environment)?;
-        write_preview(&image, arguments.exposure, picture)?;
+        arguments.view.show(&image, picture)?;
     }
     if let Some(path) = &arguments.json {
         write_json(path, &sums.json(exr, image))?;
