@@ -2,8 +2,9 @@
 //!
 //! `page.html` and `case.html` are its templates, compiled and escaped by `askama`. `view` converts
 //! results to the data of the templates. `page.css` and the scripts are embedded unchanged. The
-//! page is readable without scripts. They sort (`sort.js`), filter and copy (`page.js`), display pixels
-//! in other ways than the pictures (`viewer.js`) and highlight the points of diagrams (`studies.js`).
+//! page is readable without scripts. They sort (`sort.js`), filter and copy (`page.js`), display
+//! pixels in other ways than the pictures (`viewer.js`) and highlight the points of diagrams
+//! (`studies.js`).
 //!
 //! `comparison` is the page for several subjects.
 

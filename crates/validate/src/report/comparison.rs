@@ -60,7 +60,8 @@ pub struct Pair {
     pub b: String,
     /// Number of scenes.
     pub scenes: usize,
-    /// Median over the scenes of the root mean square difference, relative to the mean of the image.
+    /// Median over the scenes of the root mean square difference, relative to the mean of the
+    /// images.
     pub median: Option<f64>,
     /// The scene with the largest one, and its value.
     pub worst: Option<(String, f64)>,

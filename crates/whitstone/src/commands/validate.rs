@@ -52,8 +52,8 @@ const TIME_LIMIT: u64 = 300;
 pub struct Arguments {
     #[command(flatten)]
     scenes: Scenes,
-    /// Validate another renderer: the name of a table [subject.NAME], or NAME={...}; can be repeated
-    /// to compare several
+    /// Validate another renderer: the name of a table [subject.NAME], or NAME={...}; can be
+    /// repeated to compare several
     #[arg(long, value_name = "NAME", conflicts_with_all = ["ours", "matrix"])]
     subject: Vec<String>,
     /// File with the subject's table [default: whitstone.toml in this folder or one above it]
