@@ -42,7 +42,7 @@ fn pictures(size: usize, ours: f32, noise: f32) -> Option<Pictures> {
     Pictures::new(&ours, &reference, [([18, 41], None)].into_iter())
 }
 
-pub(super) fn case(scene: &str, twin: &str) -> CaseResult {
+fn case(scene: &str, twin: &str) -> CaseResult {
     CaseResult {
         scene: scene.to_owned(),
         config: "default".to_owned(),
