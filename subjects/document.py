@@ -14,6 +14,19 @@ from pathlib import Path
 import numpy as np
 
 SKIPPED = 77
+# The indices of refraction of metals: eta and k.
+METALS = {
+    "Ag": ([0.15528, 0.11673, 0.13839], [4.82835, 3.12222, 2.14690]),
+    "Al": ([1.65750, 0.88040, 0.52124], [9.22381, 6.26950, 4.83700]),
+    "Au": ([0.14304, 0.37531, 1.44205], [3.98300, 2.38556, 1.60336]),
+    "Be": ([4.18501, 3.18503, 2.78406], [3.83547, 3.01012, 2.86899]),
+    "Cr": ([4.36967, 2.91651, 1.65490], [5.20655, 4.23131, 3.75470]),
+    "Cu": ([0.20101, 0.92375, 1.10222], [3.91326, 2.45305, 2.14209]),
+    "Hg": ([2.39894, 1.44003, 0.90957], [6.32759, 4.37192, 3.42176]),
+    "Ir": ([3.08630, 2.08219, 1.61791], [5.59215, 4.06709, 3.26731]),
+    "Ni": ([2.36730, 1.66337, 1.46708], [4.49881, 3.05015, 2.34544]),
+    "W": ([4.37082, 3.30025, 2.99841], [3.50064, 2.60487, 2.27323]),
+}
 
 
 def skip(reason):
@@ -77,6 +90,13 @@ def paint(value, what):
     return Checker(a, b, cells @ matrix_of(mapping["transform"]), mapping["projection"] != "uv")
 
 
+def index_of(keys):
+    """The complex index of refraction of a conductor, eta and k."""
+    if keys["metal"]:
+        return tuple(np.array(part) for part in METALS[keys["metal"]])
+    return color(keys["eta"], "a metal"), color(keys["k"], "a metal")
+
+
 def unit(vector):
     return vector / np.linalg.norm(vector)
 
@@ -106,7 +126,10 @@ def matrix_of(steps):
 
 @dataclass
 class Camera:
-    """A pinhole. `u`, `v`, `w` point to the right, up and backwards; the window is at distance d."""
+    """A pinhole, or parallel rays. `u`, `v`, `w` point to the right, up and backwards.
+
+    The window of a pinhole is at the distance d; that of parallel rays is where the camera is.
+    """
 
     origin: np.ndarray
     u: np.ndarray
@@ -120,6 +143,7 @@ class Camera:
     near: float
     # The distance of the point that it looks at.
     reach: float
+    parallel: bool = False
 
     @property
     def matrix(self):
@@ -163,7 +187,7 @@ class Shape:
 
 @dataclass
 class Scene:
-    """A scene of a pinhole camera."""
+    """A scene, with the camera, lights, shapes and materials of the document."""
 
     width: int
     height: int
@@ -181,10 +205,12 @@ class Scene:
         return self.width / self.height
 
 
-def read_camera(table, width, height):
-    if table["type"] != "perspective":
+def read_camera(table, width, height, kinds):
+    if table["type"] not in kinds:
         skip(f"a camera of type {table['type']}")
-    keys = only(table, "the camera", look_at=None, fov=45, fov_axis="x", window=None, near=0, near_kind="planar")
+    parallel = table["type"] == "orthographic"
+    known = {"width": 2} if parallel else {"fov": 45, "fov_axis": "x", "near_kind": "planar"}
+    keys = only(table, "the camera", look_at=None, window=None, near=0, **known)
     view = keys["look_at"]
     origin = np.array(view["origin"], float)
     backwards = origin - np.array(view["target"], float)
@@ -193,6 +219,9 @@ def read_camera(table, width, height):
     if window := keys["window"]:
         sides = [float(window[side]) for side in "lrbt"]
         distance = float(window.get("d", 1))
+    elif parallel:
+        x = keys["width"] / 2
+        sides, distance = [-x, x, -x * height / width, x * height / width], 1.0
     else:
         axis = keys["fov_axis"]
         if axis in ("smaller", "larger"):
@@ -200,13 +229,16 @@ def read_camera(table, width, height):
         half = math.tan(math.radians(keys["fov"]) / 2)
         x, y = (half, half * height / width) if axis == "x" else (half * width / height, half)
         sides, distance = [-x, x, -y, y], 1.0
-    if keys["near"] and keys["near_kind"] != "planar":
+    if keys["near"] and keys.get("near_kind", "planar") != "planar":
         skip("a near limit that is not planar")
-    return Camera(origin, u, np.cross(w, u), w, *sides, distance, float(keys["near"]), float(np.linalg.norm(backwards)))
+    return Camera(origin, u, np.cross(w, u), w, *sides, distance, float(keys["near"]), float(np.linalg.norm(backwards)), parallel)
 
 
-def read(path, shadows="opaque"):
-    """Reads a document with these shadows. Lights and materials stay tables, without defaults."""
+def read(path, shadows="opaque", cameras=("perspective",)):
+    """Reads a document with these shadows and one of these types of cameras.
+
+    Lights and materials stay tables, without defaults.
+    """
     document = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     film = document.get("film", {})
     width, height = film.get("width", 512), film.get("height", 512)
@@ -219,7 +251,7 @@ def read(path, shadows="opaque"):
     if (found := tracing.get("shadows", "opaque")) != shadows:
         skip(f"{found} shadows")
     depth = 0 if tracing["type"] == "appel" else tracing.get("max_depth", 6)
-    scene = Scene(width, height, read_camera(document["camera"], width, height), depth)
+    scene = Scene(width, height, read_camera(document["camera"], width, height, cameras), depth)
     for light in document.get("light", []):
         if light["type"] == "background":
             scene.background = scene.background + color(light["radiance"], "the background")
@@ -253,6 +285,10 @@ def add_shapes(scene, document, tables, folder, matrix, replacements):
             material = replacement.get(material, material) if isinstance(material, str) else material
         if isinstance(material, str):
             material = materials[material]
+        # Shared textures by name.
+        textures = document.get("texture", {})
+        shared = {key: textures[material[key]] for key in ("reflectance", "radiance") if isinstance(material.get(key), str)}
+        material = {**material, **shared}
         name = f"{table.get('id', 'shape')}-{len(scene.shapes)}"
         scene.shapes.append(Shape(table["type"], keys, place, material, name))
 

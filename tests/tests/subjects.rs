@@ -358,3 +358,79 @@ fn paths_are_single_arguments() {
     expect(&subject.validate(&[SCENE]), 0, &["1 passed"]);
     assert!(!Path::new("ran").exists() && !odd.join("ran").exists());
 }
+
+/// Several subjects are validated one after the other, and a page compares them.
+#[test]
+fn several_subjects_are_compared() {
+    let subject = Subject::script("WHITSTONE render \"$1\" -o \"$2\"", "");
+    let place = |name: &str| subject.0.path().join(name);
+    let other = |name: &str, arguments: &str, more: &str| {
+        format!(
+            "[subject.{name}]\ncommand = \"{CONFORMING} render {{scene}} -o {{output}} {arguments}\"\n{more}\n"
+        )
+    };
+    let tables = [
+        other("exact", "", ""),
+        // The same fault in two subjects: they agree with each other, and not with the reference.
+        other("bright", "--set light.0.intensity=125", ""),
+        other("brighter", "--set light.0.intensity=125", ""),
+        other("shifted", "", "offset = [0.25, 0]"),
+        "[subject.lazy]\ncommand = \"sh -c 'echo no balls; exit 77' {scene} {output}\"\n".to_owned(),
+    ];
+    fs::write(place("whitstone.toml"), tables.concat()).unwrap();
+    let output = program!()
+        .current_dir(root())
+        .args(["validate", SCENE, "--reference", "stored", "--config"])
+        .arg(place("whitstone.toml"))
+        .args([
+            "--subject",
+            "exact",
+            "--subject",
+            "bright",
+            "--subject",
+            "brighter",
+        ])
+        .args(["--subject", "shifted", "--subject", "lazy", "--target"])
+        .arg(place("target"))
+        .arg("--junit")
+        .arg(place("junit.xml"))
+        .arg("--json")
+        .arg(place("all.json"))
+        .output()
+        .unwrap();
+    let text = String::from_utf8_lossy(&[&output.stdout[..], &output.stderr[..]].concat()).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    let all: serde_json::Value =
+        serde_json::from_str(&fs::read_to_string(place("all.json")).unwrap()).unwrap();
+    let pair = |a: &str, b: &str| {
+        let pairs = all["pairs"].as_array().unwrap();
+        pairs
+            .iter()
+            .find(|pair| pair["a"] == a && pair["b"] == b)
+            .unwrap()
+    };
+    assert_eq!(pair("bright", "brighter")["median"], 0.0, "{text}");
+    let far = pair("exact", "bright")["median"].as_f64().unwrap();
+    assert!((1e-3..1e-1).contains(&far), "{text}");
+    assert!(
+        pair("exact", "reference")["median"].as_f64() < Some(1e-5),
+        "{text}"
+    );
+    assert!(
+        pair("bright", "reference")["median"].as_f64() > Some(1e-3),
+        "{text}"
+    );
+    // Its scenes are others.
+    let why = pair("exact", "shifted")["why"].as_str().unwrap();
+    assert!(why.contains("offset = [0.25, 0]"), "{text}");
+    assert!(pair("exact", "lazy")["why"].is_string(), "{text}");
+    let page = fs::read_to_string(place("target/comparison/index.html")).unwrap();
+    assert!(page.contains("exact/validate/index.html#case-1"), "{page}");
+    assert!(page.contains("no balls"), "{page}");
+    let own = fs::read_to_string(place("target/comparison/bright/validate/index.html")).unwrap();
+    assert!(own.contains("the image of bright is wrong"), "{own}");
+    let junit = fs::read_to_string(place("junit.xml")).unwrap();
+    assert!(junit.contains("tests=\"5\""), "{junit}");
+    assert!(junit.contains("bright, shapes/sphere"), "{junit}");
+    assert!(text.contains("which two agree"), "{text}");
+}

@@ -2,11 +2,15 @@
 //!
 //! `page.html` and `case.html` are its templates, compiled and escaped by `askama`. `view` converts
 //! results to the data of the templates. `page.css` and the scripts are embedded unchanged. The
-//! page is readable without scripts. They sort, filter and copy (`page.js`), display pixels in
-//! other ways than the pictures (`viewer.js`) and highlight the points of diagrams (`studies.js`).
+//! page is readable without scripts. They sort (`sort.js`), filter and copy (`page.js`), display
+//! pixels in other ways than the pictures (`viewer.js`) and highlight the points of diagrams
+//! (`studies.js`).
+//!
+//! `comparison` is the page for several subjects.
 
 mod case;
 mod changes;
+mod comparison;
 mod extras;
 mod number;
 mod script;
@@ -16,6 +20,7 @@ mod view;
 pub(crate) mod tests;
 
 pub use changes::{Baseline, Change, Changes, Kind};
+pub use comparison::{Compared, Comparison, NamedResults, Pair};
 pub use extras::{Diagram, Extras};
 pub use script::drawing;
 

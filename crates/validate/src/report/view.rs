@@ -13,12 +13,17 @@ use std::collections::{BTreeMap, BTreeSet};
 use whitstone_metrics::Tolerance;
 use whitstone_metrics::error_map::legend;
 
+/// The style of all pages.
+pub(super) const STYLE: &str = include_str!("page.css");
+/// Sorts tables.
+pub(super) const SORT: &str = include_str!("sort.js");
+
 /// The whole page.
 #[derive(Template)]
 #[template(path = "page.html", config = "src/report/askama.toml")]
 pub(super) struct Page<'a> {
     style: &'static str,
-    scripts: [&'static str; 3],
+    scripts: [&'static str; 4],
     verdict: Verdict,
     tiles: Vec<Tile>,
     references: &'a str,
@@ -74,12 +79,28 @@ struct Tile {
 }
 
 /// The colours of the error pictures.
-struct ScaleView {
+pub(super) struct ScaleView {
     /// Its strip is at the top.
-    legend: String,
-    low: String,
-    middle: String,
-    high: String,
+    pub(super) legend: String,
+    pub(super) low: String,
+    pub(super) middle: String,
+    pub(super) high: String,
+}
+
+impl ScaleView {
+    pub(super) fn new() -> Self {
+        let (low, high) = ERROR_VIEW.scale.ends();
+        Self {
+            legend: legend(ERROR_VIEW.scale, PICTURE_WIDTH)
+                .ok()
+                .and_then(|raster| raster.to_png().ok())
+                .map(|png| data_uri(&png))
+                .unwrap_or_default(),
+            low: short(low),
+            middle: short(ERROR_VIEW.scale.middle()),
+            high: short(high),
+        }
+    }
 }
 
 /// A column of the summary table.
@@ -165,10 +186,10 @@ impl<'a> Page<'a> {
             Some(Status::Confirmed) => 2,
             Some(Status::Pass) => 3,
         });
-        let (low, high) = ERROR_VIEW.scale.ends();
         Self {
-            style: include_str!("page.css"),
+            style: STYLE,
             scripts: [
+                SORT,
                 include_str!("page.js"),
                 include_str!("viewer.js"),
                 include_str!("studies.js"),
@@ -179,16 +200,7 @@ impl<'a> Page<'a> {
             live: results.summary.references == "live",
             provenance: provenance(&results.provenance, &results.results),
             tolerance: tolerance(),
-            scale: ScaleView {
-                legend: legend(ERROR_VIEW.scale, PICTURE_WIDTH)
-                    .ok()
-                    .and_then(|raster| raster.to_png().ok())
-                    .map(|png| data_uri(&png))
-                    .unwrap_or_default(),
-                low: short(low),
-                middle: short(ERROR_VIEW.scale.middle()),
-                high: short(high),
-            },
+            scale: ScaleView::new(),
             drawing: drawing(),
             plugins: plugins(&results.results),
             columns: &COLUMNS,

@@ -1,5 +1,7 @@
 //! `validate`: compares scenes with a reference and writes a report.
 
+mod several;
+
 use super::junit::{self, Case, Outcome};
 use super::report;
 use super::{Drivers, Target};
@@ -9,6 +11,7 @@ use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use whitstone_core::{ImportOptions, Registry};
+use whitstone_image::Image;
 use whitstone_scene::{Description, Sources};
 use whitstone_validate::driver::Versions;
 use whitstone_validate::matrix::{self, Row, Tally};
@@ -32,7 +35,9 @@ const TIME_LIMIT: u64 = 300;
 ///
 /// With --subject NAME, the images of another renderer take the place of Whitstone's. Its command
 /// is in the table [subject.NAME] of a file whitstone.toml: docs/subjects.md. A subject that gives
-/// no image of a scene fails it; a command that cannot be started is exit code 3.
+/// no image of a scene fails it; a command that cannot be started is exit code 3. With several
+/// subjects, the page comparison/index.html in the folder of the results shows the scenes and the
+/// subjects as a matrix, and the error between each two of them.
 ///
 /// Verdicts: pass (the images agree), confirmed (the reference is too inaccurate in this scene, and
 /// the arbitrary-precision oracle confirms our image), FAIL (our image is wrong), undecided
@@ -47,9 +52,10 @@ const TIME_LIMIT: u64 = 300;
 pub struct Arguments {
     #[command(flatten)]
     scenes: Scenes,
-    /// Validate another renderer: the name of a table [subject.NAME], or NAME={...}
+    /// Validate another renderer: the name of a table [subject.NAME], or NAME={...}; can be
+    /// repeated to compare several
     #[arg(long, value_name = "NAME", conflicts_with_all = ["ours", "matrix"])]
-    subject: Option<String>,
+    subject: Vec<String>,
     /// File with the subject's table [default: whitstone.toml in this folder or one above it]
     #[arg(long, value_name = "FILE", requires = "subject")]
     config: Option<PathBuf>,
@@ -260,25 +266,103 @@ impl Scenes {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<Exit, Failure> {
-    let start = Instant::now();
+    if arguments.subject.len() > 1 {
+        return several::run(arguments, registry, program);
+    }
     let scenes = arguments.scenes.find(registry)?;
     report::check(
         arguments.scenes.target.folder(),
         arguments.json.iter().chain(&arguments.junit),
     )?;
+    let subject = arguments.subject.first();
+    let subject = subject.map(|name| find(arguments, name, registry)).transpose()?;
+    let done = validate(arguments, registry, program, &scenes, subject, &|_, _| ())?;
+    let results = &done.results;
+    report::write(
+        results,
+        arguments.scenes.target.folder(),
+        arguments.json.as_deref(),
+    )?;
+    if let Some(path) = &arguments.junit {
+        junit::write(path, "whitstone validate", &junit_cases(results))?;
+    }
+    print_summary(
+        &results.summary,
+        &arguments.scenes.target.folder().join("validate"),
+    );
+    done.exit(arguments, program)
+}
+
+/// The subject of this name, with the file of the command line.
+fn find(arguments: &Arguments, name: &str, registry: &Registry) -> Result<Subject, Failure> {
+    Subject::find(name, arguments.config.as_deref(), registry).map_err(Failure::usage)
+}
+
+/// The results of all scenes, and why there may be none.
+struct Done {
+    results: Results,
+    /// Why the live reference failed, if it did.
+    broken: Option<String>,
+}
+
+impl Done {
+    /// The exit code, after the results were written.
+    fn exit(&self, arguments: &Arguments, program: &str) -> Result<Exit, Failure> {
+        let results = &self.results;
+        if let Some(signal) = interrupt::signal() {
+            let not_run = results.summary.not_run;
+            return Err(Failure::Interrupted {
+                signal,
+                kept: format!("the report has no result of {}", counted(not_run, "scene")),
+            });
+        }
+        if let Some(problem) = &self.broken {
+            let (renderer, mode) = arguments.scenes.reference.parts();
+            if mode == Mode::Live {
+                return Err(Failure::environment(problem));
+            }
+            eprintln!(
+                "warning: the live {renderer} failed, so stored references were used: {problem}\n\
+                 warning: run `{program} doctor` for details"
+            );
+        }
+        let wrong = results.results.iter().filter(|case| case.scene_error).count();
+        if wrong > 0 {
+            return Err(Failure::usage(format!(
+                "scenes that cannot be rendered: {wrong}; see above"
+            )));
+        }
+        if results.results.is_empty() {
+            return Err(Failure::environment(
+                "nothing was compared: the reference renderer or the subject cannot render any of the scenes; see above",
+            ));
+        }
+        verdict(&results.results, results.summary.matrix, arguments.strict)
+    }
+}
+
+/// Validates scenes, and prints each result. `look` gets the name of each scene and the image that
+/// is compared with the reference.
+fn validate(
+    arguments: &Arguments,
+    registry: &Registry,
+    program: &str,
+    scenes: &[PathBuf],
+    subject: Option<Subject>,
+    look: &dyn Fn(&Path, &Image),
+) -> Result<Done, Failure> {
+    let start = Instant::now();
     let mut options = arguments.scenes.options(program);
     options.ours_overrides.clone_from(&arguments.ours);
     for change in &arguments.ours {
         options.flags += &format!(" --ours {}", quoted(change));
     }
-    let subject = arguments.subject.as_ref().map(|name| {
-        options.flags += &format!(" --subject {}", quoted(name));
+    if let Some(subject) = &subject {
+        options.flags += &format!(" --subject {}", quoted(&said(arguments, subject)));
         if let Some(config) = &arguments.config {
             options.flags += &format!(" --config {}", quoted(&config.display().to_string()));
         }
-        Subject::find(name, arguments.config.as_deref(), registry).map_err(Failure::usage)
-    });
-    let subject = subject.transpose()?;
+    }
     let mut validator =
         Validator::new(registry, options, &|text| eprintln!("{text}")).map_err(Failure::environment)?;
     validator.set_oracle(OraclePolicy {
@@ -310,10 +394,10 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     let mut matrix = Vec::new();
     let mut compared = 0;
     print_header();
-    for path in &scenes {
+    for path in scenes {
         let (name, stage_bar) = (path.display().to_string(), bar.clone());
         validator.on_stage(move |stage| set_message(&stage_bar, &format!("{name}: {stage}")));
-        let mut case = validator.validate(path);
+        let mut case = validator.validate_tampered(path, &|image| look(path, image));
         if interrupt::signal().is_some() {
             break;
         }
@@ -383,45 +467,21 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         skipped,
         matrix,
     };
-    let folder = arguments.scenes.target.folder().join("validate");
-    report::write(
-        &results,
-        arguments.scenes.target.folder(),
-        arguments.json.as_deref(),
-    )?;
-    if let Some(path) = &arguments.junit {
-        junit::write(path, "whitstone validate", &junit_cases(&results))?;
-    }
-    print_summary(&results.summary, &folder);
-    if let Some(signal) = interrupt::signal() {
-        let not_run = results.summary.not_run;
-        return Err(Failure::Interrupted {
-            signal,
-            kept: format!("the report has no result of {}", counted(not_run, "scene")),
-        });
-    }
-    if let Some(problem) = validator.broken() {
-        let (renderer, mode) = arguments.scenes.reference.parts();
-        if mode == Mode::Live {
-            return Err(Failure::environment(problem));
-        }
-        eprintln!(
-            "warning: the live {renderer} failed, so stored references were used: {problem}\n\
-             warning: run `{program} doctor` for details"
-        );
-    }
-    let wrong = results.results.iter().filter(|case| case.scene_error).count();
-    if wrong > 0 {
-        return Err(Failure::usage(format!(
-            "scenes that cannot be rendered: {wrong}; see above"
-        )));
-    }
-    if results.results.is_empty() {
-        return Err(Failure::environment(
-            "nothing was compared: the reference renderer or the subject cannot render any of the scenes; see above",
-        ));
-    }
-    verdict(&results.results, results.summary.matrix, arguments.strict)
+    Ok(Done {
+        results,
+        broken: validator.broken().map(str::to_owned),
+    })
+}
+
+/// The subject as the command line states it.
+fn said(arguments: &Arguments, subject: &Subject) -> String {
+    let is_it = |said: &&String| said.split('=').next() == Some(&*subject.name);
+    arguments
+        .subject
+        .iter()
+        .find(is_it)
+        .cloned()
+        .unwrap_or_else(|| subject.name.clone())
 }
 
 /// A failed comparison decides the result. Cases that could not be compared matter only if all
