@@ -6,6 +6,7 @@ mod backends;
 mod bench;
 mod comparisons;
 mod dependencies;
+mod diagrams;
 mod features;
 mod formats;
 mod fuzz;
@@ -16,6 +17,7 @@ mod links;
 mod oracle;
 mod pages;
 mod parameters;
+mod pictures;
 mod places;
 mod plugins;
 mod readme;
@@ -59,6 +61,7 @@ enum Verb {
     Fuzz(fuzz::Arguments),
     Gallery(gallery::Arguments),
     Oracle(oracle::Arguments),
+    Pictures(pictures::Arguments),
     Readme(readme::Arguments),
     Reliability(reliability::Arguments),
     Slim(slim::Arguments),
@@ -87,6 +90,7 @@ fn main() -> ExitCode {
         Verb::Gallery(arguments) => gallery::run(arguments, &registry),
         Verb::Oracle(arguments) => oracle::run(arguments, &registry),
         Verb::Topics(arguments) => topics::run(arguments),
+        Verb::Pictures(arguments) => pictures::run(arguments, &registry),
         Verb::Slim(arguments) => slim::run(arguments, &registry),
         Verb::Readme(arguments) => readme::run(arguments, &registry),
         Verb::Reliability(arguments) => reliability::run(arguments),

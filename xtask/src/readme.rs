@@ -3,8 +3,8 @@
 
 use crate::bench::light_paths;
 use crate::{
-    comparisons, formats, growth, licences, pages, plugins, reliability, run_time, topics, traversal,
-    variants, verdict, worst_cases,
+    comparisons, diagrams, formats, growth, licences, pages, pictures, plugins, reliability, run_time,
+    topics, traversal, variants, verdict, worst_cases,
 };
 use clap::Args;
 use std::fmt::Write;
@@ -67,7 +67,8 @@ const BOUNDS: [(&str, &str, usize); 9] = [
 /// That is: the pictures and numbers of README.md and docs/validation.md, from the stored
 /// references; docs/run-time.md and docs/growth.md, from the stored results of `bench sizes` and
 /// `bench growth`; the pictures of docs/accelerators.md; a page for every plugin in docs/plugins;
-/// and the data of `list --json`.
+/// and the data of `list --json`. The showcase pictures of docs/pictures.md and README.md, which
+/// take minutes, are rendered only where their scenes have changed, and never with `--check`.
 #[derive(Args, Debug)]
 #[command(
     help_template = whitstone::commands::HELP_TEMPLATE,
@@ -93,6 +94,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         ((BEGIN, END), summary(&cases)),
         ((BEGIN_RUN_TIME, END_RUN_TIME), run_time::sentence(&times)),
     ];
+    let explaining = diagrams::all(registry)?;
     let mut files = vec![
         (PathBuf::from(README), page(README, &numbers)?),
         (
@@ -149,6 +151,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
             variants::page(registry)?.into_bytes(),
         ),
     ];
+    files.extend(explaining);
     for name in TRIOS {
         let path = PathBuf::from(format!("docs/images/{name}-trio.png"));
         files.push((path, trio_of(registry, name)?));
@@ -161,7 +164,10 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     files.extend(pages::pages(registry, &examples, |example| {
         picture(registry, example)
     })?);
+    let (pictures, outdated) = pictures::update(registry, arguments.check)?;
+    files.extend(pictures);
     let mut problems = strangers(&files);
+    problems.extend(outdated);
     for (path, bytes) in files {
         if std::fs::read(&path).is_ok_and(|found| found == bytes) {
             continue;
@@ -346,7 +352,8 @@ fn summary(cases: &[CaseResult]) -> String {
     ))
 }
 
-fn build(registry: &Registry, scene: &Path, overrides: &[String]) -> Result<Pipeline, Failure> {
+/// Builds a scene with overrides.
+pub(crate) fn build(registry: &Registry, scene: &Path, overrides: &[String]) -> Result<Pipeline, Failure> {
     let sources = Sources::load(scene, overrides, registry)
         .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
     let report = |errors| Failure::usage(sources.report(&errors, false));
@@ -361,7 +368,12 @@ pub(crate) fn of_text(registry: &Registry, text: &str) -> Result<Pipeline, Failu
     Pipeline::load(&sources, registry, BuildOptions::default()).map_err(report)
 }
 
-fn render(registry: &Registry, scene: &Path, overrides: &[String]) -> Result<(Film, String), Failure> {
+/// Renders a scene with overrides; returns the image and the hash of the scene.
+pub(crate) fn render(
+    registry: &Registry,
+    scene: &Path,
+    overrides: &[String],
+) -> Result<(Film, String), Failure> {
     let pipeline = build(registry, scene, overrides)?;
     Ok((pipeline.render(RenderOptions::default()), pipeline.scene_hash))
 }

@@ -5,12 +5,13 @@
 use std::io;
 use std::path::Path;
 
+use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder as _};
 
 use crate::atomic::{self, WriteError};
 use crate::planes::{Image, ImageError};
-use crate::tone::ToneMap;
+use crate::tone::{ToneMap, srgb_to_linear};
 
 /// Colour of pixels that are NaN or infinite in any channel: magenta, which no colour map here
 /// contains.
@@ -106,6 +107,46 @@ impl Raster {
         }
     }
 
+    /// The picture with fewer pixels: each is the mean of the linear values of a block of pixels,
+    /// so that it looks as the picture does from a distance. A side of 0 counts as 1, and one that
+    /// is larger than that of this picture as equal to it.
+    #[must_use]
+    pub fn reduced(&self, width: usize, height: usize) -> Self {
+        let (width, height) = (width.clamp(1, self.width), height.clamp(1, self.height));
+        let part = |k: usize, parts: usize, side: usize| k * side / parts..(k + 1) * side / parts;
+        Self::from_fn(width, height, |x, y| {
+            let (columns, rows) = (part(x, width, self.width), part(y, height, self.height));
+            let count = (columns.len() * rows.len()) as f64;
+            let mut sum = [0.0; 3];
+            for row in rows {
+                for pixel in &self.pixels[row * self.width..][columns.clone()] {
+                    for (sum, code) in sum.iter_mut().zip(pixel) {
+                        *sum += srgb_to_linear(f64::from(*code) / 255.0);
+                    }
+                }
+            }
+            sum.map(|sum| ToneMap::default().encode(sum / count))
+        })
+    }
+
+    /// The bytes of a JPEG file of a quality from 1 to 100. Unlike a PNG file it changes pixels.
+    ///
+    /// # Errors
+    /// If a side is larger than a JPEG file can have.
+    pub fn to_jpeg(&self, quality: u8) -> io::Result<Vec<u8>> {
+        let side = |pixels: usize| u32::try_from(pixels).map_err(io::Error::other);
+        let mut bytes = Vec::new();
+        JpegEncoder::new_with_quality(&mut bytes, quality.clamp(1, 100))
+            .write_image(
+                self.pixels.as_flattened(),
+                side(self.width)?,
+                side(self.height)?,
+                ExtendedColorType::Rgb8,
+            )
+            .map_err(io::Error::other)?;
+        Ok(bytes)
+    }
+
     /// The bytes of a PNG file (8-bit RGB). Equal pictures give equal bytes.
     ///
     /// # Errors
@@ -169,6 +210,31 @@ mod tests {
         let path = folder.path().join("a.png");
         raster.write_png(&path).unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), bytes);
+    }
+
+    #[test]
+    fn jpeg_round_trip_is_close() {
+        let raster = Raster::from_fn(16, 8, |x, y| [x as u8 * 9, 100 + y as u8 * 9, 90]);
+        let bytes = raster.to_jpeg(90).unwrap();
+        assert_eq!(bytes, raster.to_jpeg(90).unwrap());
+        let decoded = image::load_from_memory(&bytes).unwrap().into_rgb8();
+        assert_eq!(decoded.dimensions(), (16, 8));
+        for (found, code) in decoded.as_raw().iter().zip(raster.pixels().as_flattened()) {
+            assert!(found.abs_diff(*code) < 16, "{found} for {code}");
+        }
+        assert!(Raster::filled(1, 70_000, [0; 3]).to_jpeg(90).is_err());
+    }
+
+    #[test]
+    fn a_reduced_picture_has_means_of_linear_values() {
+        // Columns of black and white: half of the light has the code 188.
+        let stripes = Raster::from_fn(8, 6, |x, _| [if x % 2 == 0 { 0 } else { 255 }; 3]);
+        assert_eq!(stripes.reduced(4, 3), Raster::filled(4, 3, [188; 3]));
+        assert_eq!(stripes.reduced(8, 6), stripes);
+        assert_eq!(stripes.reduced(99, 99), stripes);
+        // Every pixel belongs to one block, also where the sizes do not divide.
+        let reduced = Raster::filled(7, 5, [9; 3]).reduced(3, 0);
+        assert_eq!(reduced, Raster::filled(3, 1, [9; 3]));
     }
 
     #[test]

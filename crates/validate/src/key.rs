@@ -45,9 +45,9 @@ pub fn stored_folder(path: &Path, root: &Path, references: &Path) -> PathBuf {
 }
 
 /// All scene files at or below the given paths, sorted and unique. Folders named `assets` and
-/// `parts` contain no scenes. A scene in a folder named `scale` takes minutes and gigabytes, and
-/// one in a folder named `community` has no stored reference. These are found only by a path that
-/// leads into their folder.
+/// `parts` contain no scenes. A scene in a folder named `scale` takes minutes and gigabytes, one in
+/// a folder named `community` has no stored reference, and Mitsuba takes minutes for one in a
+/// folder named `pictures`. These are found only by a path that leads into their folder.
 pub fn find_scenes(paths: &[PathBuf]) -> std::io::Result<Vec<PathBuf>> {
     let mut found = Vec::new();
     for path in paths {
@@ -61,10 +61,11 @@ pub fn find_scenes(paths: &[PathBuf]) -> std::io::Result<Vec<PathBuf>> {
         let is_part = path
             .file_name()
             .is_some_and(|name| name == "assets" || name == "parts");
-        // Large scenes, and those without stored references, are found only if they are named.
+        // Large scenes, those without stored references, and those that take Mitsuba minutes, are
+        // found only if they are named.
         let is_apart = path
             .file_name()
-            .is_some_and(|name| name == "scale" || name == "community")
+            .is_some_and(|name| name == "scale" || name == "community" || name == "pictures")
             && !paths.contains(&path);
         if path.is_dir() {
             if !is_part && !is_apart {

@@ -5,7 +5,6 @@ use crate::terminal::{Failure, trusted};
 use clap::{Args, ValueEnum};
 use std::fmt::Write;
 use std::path::Path;
-use whitstone_image::tone::{linear_to_srgb, srgb_to_linear};
 use whitstone_image::{Image, Raster, ToneCurve, ToneMap};
 
 /// How a command shows an image.
@@ -113,30 +112,15 @@ impl Quality {
 /// two pixels, as its upper half and its background, in 24-bit colour (SGR 38 and 48 of ISO
 /// 8613-6). A last row without a partner has the terminal's own background.
 fn half_blocks(picture: &Raster, columns: usize) -> String {
-    let (width, height) = (picture.width(), picture.height());
-    let columns = columns.clamp(1, width);
-    let rows = (height * columns).div_ceil(width).clamp(1, height);
-    let part = |k: usize, parts: usize, side: usize| k * side / parts..(k + 1) * side / parts;
-    // The mean is taken of linear values, so that the picture looks as it does from a distance.
-    let color = |column: usize, row: usize| {
-        let mut sum = [0.0; 3];
-        let (xs, ys) = (part(column, columns, width), part(row, rows, height));
-        let count = (xs.len() * ys.len()) as f64;
-        for (x, y) in ys.flat_map(|y| xs.clone().map(move |x| (x, y))) {
-            let pixel = picture.pixel(x, y).unwrap_or_default();
-            for (sum, code) in sum.iter_mut().zip(pixel) {
-                *sum += srgb_to_linear(f64::from(code) / 255.0);
-            }
-        }
-        sum.map(|sum| (linear_to_srgb(sum / count) * 255.0).round() as u8)
-    };
+    let columns = columns.clamp(1, picture.width());
+    let rows = (picture.height() * columns).div_ceil(picture.width());
+    let picture = picture.reduced(columns, rows);
     let mut text = String::new();
-    for row in (0..rows).step_by(2) {
-        for column in 0..columns {
-            let [r, g, b] = color(column, row);
+    for y in (0..picture.height()).step_by(2) {
+        for x in 0..picture.width() {
+            let [r, g, b] = picture.pixel(x, y).unwrap_or_default();
             let _ = write!(text, "\u{1b}[38;2;{r};{g};{b}");
-            if row + 1 < rows {
-                let [r, g, b] = color(column, row + 1);
+            if let Some([r, g, b]) = picture.pixel(x, y + 1) {
                 let _ = write!(text, ";48;2;{r};{g};{b}");
             }
             text.push_str("m▀");
@@ -159,19 +143,13 @@ mod tests {
     }
 
     #[test]
-    fn a_large_picture_is_reduced_by_means_of_linear_values() {
-        // Columns of black and white: half of the light has the code 188.
-        let picture = Raster::from_fn(8, 8, |x, _| [if x % 2 == 0 { 0 } else { 255 }; 3]);
-        let line = "\u{1b}[38;2;188;188;188;48;2;188;188;188m▀".repeat(4) + "\u{1b}[0m\n";
-        assert_eq!(half_blocks(&picture, 4), line.repeat(2));
-        // Any size fits, also one that no part of the picture divides evenly.
-        for (width, height, columns) in [(1, 9, 5), (9, 1, 5), (7, 5, 3), (640, 1, 0)] {
+    fn a_large_picture_is_as_wide_as_the_terminal() {
+        for (width, height, columns, lines) in [(640, 360, 80, 23), (1, 9, 5, 5), (9, 1, 5, 1), (7, 5, 0, 1)]
+        {
             let text = half_blocks(&Raster::filled(width, height, [9; 3]), columns);
-            assert!(
-                text.lines()
-                    .all(|line| line.matches('▀').count() <= columns.max(1))
-            );
-            assert!(!text.is_empty());
+            assert_eq!(text.lines().count(), lines, "{width} x {height}");
+            let cells = columns.clamp(1, width);
+            assert!(text.lines().all(|line| line.matches('▀').count() == cells));
         }
     }
 }

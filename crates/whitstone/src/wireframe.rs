@@ -1,4 +1,5 @@
-//! Wireframe pictures of the bounds of an accelerator, drawn over the dimmed picture of the scene.
+//! Wireframe pictures of the bounds of an accelerator, and of rays, drawn over the dimmed picture
+//! of the scene.
 
 use crate::terminal::Failure;
 use whitstone_core::{DMat4, DVec2, DVec3, DVec4, DebugBounds};
@@ -31,15 +32,21 @@ pub fn picture(pipeline: &Pipeline, deepest: usize) -> Result<Raster, Failure> {
             "the accelerator \"{kind}\" has no boxes to draw; choose another one, for example with `--set accelerator.type=bvh2`"
         ))
     })?;
+    lines(pipeline, &outlines)
+}
+
+/// The picture of a scene with lines, coloured by their level. Nothing hides them.
+///
+/// # Errors
+/// If the camera cannot project points into its image.
+pub fn lines(pipeline: &Pipeline, outlines: &[DebugBounds]) -> Result<Raster, Failure> {
     let projection = pipeline.camera.projection().ok_or_else(|| {
-        Failure::usage(
-            "this camera has no projection matrix, so the boxes cannot be drawn; use another camera",
-        )
+        Failure::usage("this camera has no projection matrix, so lines cannot be drawn; use another camera")
     })?;
     let film = pipeline.render(RenderOptions::default());
     let image = film.to_image(&pipeline.scene_hash).map_err(Failure::usage)?;
     let picture = Raster::preview(&image, ToneMap::default()).map_err(Failure::usage)?;
-    Ok(draw(&picture, &projection, &outlines))
+    Ok(draw(&picture, &projection, outlines))
 }
 
 /// The colour of a level.
