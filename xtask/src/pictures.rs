@@ -140,12 +140,18 @@ fn present(name: &str) -> String {
     fs::read(copy(name)).map_or(String::new(), |bytes| hash_of(&bytes))
 }
 
+/// What `readme` writes and tells.
+#[derive(Default)]
+pub(crate) struct Update {
+    /// Files and their contents.
+    pub(crate) files: Vec<(PathBuf, Vec<u8>)>,
+    /// What is wrong with the copies.
+    pub(crate) problems: Vec<String>,
+}
+
 /// The page, and with `check` what is wrong with the copies; without it, they are rendered where
 /// their scenes have changed.
-pub(crate) fn update(
-    registry: &Registry,
-    check: bool,
-) -> Result<(Vec<(PathBuf, Vec<u8>)>, Vec<String>), Failure> {
+pub(crate) fn update(registry: &Registry, check: bool) -> Result<Update, Failure> {
     let old = fs::read(RECORD).ok();
     let old: Value = old.map_or(Value::Null, |bytes| {
         serde_json::from_slice(&bytes).unwrap_or_default()
@@ -153,7 +159,7 @@ pub(crate) fn update(
     let mut record = serde_json::Map::new();
     let names = match Path::new(FOLDER).is_dir() {
         true => names()?,
-        false => return Ok((Vec::new(), Vec::new())),
+        false => return Ok(Update::default()),
     };
     let mut problems = strangers(&names);
     let mut shown = String::new();
@@ -188,7 +194,7 @@ pub(crate) fn update(
         (PathBuf::from(RECORD), record.into_bytes()),
         (PathBuf::from(PAGE), page(&names)?.into_bytes()),
     ];
-    Ok((files, problems))
+    Ok(Update { files, problems })
 }
 
 fn stale(name: &str) -> String {
@@ -251,7 +257,7 @@ fn hero(names: &[String]) -> Result<Raster, Failure> {
 /// The page: each picture with the comment that its scene begins with.
 fn page(names: &[String]) -> Result<String, Failure> {
     let mut text = String::from(
-        "# Pictures\n\nThese scenes are composed to be looked at. Their small images\nare validated against Mitsuba; `cargo xtask readme` renders the copies below. The first command\nrenders them large, and the second validates one at any size; Mitsuba takes minutes for it:\n\n```sh\ncargo xtask pictures             # 1280 pixels wide, `--quality best`, in target/pictures\ncargo xtask validate scenes/pictures/whisky.toml --set film.width=1280 --set film.height=720\n```\n\nThe tone curve is `render --tone-map filmic` with an exposure of half a stop. There is no indirect\ndiffuse light in Whitted's model: several area lights and a weak ambient light take its place.\n",
+        "# Pictures\n\nThese scenes are composed to be looked at. `cargo xtask readme` renders the copies below. The\nfirst command renders them large, and the second validates one against Mitsuba, which takes minutes\neven at this size:\n\n```sh\ncargo xtask pictures             # 1280 pixels wide, `--quality best`, in target/pictures\ncargo xtask validate scenes/pictures/whisky.toml --reference live --set film.width=24 --set film.height=14\n```\n\nThe tone curve is `render --tone-map filmic` with an exposure of half a stop. There is no indirect\ndiffuse light in Whitted's model: several area lights and a weak ambient light take its place.\n",
     );
     for name in names {
         let path = scene(name);

@@ -164,10 +164,10 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     files.extend(pages::pages(registry, &examples, |example| {
         picture(registry, example)
     })?);
-    let (pictures, outdated) = pictures::update(registry, arguments.check)?;
-    files.extend(pictures);
+    let pictures = pictures::update(registry, arguments.check)?;
+    files.extend(pictures.files);
     let mut problems = strangers(&files);
-    problems.extend(outdated);
+    problems.extend(pictures.problems);
     for (path, bytes) in files {
         if std::fs::read(&path).is_ok_and(|found| found == bytes) {
             continue;
