@@ -318,6 +318,11 @@ class Tangents(Rendered):
         self.refuse(film() + LOOK + self.shape("0.5").replace('"mesh", ', '"sphere", '), "scene", "tangent", base=self.base)
 
 
+def user(texture):
+    """A shape with this shared texture."""
+    return f'[[shape]]\ntype = "sphere"\nmaterial = {{ type = "matte", reflectance = "{texture}" }}\n'
+
+
 class Compounds(Rendered):
     def test_values(self):
         ramp = '{ type = "gradient", a = 0, b = 1, scale = 0.5 }'
@@ -360,7 +365,7 @@ class Compounds(Rendered):
             ('[texture.a]\ntype = "vertex_color"\nchannel = "red"\n', "channel"),
         ):
             with self.subTest(text):
-                self.refuse(head + text, "scene", *words)
+                self.refuse(head + text + user("a"), "scene", *words)
 
     def nested(self, depth):
         return "".join(f'[texture.t{k}]\ntype = "product"\nfactors = ["t{k + 1}", "t{k + 1}"]\n' for k in range(depth)) + f'[texture.t{depth}]\ntype = "constant"\nvalue = 1\n'
@@ -368,9 +373,10 @@ class Compounds(Rendered):
     def test_nesting(self):
         chain = self.nested(16).replace(", ", "]#")
         self.near(self.seen(mesh('"t0"'), chain), np.ones((8, 4, 3)))
-        self.refuse(film() + LOOK + self.nested(17).replace(", ", "]#"), "scene", "more than 16 deep")
-        self.refuse(film() + LOOK + self.nested(900).replace(", ", "]#"), "scene", "more than 16 deep")
-        self.refuse(film() + LOOK + self.nested(16), "unsupported", "more than 4096")
+        head = film() + LOOK + user("t0")
+        self.refuse(head + self.nested(17).replace(", ", "]#"), "scene", "more than 16 deep")
+        self.refuse(head + self.nested(900).replace(", ", "]#"), "scene", "more than 16 deep")
+        self.refuse(head + self.nested(16), "unsupported", "more than 4096")
 
     def test_ranges(self):
         image = textures.Constant((-1.0, 2.0, 0.5))
