@@ -1,6 +1,6 @@
 //! `pictures`: renders the scenes of scenes/pictures, which are composed to be looked at.
 //!
-//! The documentation shows them too: docs/pictures.md, and all in one at the top of README.md.
+//! The documentation shows them too: docs/pictures.md, and one at the top of README.md.
 //! These copies take minutes to render, so `readme` renders only those whose scene has changed, and
 //! `readme --check` renders none: [`RECORD`] has the hash of the scene that each copy shows, and
 //! the hash of the copy itself. The tracer is held by the stored references of the same scenes.
@@ -12,7 +12,7 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 use whitstone::core::Registry;
-use whitstone::image::{Limits, Raster, ToneCurve, ToneMap, atomic, picture};
+use whitstone::image::{Raster, ToneCurve, ToneMap, atomic};
 use whitstone::picture::Quality;
 use whitstone::scene::{Description, Sources};
 use whitstone::validate::find_scenes;
@@ -24,8 +24,6 @@ const FOLDER: &str = "scenes/pictures";
 const COPIES: &str = "docs/images/pictures";
 /// What the copies show.
 pub(crate) const RECORD: &str = "docs/images/pictures/record.json";
-/// All pictures in one, for README.md.
-const HERO: &str = "hero";
 /// The page with all pictures.
 const PAGE: &str = "docs/pictures.md";
 /// Exposure of all pictures in stops. With it, the filmic curve shows a grey of 18 % about as the
@@ -162,7 +160,6 @@ pub(crate) fn update(registry: &Registry, check: bool) -> Result<Update, Failure
         false => return Ok(Update::default()),
     };
     let mut problems = strangers(&names);
-    let mut shown = String::new();
     for name in &names {
         let scene_hash = hash(registry, name)?;
         let is_current = |record: &Value| record["scene"] == scene_hash && record["file"] == present(name);
@@ -178,17 +175,7 @@ pub(crate) fn update(registry: &Registry, check: bool) -> Result<Update, Failure
             name.clone(),
             json!({ "scene": scene_hash, "file": present(name) }),
         );
-        shown += &present(name);
     }
-    let shown = hash_of(shown.as_bytes());
-    if old[HERO]["scene"] != shown || old[HERO]["file"] != present(HERO) {
-        if check {
-            problems.push(stale(HERO));
-        } else {
-            write(HERO, &hero(&names)?)?;
-        }
-    }
-    record.insert(HERO.to_owned(), json!({ "scene": shown, "file": present(HERO) }));
     let record = format!("{:#}\n", Value::Object(record));
     let files = vec![
         (PathBuf::from(RECORD), record.into_bytes()),
@@ -211,7 +198,7 @@ fn strangers(names: &[String]) -> Vec<String> {
         .map(|entry| entry.path());
     let is_known = |path: &PathBuf| {
         let of = |name: &str| *path == copy(name);
-        of(HERO) || path == Path::new(RECORD) || names.iter().any(|name| of(name))
+        path == Path::new(RECORD) || names.iter().any(|name| of(name))
     };
     let strangers = files.filter(|path| !is_known(path));
     strangers
@@ -230,28 +217,6 @@ fn write(name: &str, raster: &Raster) -> Result<(), Failure> {
         )));
     }
     atomic::write_bytes(copy(name), &bytes).map_err(Failure::environment)
-}
-
-/// All copies in one picture: side by side, and from four on in two rows.
-fn hero(names: &[String]) -> Result<Raster, Failure> {
-    let columns = if names.len() < 4 {
-        names.len()
-    } else {
-        names.len().div_ceil(2)
-    }
-    .max(1);
-    let (width, height) = (960 / columns, 540 / columns);
-    let mut hero = Raster::filled(columns * width, names.len().div_ceil(columns) * height, [0; 3]);
-    for (k, name) in names.iter().enumerate() {
-        let read = picture::read(copy(name), Limits::IMAGE).map_err(Failure::environment)?;
-        let planes = read.image.rgb().map_err(Failure::usage)?;
-        let across = read.image.width();
-        let code = |x: usize, y: usize| planes.map(|plane| (plane[y * across + x] * 255.0).round() as u8);
-        let raster = Raster::from_fn(across, read.image.height(), code);
-        let tile = raster.reduced(width, height);
-        hero.draw(&tile, k % columns * width, k / columns * height);
-    }
-    Ok(hero)
 }
 
 /// The page: each picture with the comment that its scene begins with.

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ExtendedColorType, ImageEncoder as _};
+use image::{ExtendedColorType, ImageEncoder};
 
 use crate::atomic::{self, WriteError};
 use crate::planes::{Image, ImageError};
@@ -134,16 +134,8 @@ impl Raster {
     /// # Errors
     /// If a side is larger than a JPEG file can have.
     pub fn to_jpeg(&self, quality: u8) -> io::Result<Vec<u8>> {
-        let side = |pixels: usize| u32::try_from(pixels).map_err(io::Error::other);
         let mut bytes = Vec::new();
-        JpegEncoder::new_with_quality(&mut bytes, quality.clamp(1, 100))
-            .write_image(
-                self.pixels.as_flattened(),
-                side(self.width)?,
-                side(self.height)?,
-                ExtendedColorType::Rgb8,
-            )
-            .map_err(io::Error::other)?;
+        self.encode(JpegEncoder::new_with_quality(&mut bytes, quality.clamp(1, 100)))?;
         Ok(bytes)
     }
 
@@ -152,17 +144,22 @@ impl Raster {
     /// # Errors
     /// If a side is larger than a PNG file can have.
     pub fn to_png(&self) -> io::Result<Vec<u8>> {
-        let side = |pixels: usize| u32::try_from(pixels).map_err(io::Error::other);
         let mut bytes = Vec::new();
-        PngEncoder::new_with_quality(&mut bytes, CompressionType::Default, FilterType::Adaptive)
+        let (compression, filter) = (CompressionType::Default, FilterType::Adaptive);
+        self.encode(PngEncoder::new_with_quality(&mut bytes, compression, filter))?;
+        Ok(bytes)
+    }
+
+    fn encode(&self, encoder: impl ImageEncoder) -> io::Result<()> {
+        let side = |pixels: usize| u32::try_from(pixels).map_err(io::Error::other);
+        encoder
             .write_image(
                 self.pixels.as_flattened(),
                 side(self.width)?,
                 side(self.height)?,
                 ExtendedColorType::Rgb8,
             )
-            .map_err(io::Error::other)?;
-        Ok(bytes)
+            .map_err(io::Error::other)
     }
 
     /// Writes a PNG file atomically (see [`atomic`]).

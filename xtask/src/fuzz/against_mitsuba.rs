@@ -36,10 +36,8 @@ pub(super) fn run(first: u64, seconds: u64, registry: &Registry) -> Result<usize
         let mut files = Vec::new();
         while files.len() < BATCH {
             if let Some(text) = scenes::valid(&schema, number, registry).map_err(Failure::environment)? {
-                // Beside the folders that its paths are relative to.
-                let text = text.replace("\"assets/", "\"../../../../scenes/assets/");
                 let file = folder.join(format!("{number}.toml"));
-                fs::write(&file, text).map_err(Failure::environment)?;
+                fs::write(&file, scenes::relocated(&text)).map_err(Failure::environment)?;
                 files.push(file);
             }
             number += 1;

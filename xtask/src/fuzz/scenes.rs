@@ -36,8 +36,8 @@ const TREE_RAYS: u32 = 1 << 12;
 const MOST_TESTS: u64 = 10_000_000;
 /// Samples of an image; scenes of more are not rendered.
 const MOST_SAMPLES: u64 = 20_000;
-/// Time in which a scene must be answered, beside [`PER_RAY`]. Without an accelerator it may take
-/// longer.
+/// A scene must be answered within this time plus [`PER_RAY`] for each of its rays. Without an
+/// accelerator it may take longer.
 const LIMIT: Duration = Duration::from_secs(10);
 /// Time of a ray with a hit on repeated metaballs or a fractal, on a loaded machine.
 const PER_RAY: Duration = Duration::from_millis(5);
@@ -93,6 +93,11 @@ pub(super) fn valid(
     let text = text(schema, number, registry)?;
     let is_valid = build(&text, &[], registry)?.is_ok_and(|pipeline| samples(&pipeline) <= MOST_SAMPLES);
     Ok(is_valid.then_some(text))
+}
+
+/// The scene for a file four folders below the root: its paths lead to the folder `scenes`.
+pub(super) fn relocated(text: &str) -> String {
+    text.replace("\"assets/", "\"../../../../scenes/assets/")
 }
 
 /// The number of samples of the image.
@@ -388,9 +393,7 @@ pub(super) fn run(first: u64, seconds: u64, registry: &Registry) -> Result<usize
         let file = Path::new(FINDINGS).join(format!("{number}.toml"));
         let text = text(&schema, *number, registry).map_err(Failure::environment)?;
         fs::create_dir_all(FINDINGS).map_err(Failure::environment)?;
-        // Beside the folders that its paths are relative to.
-        let text = text.replace("\"assets/", "\"../../../../scenes/assets/");
-        fs::write(&file, text).map_err(Failure::environment)?;
+        fs::write(&file, relocated(&text)).map_err(Failure::environment)?;
         println!("{}: {finding}", file.display());
     }
     Ok(all.findings.len())
