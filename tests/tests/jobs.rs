@@ -57,7 +57,7 @@ fn copy_inputs(jobs: &Path, to: &Path) {
     let line = fs::read_to_string(jobs).unwrap();
     let job: serde_json::Value = serde_json::from_str(line.lines().next().unwrap()).unwrap();
     let from = PathBuf::from(job["folder"].as_str().unwrap());
-    for input in job["picture"]["inputs"].as_array().unwrap() {
+    for input in job["inputs"].as_array().unwrap() {
         let name = input["path"].as_str().unwrap();
         fs::create_dir_all(to.join(name).parent().unwrap()).unwrap();
         fs::copy(from.join(name), to.join(name)).unwrap();

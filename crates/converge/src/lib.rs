@@ -21,5 +21,5 @@ pub mod usage;
 pub use cache::Cache;
 pub use lab::{Lab, Options};
 pub use report::{Point, Reached, SeriesReport, StudyReport, TimeTo, TruthReport, Verdict, level_name};
-pub use study::{Against, Engine, Series, Setting, Study};
+pub use study::{Against, Change, Engine, Series, Setting, Study};
 pub use table::{csv, headline, table};

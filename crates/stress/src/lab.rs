@@ -43,8 +43,13 @@ impl<'a> Lab<'a> {
     }
 
     /// The engines that take part in at least one family: Embree only if the program includes it.
-    pub fn engines(&self) -> impl Iterator<Item = Engine> {
-        let has_embree = self.has_embree();
+    pub fn engines(&self) -> impl Iterator<Item = Engine> + use<> {
+        Self::engines_of(self.registry)
+    }
+
+    /// Like [`Self::engines`], for a registry.
+    pub fn engines_of(registry: &Registry) -> impl Iterator<Item = Engine> + use<> {
+        let has_embree = registry.get(FamilyName::Accelerator, EMBREE).is_ok();
         Engine::ALL
             .into_iter()
             .filter(move |engine| *engine != Engine::Embree || has_embree)

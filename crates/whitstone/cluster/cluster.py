@@ -1,4 +1,4 @@
-"""Runs jobs of `whitstone plan` on a Dask cluster, for `whitstone render --cluster`.
+"""Runs jobs on a Dask cluster, for `--cluster` of the commands of Whitstone.
 
 Reads a request, one line of JSON, from standard input, and ends as soon as standard input is
 closed. Writes events to standard output, one line of JSON each:
@@ -69,7 +69,7 @@ def run_job(line: str, contents: list[bytes], settings: dict[str, Any]) -> dict[
         os.replace(name, path)
 
     def program() -> list[str] | None:
-        wanted = job["picture"]["program"]
+        wanted = job["program"]
         named, installed = os.environ.get("WHITSTONE"), shutil.which("whitstone")
         if named:
             candidates = [[named]]
@@ -103,13 +103,13 @@ def run_job(line: str, contents: list[bytes], settings: dict[str, Any]) -> dict[
     found: list[str] = []
     command = program()
     if command is None:
-        wanted = job["picture"]["program"]
+        wanted = job["program"]
         text = f"needs whitstone {wanted['version']} ({wanted['hash']}); found {', '.join(found)}"
         return {"refused": text, "worker": worker.address}
 
     # A folder for each set of files. Sets share the files by their contents.
     folder = base / "inputs" / settings["closure"]
-    for file, data in zip(job["picture"]["inputs"], contents):
+    for file, data in zip(job["inputs"], contents):
         path, content = folder / file["path"], base / "files" / file["hash"]
         if path.exists():
             continue
@@ -129,7 +129,8 @@ def run_job(line: str, contents: list[bytes], settings: dict[str, Any]) -> dict[
         with open(log, "wb") as output:
             process = subprocess.Popen(
                 [*command, "run-job", "-", "--attached", "--inputs", str(folder), "--results", results]
-                + ["--threads", str(settings["threads"]), "--target", str(base / "target")],
+                + ["--threads", str(settings["threads"]), "--target", str(base / "target")]
+                + (["--mitsuba", settings["mitsuba"]] if settings["mitsuba"] else []),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=output,
@@ -221,6 +222,7 @@ class Run:
         self.client = client
         self.results = Path(request["results"])
         self.allowed: int = request["retries"]
+        self.priority: int = request["priority"]
         self.lines: dict[str, str] = {json.loads(line)["id"]: line for line in request["jobs"]}
         self.ended: queue.SimpleQueue[Future] = queue.SimpleQueue()
         # The job of each task, and the workers that a task is limited to.
@@ -236,7 +238,7 @@ class Run:
         self.inputs: dict[str, tuple[list[Future], str]] = {}
         for id, line in self.lines.items():
             job = json.loads(line)
-            inputs = job["picture"]["inputs"]
+            inputs = job["inputs"]
             files = [self.file(Path(job["folder"]), file) for file in inputs]
             self.inputs[id] = files, uuid.uuid5(uuid.NAMESPACE_OID, json.dumps(inputs)).hex
         self.settings = {
@@ -244,6 +246,7 @@ class Run:
             "threads": request["threads"],
             "time_limit": request["time_limit"],
             "longest": LONGEST_REASON,
+            "mitsuba": request["mitsuba"],
         }
 
     def file(self, folder: Path, file: dict[str, str]) -> Future:
@@ -277,6 +280,7 @@ class Run:
             {**self.settings, "closure": closure},
             key=f"whitstone-{id[:12]}-{self.token}-{self.number}",
             workers=list(limited) or None,
+            priority=self.priority,
         )
         self.tasks[future.key] = (future, id, limited)
         future.add_done_callback(self.ended.put)

@@ -104,7 +104,7 @@ impl Command {
             Self::Validate(arguments) => validate::run(arguments, registry, program),
             Self::Reduce(arguments) => reduce::run(arguments, registry, program),
             Self::Plan(arguments) => plan::run(arguments, registry, program),
-            Self::RunJob(arguments) => run_job::run(arguments, registry),
+            Self::RunJob(arguments) => run_job::run(arguments, registry, program),
             Self::Merge(arguments) => merge::run(arguments),
             Self::Report(arguments) => report::run(arguments, program),
             Self::Compare(arguments) => compare::run(arguments),
@@ -272,12 +272,22 @@ pub struct Target {
     /// folder
     #[arg(long, value_name = "DIR")]
     target: Option<PathBuf>,
+    /// A folder for results and caches only, of a part of a command.
+    #[arg(skip)]
+    scratch: Option<PathBuf>,
 }
 
 impl Target {
     /// The folder.
     pub fn folder(&self) -> &Path {
-        self.target.as_deref().unwrap_or(Path::new(TARGET))
+        let folder = self.scratch.as_deref().or(self.target.as_deref());
+        folder.unwrap_or(Path::new(TARGET))
+    }
+
+    /// Sets the folder of a part of a command; returns false if the command line names one.
+    fn be_part(&mut self, scratch: &Path) -> bool {
+        self.scratch = Some(scratch.to_owned());
+        self.target.is_none()
     }
 
     /// Where private Python environments are.
@@ -299,6 +309,23 @@ pub struct Drivers {
 }
 
 impl Drivers {
+    /// Sets the Python of a part of a command; returns false if the command line names drivers.
+    fn be_part(&mut self, mitsuba: Option<&Path>) -> bool {
+        let is_plain = self.mitsuba.is_none() && self.drivers.is_none();
+        self.mitsuba = mitsuba.map(Path::to_owned);
+        is_plain
+    }
+
+    /// Refuses a folder with drivers, which workers do not have.
+    fn check_built_in(&self) -> Result<(), Failure> {
+        match self.drivers {
+            None => Ok(()),
+            Some(_) => Err(Failure::usage(
+                "--drivers cannot be used with --cluster: workers use the drivers in the program",
+            )),
+        }
+    }
+
     /// Where the drivers are.
     pub fn installation(&self, target: &Target) -> Installation {
         Installation {

@@ -1,10 +1,10 @@
-//! Jobs: parts of images that processes render on their own, on any machine, and the folder of
-//! their results.
+//! Jobs: parts of commands that processes run on their own, on any machine, and the folder of their
+//! results.
 //!
-//! A job names everything that its pixels depend on: the program, the input files by their hashes,
-//! the changes of the command line, and the part of the image. Its id is the hash of these. A
-//! result is therefore never out of date, and two processes that render the same job write the same
-//! bytes.
+//! A job is a tile of an image, or a command for one scene, family or study. It names everything
+//! that its result depends on: the program, the input files by their hashes, and what is to be done
+//! with them. Its id is the hash of these. A result is therefore never out of date, and two
+//! processes that render the same tile write the same bytes.
 
 use crate::terminal::Failure;
 use serde::{Deserialize, Serialize};
@@ -15,7 +15,7 @@ use std::path::{Component, Path, PathBuf};
 use std::sync::OnceLock;
 use whitstone_core::FilmSize;
 use whitstone_image::{Image, Limits, atomic, exr_io};
-use whitstone_render::Region;
+use whitstone_validate::quoted;
 
 /// Maximum number of jobs of one image.
 const MAX_JOBS: u64 = 1 << 20;
@@ -38,6 +38,11 @@ static IN_PYTHON: OnceLock<[PathBuf; 2]> = OnceLock::new();
 pub(crate) fn set_python(library: PathBuf, python: PathBuf) {
     // The first call decides: a process has one such library.
     let _ = IN_PYTHON.set([library, python]);
+}
+
+/// The Python that has loaded this program.
+pub(crate) fn own_python() -> Option<PathBuf> {
+    IN_PYTHON.get().map(|[_, python]| python.clone())
 }
 
 /// The command that starts this program in another process.
@@ -88,12 +93,8 @@ pub(crate) struct Input {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Picture {
-    /// The program that renders it.
-    pub(crate) program: Program,
     /// The scene file, one of the inputs.
     pub(crate) scene: String,
-    /// All files that the scene is made of, sorted by path.
-    pub(crate) inputs: Vec<Input>,
     /// The camera of an imported file.
     pub(crate) camera: Option<String>,
     /// The values of `--set`.
@@ -109,20 +110,53 @@ pub(crate) struct Picture {
 /// A part of an image, in pixels from its upper left corner: `[x, y, width, height]`.
 pub(crate) type Tile = [u32; 4];
 
+/// What a job does.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "snake_case")]
+pub(crate) enum Task {
+    /// Renders a part of an image.
+    Render {
+        /// The part of the image.
+        tile: Tile,
+        /// The image.
+        picture: Picture,
+    },
+    /// Runs a command of this program whose results are JSON.
+    Run {
+        /// The working folder, relative to that of the inputs; empty if it is the same.
+        folder: String,
+        /// The name of the command and its arguments.
+        arguments: Vec<String>,
+    },
+}
+
+/// What jobs depend on, apart from their tasks.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Inputs {
+    /// The program that planned the jobs.
+    pub(crate) program: Program,
+    /// Where the files are.
+    pub(crate) folder: PathBuf,
+    /// All files, sorted by path.
+    pub(crate) files: Vec<Input>,
+}
+
 /// A job: one line of a file of jobs.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Job {
-    /// Hash of `picture` and `tile`, in 32 hexadecimal digits.
+    /// Hash of `program`, `inputs` and `task`, in 32 hexadecimal digits.
     pub(crate) id: String,
     /// The names of its results, in the folder of results.
     pub(crate) outputs: [String; 2],
     /// Where the inputs were when the job was planned. Not part of the id.
     pub(crate) folder: PathBuf,
-    /// The part of the image.
-    pub(crate) tile: Tile,
-    /// The image.
-    pub(crate) picture: Picture,
+    /// The program that runs it.
+    pub(crate) program: Program,
+    /// All files that it reads, sorted by path.
+    pub(crate) inputs: Vec<Input>,
+    /// What it does.
+    pub(crate) task: Task,
 }
 
 /// The tiles of an image, row by row from the top.
@@ -141,62 +175,87 @@ pub(crate) fn tiles(size: FilmSize, side: u32) -> Result<Vec<Tile>, Failure> {
 }
 
 impl Job {
-    pub(crate) fn new(picture: Picture, tile: Tile, folder: PathBuf) -> Self {
-        let id = Self::id_of(&picture, tile);
+    pub(crate) fn new(inputs: &Inputs, task: Task) -> Self {
+        let Inputs {
+            program,
+            folder,
+            files,
+        } = inputs.clone();
+        let text = serde_json::to_string(&(&program, &files, &task)).unwrap_or_default();
+        let id = blake3::hash(text.as_bytes()).to_hex()[..32].to_owned();
+        let result = match task {
+            Task::Render { .. } => "exr",
+            Task::Run { .. } => "result",
+        };
         Self {
-            outputs: ["exr", "json"].map(|extension| format!("{id}.{extension}")),
+            outputs: [result, "json"].map(|extension| format!("{id}.{extension}")),
             id,
             folder,
-            tile,
-            picture,
+            program,
+            inputs: files,
+            task,
         }
     }
 
-    fn id_of(picture: &Picture, tile: Tile) -> String {
-        let text = serde_json::to_string(&(picture, tile)).unwrap_or_default();
-        blake3::hash(text.as_bytes()).to_hex()[..32].to_owned()
+    /// What the job depends on, apart from its task.
+    pub(crate) fn depends_on(&self) -> Inputs {
+        Inputs {
+            program: self.program.clone(),
+            folder: self.folder.clone(),
+            files: self.inputs.clone(),
+        }
     }
 
-    /// The part of the image.
-    pub(crate) fn region(&self) -> Region {
-        let [x, y, width, height] = self.tile;
-        Region { x, y, width, height }
+    /// What it does, for messages.
+    pub(crate) fn what(&self) -> String {
+        match &self.task {
+            Task::Render { tile, picture } => format!("tile {tile:?} of {}", picture.scene),
+            Task::Run { arguments, .. } => {
+                let words: Vec<String> = arguments.iter().map(|word| quoted(word)).collect();
+                format!("`{}`", words.join(" "))
+            }
+        }
     }
 
     /// Reads a line of a file of jobs. Whatever the line says, no path leads out of a folder.
     fn parse(line: &str) -> Result<Self, String> {
         let job: Self = serde_json::from_str(line).map_err(|error| format!("not a job: {error}"))?;
-        let expected = Self::id_of(&job.picture, job.tile);
-        if job.id != expected || job != Self::new(job.picture.clone(), job.tile, job.folder.clone()) {
+        let expected = Self::new(&job.depends_on(), job.task.clone());
+        if job != expected {
             return Err(format!(
-                "the job was changed after it was planned: its contents have the id {expected}"
+                "the job was changed after it was planned: its contents have the id {}",
+                expected.id
             ));
         }
-        let [x, y, width, height] = job.tile.map(u64::from);
-        let inside = x + width <= job.picture.width.into() && y + height <= job.picture.height.into();
-        if !inside || width == 0 || height == 0 {
-            return Err(format!("tile {:?} is not in the image", job.tile));
-        }
-        for input in &job.picture.inputs {
-            let path = Path::new(&input.path);
-            let inside = path.components().all(|part| matches!(part, Component::Normal(_)));
-            if !inside || input.path.is_empty() {
-                return Err(format!(
-                    "input \"{}\" is not below the folder of the inputs",
-                    input.path
-                ));
-            }
-        }
-        if !job
-            .picture
-            .inputs
-            .iter()
-            .any(|input| input.path == job.picture.scene)
+        let is_below = |path: &str| {
+            let mut parts = Path::new(path).components();
+            parts.all(|part| matches!(part, Component::Normal(_)))
+        };
+        let outside = job.inputs.iter().map(|input| &input.path);
+        if let Some(path) = outside
+            .into_iter()
+            .find(|path| path.is_empty() || !is_below(path))
         {
-            return Err(format!(
-                "the scene \"{}\" is not among the inputs",
-                job.picture.scene
-            ));
+            return Err(format!("input \"{path}\" is not below the folder of the inputs"));
+        }
+        match &job.task {
+            Task::Render { tile, picture } => {
+                let [x, y, width, height] = tile.map(u64::from);
+                let inside = x + width <= picture.width.into() && y + height <= picture.height.into();
+                if !inside || width == 0 || height == 0 {
+                    return Err(format!("tile {tile:?} is not in the image"));
+                }
+                if !job.inputs.iter().any(|input| input.path == picture.scene) {
+                    return Err(format!(
+                        "the scene \"{}\" is not among the inputs",
+                        picture.scene
+                    ));
+                }
+            }
+            Task::Run { folder, .. } if !is_below(folder) => {
+                return Err(format!("folder \"{folder}\" is not below that of the inputs"));
+            }
+            Task::Run { .. } => {}
         }
         Ok(job)
     }
@@ -251,13 +310,13 @@ impl Job {
     /// Checks that this program and the inputs in a folder are those of the plan.
     pub(crate) fn check(&self, folder: &Path) -> Result<(), Failure> {
         let this = Program::this()?;
-        if this != self.picture.program {
+        if this != self.program {
             return Err(Failure::environment(format!(
                 "job {}: planned by whitstone {}, but this is {this}; only the same program gives the same bytes",
-                self.id, self.picture.program
+                self.id, self.program
             )));
         }
-        for input in &self.picture.inputs {
+        for input in &self.inputs {
             let path = folder.join(&input.path);
             let problem = match hash_of(&path) {
                 Ok(hash) if hash == input.hash => continue,
@@ -284,56 +343,69 @@ pub(crate) fn hash_of(path: &Path) -> std::io::Result<String> {
     Ok(hasher.finalize().to_hex()[..32].to_owned())
 }
 
-/// The files of a scene, relative to the deepest folder that contains them all, and this folder.
-pub(crate) fn inputs(scene: &Path, files: &[PathBuf]) -> Result<(PathBuf, String, Vec<Input>), Failure> {
-    let unreadable = |path: &Path, error| Failure::usage(format!("{}: {error}", path.display()));
-    let whole = |path: &Path| {
-        let path = std::path::absolute(path).map_err(|error| unreadable(path, error))?;
-        Ok(path.components().fold(PathBuf::new(), |mut whole, part| {
-            match part {
-                Component::ParentDir => drop(whole.pop()),
-                part => whole.push(part),
-            }
-            whole
-        }))
-    };
-    let scene = whole(scene)?;
-    let mut all = BTreeSet::from([scene.clone()]);
-    for file in files {
-        all.insert(whole(file)?);
-        // The buffers and images of a mesh in a glTF file, which the scene does not name.
-        if let Ok(document) = whitstone_gltf::Document::open(file) {
-            for companion in document.companions() {
-                all.insert(whole(&companion)?);
+/// An absolute path without `..`.
+fn whole(path: &Path) -> Result<PathBuf, Failure> {
+    let path = std::path::absolute(path).map_err(|error| unreadable(path, &error))?;
+    Ok(path.components().fold(PathBuf::new(), |mut whole, part| {
+        match part {
+            Component::ParentDir => drop(whole.pop()),
+            part => whole.push(part),
+        }
+        whole
+    }))
+}
+
+fn unreadable(path: &Path, error: &std::io::Error) -> Failure {
+    Failure::usage(format!("{}: {error}", path.display()))
+}
+
+impl Inputs {
+    /// Files, relative to the deepest folder that contains them all and the folder `with`.
+    pub(crate) fn new(program: &Program, with: &Path, files: &[PathBuf]) -> Result<Self, Failure> {
+        let mut all = BTreeSet::new();
+        for file in files {
+            all.insert(whole(file)?);
+            // The buffers and images of a mesh in a glTF file, which the scene does not name.
+            if let Ok(document) = whitstone_gltf::Document::open(file) {
+                for companion in document.companions() {
+                    all.insert(whole(&companion)?);
+                }
             }
         }
+        let with = whole(with)?;
+        let folder = with
+            .ancestors()
+            .find(|folder| all.iter().all(|file| file.starts_with(folder)));
+        let Some(folder) = folder else {
+            return Err(Failure::usage("the files of the scene are on several drives"));
+        };
+        let mut inputs = Self {
+            program: program.clone(),
+            folder: folder.to_owned(),
+            files: Vec::new(),
+        };
+        for path in &all {
+            inputs.files.push(Input {
+                path: inputs.name(path)?,
+                hash: hash_of(path).map_err(|error| unreadable(path, &error))?,
+            });
+        }
+        Ok(inputs)
     }
-    let parent = scene.parent().unwrap_or(&scene);
-    let folder = parent
-        .ancestors()
-        .find(|folder| all.iter().all(|file| file.starts_with(folder)));
-    let Some(folder) = folder else {
-        return Err(Failure::usage("the files of the scene are on several drives"));
-    };
-    let name = |path: &Path| {
-        let relative = path.strip_prefix(folder).unwrap_or(path);
+
+    /// The path of a file or folder, relative to the folder of the inputs.
+    pub(crate) fn name(&self, path: &Path) -> Result<String, Failure> {
+        let path = whole(path)?;
+        let relative = path.strip_prefix(&self.folder).unwrap_or(&path);
         let text = relative.to_str().map(|text| text.replace('\\', "/"));
         text.ok_or_else(|| Failure::usage(format!("{}: the name is not valid UTF-8", path.display())))
-    };
-    let mut inputs = Vec::new();
-    for path in &all {
-        inputs.push(Input {
-            path: name(path)?,
-            hash: hash_of(path).map_err(|error| unreadable(path, error))?,
-        });
     }
-    Ok((folder.to_owned(), name(&scene)?, inputs))
 }
 
 /// Where the inputs of jobs were when they were planned.
 pub(crate) fn input_paths(jobs: &[Job]) -> Vec<PathBuf> {
     let files = |job: &Job| {
-        let inputs = job.picture.inputs.iter();
+        let inputs = job.inputs.iter();
         inputs
             .map(|input| job.folder.join(&input.path))
             .collect::<Vec<_>>()
@@ -342,14 +414,24 @@ pub(crate) fn input_paths(jobs: &[Job]) -> Vec<PathBuf> {
     all.into_iter().collect()
 }
 
-/// What is recorded about a finished job. It is written after the image, so that its presence
+/// What is recorded about a finished job. It is written after the result, so that its presence
 /// says that the job is finished.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Record {
     /// The job.
     pub(crate) id: String,
-    /// Hash of the file of the image.
+    /// Hash of the file of the result.
     pub(crate) hash: String,
+    /// Time that the process took, in seconds.
+    pub(crate) seconds: f64,
+    /// What is known of a tile.
+    #[serde(flatten)]
+    pub(crate) tile: Option<Rendered>,
+}
+
+/// What is recorded about a rendered tile.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Rendered {
     /// Time to build the scene, in seconds.
     pub(crate) build_s: f64,
     /// Time to render, in seconds.
@@ -369,39 +451,50 @@ impl Results {
         self.load(job).map(|(record, _)| record)
     }
 
-    fn load(&self, job: &Job) -> Option<(Record, Vec<u8>)> {
-        let [image, record] = job.outputs.each_ref().map(|name| self.0.join(name));
+    /// The record and the result of a finished job.
+    pub(crate) fn load(&self, job: &Job) -> Option<(Record, Vec<u8>)> {
+        let [result, record] = job.outputs.each_ref().map(|name| self.0.join(name));
         let record: Record = serde_json::from_slice(&fs::read(record).ok()?).ok()?;
-        let bytes = fs::read(image).ok()?;
+        let bytes = fs::read(result).ok()?;
         let is_whole = record.id == job.id && blake3::hash(&bytes).to_hex()[..32] == record.hash;
         is_whole.then_some((record, bytes))
     }
 
-    /// The image of a job.
-    pub(crate) fn image(&self, job: &Job) -> Result<(Record, Image), String> {
-        let (record, bytes) = self
-            .load(job)
-            .ok_or_else(|| format!("job {} has no complete result", job.id))?;
+    /// The image of a job, which is a tile.
+    pub(crate) fn image(&self, job: &Job) -> Result<(Rendered, Image), String> {
+        let incomplete = || format!("job {} has no complete result", job.id);
+        let (record, bytes) = self.load(job).ok_or_else(incomplete)?;
         let image =
             exr_io::decode(&bytes, Limits::IMAGE).map_err(|fault| format!("job {}: {fault}", job.id))?;
-        let [_, _, width, height] = job.tile.map(|pixels| pixels as usize);
+        let Task::Render { tile, .. } = &job.task else {
+            return Err(format!("job {} is not a tile of an image", job.id));
+        };
+        let [_, _, width, height] = tile.map(|pixels| pixels as usize);
         if [image.width(), image.height()] != [width, height] {
             return Err(format!("job {}: the result has another size", job.id));
         }
-        Ok((record, image))
+        Ok((record.tile.ok_or_else(incomplete)?, image))
     }
 
-    /// Writes the image of a job, and then its record.
-    pub(crate) fn write(&self, job: &Job, image: &Image, record: &Record) -> Result<(), Failure> {
-        let bytes = exr_io::encode(image).map_err(Failure::environment)?;
+    /// Writes the result of a job, and then its record.
+    pub(crate) fn write(
+        &self,
+        job: &Job,
+        bytes: &[u8],
+        seconds: f64,
+        tile: Option<Rendered>,
+    ) -> Result<Record, Failure> {
         let record = Record {
-            hash: blake3::hash(&bytes).to_hex()[..32].to_owned(),
-            ..record.clone()
+            id: job.id.clone(),
+            hash: blake3::hash(bytes).to_hex()[..32].to_owned(),
+            seconds,
+            tile,
         };
         let text = serde_json::to_string(&record).map_err(Failure::environment)? + "\n";
-        let [image, record] = job.outputs.each_ref().map(|name| self.0.join(name));
-        atomic::write_bytes(image, &bytes).map_err(Failure::environment)?;
-        atomic::write_bytes(record, text.as_bytes()).map_err(Failure::environment)
+        let [result, place] = job.outputs.each_ref().map(|name| self.0.join(name));
+        atomic::write_bytes(result, bytes).map_err(Failure::environment)?;
+        atomic::write_bytes(place, text.as_bytes()).map_err(Failure::environment)?;
+        Ok(record)
     }
 
     /// Removes the results of jobs.
@@ -417,22 +510,42 @@ impl Results {
 mod tests {
     use super::*;
 
-    fn picture() -> Picture {
-        Picture {
+    fn inputs() -> Inputs {
+        Inputs {
             program: Program {
                 version: "1.0.0".to_owned(),
                 hash: "abc".to_owned(),
             },
-            scene: "a/scene.toml".to_owned(),
-            inputs: vec![Input {
+            folder: PathBuf::from("/x"),
+            files: vec![Input {
                 path: "a/scene.toml".to_owned(),
                 hash: "def".to_owned(),
             }],
+        }
+    }
+
+    fn picture() -> Picture {
+        Picture {
+            scene: "a/scene.toml".to_owned(),
             camera: None,
             overrides: vec!["camera.fov=30".to_owned()],
             max_tree_rays: 100,
             width: 30,
             height: 20,
+        }
+    }
+
+    fn tile(tile: Tile) -> Task {
+        Task::Render {
+            tile,
+            picture: picture(),
+        }
+    }
+
+    fn command(folder: &str) -> Task {
+        Task::Run {
+            folder: folder.to_owned(),
+            arguments: vec!["validate".to_owned(), "scene.toml".to_owned()],
         }
     }
 
@@ -460,55 +573,74 @@ mod tests {
     }
 
     #[test]
-    fn the_id_is_of_all_that_the_pixels_depend_on() {
-        let job = Job::new(picture(), [0, 0, 10, 10], PathBuf::from("/x"));
-        let line = Job::lines(std::slice::from_ref(&job));
-        assert_eq!(Job::read_line(&line).unwrap(), job);
-        let moved = Job::new(picture(), [0, 0, 10, 10], PathBuf::from("/y"));
-        assert_eq!(moved.id, job.id);
-        let changes: [fn(&mut Picture); 7] = [
-            |picture| picture.program.hash.push('d'),
-            |picture| picture.program.version.push('0'),
-            |picture| picture.inputs[0].hash.push('0'),
+    fn the_id_is_of_all_that_the_result_depends_on() {
+        let first = [0, 0, 10, 10];
+        for task in [tile(first), command("a")] {
+            let job = Job::new(&inputs(), task.clone());
+            let line = Job::lines(std::slice::from_ref(&job));
+            assert_eq!(Job::read_line(&line).unwrap(), job);
+            let mut moved = inputs();
+            moved.folder = PathBuf::from("/y");
+            assert_eq!(Job::new(&moved, task).id, job.id);
+        }
+        let of_inputs: [fn(&mut Inputs); 4] = [
+            |inputs| inputs.program.hash.push('d'),
+            |inputs| inputs.program.version.push('0'),
+            |inputs| inputs.files[0].hash.push('0'),
+            |inputs| inputs.files[0].path.push('0'),
+        ];
+        let of_picture: [fn(&mut Picture); 5] = [
+            |picture| picture.scene.push('0'),
             |picture| picture.overrides.clear(),
             |picture| picture.camera = Some("a".to_owned()),
             |picture| picture.max_tree_rays += 1,
             |picture| picture.width += 1,
         ];
-        let ids = changes.iter().map(|change| {
-            let mut other = picture();
-            change(&mut other);
-            Job::new(other, job.tile, job.folder.clone()).id
-        });
-        let other_tile = Job::new(picture(), [10, 0, 10, 10], job.folder.clone()).id;
-        let ids: BTreeSet<String> = ids.chain([other_tile, job.id.clone()]).collect();
-        assert_eq!(ids.len(), 9);
+        let mut ids: Vec<String> = [tile(first), tile([10, 0, 10, 10]), command(""), command("a")]
+            .map(|task| Job::new(&inputs(), task).id)
+            .to_vec();
+        ids.extend(of_inputs.iter().map(|change| {
+            let mut inputs = inputs();
+            change(&mut inputs);
+            Job::new(&inputs, tile(first)).id
+        }));
+        ids.extend(of_picture.iter().map(|change| {
+            let mut picture = picture();
+            change(&mut picture);
+            Job::new(&inputs(), Task::Render { tile: first, picture }).id
+        }));
+        let different: BTreeSet<&String> = ids.iter().collect();
+        assert_eq!(different.len(), 13);
     }
 
     #[test]
     fn hostile_jobs_are_refused() {
-        let refused = |change: fn(&mut Picture), tile, expected: &str| {
-            let mut picture = picture();
-            change(&mut picture);
-            let job = Job::new(picture, tile, PathBuf::from("/x"));
-            let problem = Job::read_line(&Job::lines(&[job])).unwrap_err().problem();
+        let refused = |inputs: &Inputs, task: Task, expected: &str| {
+            let result = Job::read_line(&Job::lines(&[Job::new(inputs, task)]));
+            let problem = result.map_or_else(Failure::problem, |_| "accepted".to_owned());
             assert!(problem.contains(expected), "{problem}");
         };
-        let tile = [0, 0, 10, 10];
+        let first = [0, 0, 10, 10];
         for path in ["../a", "/etc/passwd", "a/../../b", "./a", ""] {
-            let mut picture = picture();
-            picture.inputs[0].path = path.to_owned();
-            picture.scene = path.to_owned();
-            let job = Job::new(picture, tile, PathBuf::from("/x"));
-            let result = Job::read_line(&Job::lines(&[job]));
-            let problem = result.map_or_else(Failure::problem, |_| "accepted".to_owned());
-            assert!(problem.contains("not below the folder"), "{path}: {problem}");
+            let mut wrong = inputs();
+            wrong.files[0].path = path.to_owned();
+            refused(&wrong, tile(first), "not below the folder");
+            refused(&wrong, command(""), "not below the folder");
         }
-        refused(|picture| picture.scene.push('x'), tile, "not among the inputs");
-        refused(|_| (), [25, 0, 10, 10], "not in the image");
-        refused(|_| (), [0, u32::MAX, 10, 10], "not in the image");
-        refused(|_| (), [0, 0, 0, 10], "not in the image");
-        let named = Job::lines(&[Job::new(picture(), tile, PathBuf::new())]).replace(".exr", "/../../x");
+        for folder in ["..", "/etc", "a/.."] {
+            refused(&inputs(), command(folder), "not below that of the inputs");
+        }
+        let mut other = picture();
+        other.scene.push('x');
+        let of_other = Task::Render {
+            tile: first,
+            picture: other,
+        };
+        refused(&inputs(), of_other, "not among the inputs");
+        for outside in [[25, 0, 10, 10], [0, u32::MAX, 10, 10], [0, 0, 0, 10]] {
+            refused(&inputs(), tile(outside), "not in the image");
+        }
+        let named = Job::lines(&[Job::new(&inputs(), tile(first))]).replace(".exr", "/../../x");
         let problem = Job::read_line(&named).unwrap_err().problem();
         assert!(problem.contains("changed after it was planned"), "{problem}");
         assert!(Job::read_line("{").unwrap_err().problem().contains("not a job"));

@@ -25,9 +25,9 @@ const REQUIREMENTS: &str = include_str!("../../cluster/requirements.txt");
 // An unnamed group, because it is part of several commands.
 #[group(skip)]
 pub(super) struct Cluster {
-    /// Render in tiles on a Dask cluster: the address of its scheduler, such as
-    /// tcp://10.0.0.1:8786, or local for processes of this machine. Finished tiles are kept until
-    /// the image is complete, so that the same command continues
+    /// Run in parts on a Dask cluster: the address of its scheduler, such as tcp://10.0.0.1:8786,
+    /// or local for processes of this machine. Finished parts are kept until all are finished, so
+    /// that the same command continues
     #[arg(long, value_name = "SCHEDULER")]
     pub(super) cluster: Option<String>,
     /// Number of worker processes of --cluster local; 0 means one per core
@@ -39,14 +39,32 @@ pub(super) struct Cluster {
     /// Time limit of a job, in seconds
     #[arg(long, value_name = "SECONDS", default_value_t = 3600, requires = "cluster", value_parser = clap::value_parser!(u64).range(1..))]
     job_time: u64,
+    /// Jobs with a higher priority run first, also those of other commands on the same scheduler
+    #[arg(long, value_name = "NUMBER", default_value_t = 0, requires = "cluster", allow_negative_numbers = true)]
+    priority: i32,
     /// Python with an installed Dask, to be used in place of the private environment
     #[arg(long, value_name = "PYTHON", requires = "cluster")]
     dask: Option<PathBuf>,
-    #[command(flatten)]
-    pub(super) size: super::plan::TileSize,
 }
 
-/// The folder of the results of unfinished images.
+/// Jobs that run together.
+pub(super) struct Batch<'a> {
+    /// For the display of progress, such as "rendering".
+    pub(super) doing: &'a str,
+    pub(super) jobs: &'a [Job],
+    pub(super) results: &'a Results,
+    pub(super) target: &'a Target,
+    /// Threads of a job.
+    pub(super) threads: usize,
+    /// A Python with Mitsuba on the workers, if they have no private environment.
+    pub(super) mitsuba: Option<&'a Path>,
+    /// Whether a job runs alone on its machine, so that its times mean something.
+    pub(super) exclusive: bool,
+    /// Called with each job that is finished, also those that were finished before.
+    pub(super) finished: &'a mut dyn FnMut(&Job),
+}
+
+/// The folder of the results of unfinished commands.
 pub(super) fn results(target: &Target) -> Result<Results, Failure> {
     let folder = target.folder().join("jobs");
     terminal::make_folder(&folder)?;
@@ -58,7 +76,7 @@ pub(super) fn results(target: &Target) -> Result<Results, Failure> {
 #[serde(tag = "event", rename_all = "snake_case")]
 enum Event {
     Started { workers: usize },
-    Finished {},
+    Finished { id: String },
     Failed { id: String, reason: String },
     Refused { worker: String, reason: String },
     Stopped { reason: String },
@@ -93,16 +111,17 @@ impl Drop for Script {
 
 impl Cluster {
     /// Runs the jobs that have no result yet.
-    pub(super) fn run(
-        &self,
-        jobs: &[Job],
-        results: &Results,
-        target: &Target,
-        installation: &Installation,
-        threads: usize,
-    ) -> Result<(), Failure> {
-        let waiting: Vec<&Job> = jobs.iter().filter(|job| results.find(job).is_none()).collect();
-        let before = jobs.len() - waiting.len();
+    pub(super) fn run(&self, batch: &mut Batch<'_>) -> Result<(), Failure> {
+        let &mut Batch {
+            jobs,
+            results,
+            target,
+            ..
+        } = batch;
+        let installation = target.installation();
+        let (done, waiting): (Vec<&Job>, Vec<&Job>) =
+            jobs.iter().partition(|job| results.find(job).is_some());
+        let before = done.len();
         if before > 0 {
             eprintln!(
                 "{} of {} were finished before",
@@ -110,23 +129,38 @@ impl Cluster {
                 counted(jobs.len(), "job")
             );
         }
+        done.into_iter().for_each(|job| (batch.finished)(job));
         if waiting.is_empty() {
             return Ok(());
         }
-        let (script, requirements) = unpack(installation)?;
+        let (script, requirements) = unpack(&installation)?;
         let python = match &self.dask {
             Some(python) => python.clone(),
-            None => dask_python(installation, &requirements, &|text| eprintln!("{text}"))
-                .map_err(Failure::environment)?,
+            None => match own_python() {
+                Some(python) => python,
+                None => dask_python(&installation, &requirements, &|text| eprintln!("{text}"))
+                    .map_err(Failure::environment)?,
+            },
         };
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
         let request = json!({
             "scheduler": self.cluster,
-            "workers": if self.workers == 0 { cores } else { self.workers },
+            "workers": match (self.workers, batch.exclusive) {
+                // All of them share this machine.
+                (_, true) => 1,
+                (0, false) => cores,
+                (workers, false) => workers,
+            },
             "retries": self.retries,
             "time_limit": self.job_time,
-            "threads": threads.max(1),
+            "priority": self.priority,
+            "exclusive": batch.exclusive,
+            "threads": match (batch.threads, batch.exclusive) {
+                (0, false) => 1,
+                (threads, _) => threads,
+            },
+            "mitsuba": batch.mitsuba,
             "command": jobs::own_command()?,
             "results": absolute(&results.0),
             "scratch": absolute(&target.folder().join("dask")),
@@ -162,7 +196,7 @@ impl Cluster {
                 }
             })
             .map_err(Failure::environment)?;
-        let told = Told::listen(&events, waiting.len() as u64);
+        let told = Told::listen(&events, waiting.len() as u64, batch);
         let signal = interrupt::signal();
         let status = match signal {
             Some(_) => None,
@@ -186,8 +220,8 @@ impl Cluster {
                 .failed
                 .iter()
                 .map(|(id, reason)| {
-                    let tile = of(id).map(|job| format!("tile {:?} of {}, ", job.tile, job.picture.scene));
-                    format!("job {id}, {}failed: {reason}", tile.unwrap_or_default())
+                    let what = of(id).map(|job| format!("{}, ", job.what()));
+                    format!("job {id}, {}failed: {reason}", what.unwrap_or_default())
                 })
                 .collect();
             return Err(Failure::environment(format!(
@@ -219,9 +253,10 @@ struct Told {
 
 impl Told {
     /// Reads events until the script ends or a signal arrives.
-    fn listen(events: &mpsc::Receiver<String>, total: u64) -> Self {
+    fn listen(events: &mpsc::Receiver<String>, total: u64, batch: &mut Batch<'_>) -> Self {
         let mut told = Self::default();
-        let bar = progress(total, "rendering");
+        let doing = batch.doing;
+        let bar = progress(total, doing);
         let watching = interrupt::Watching::new();
         loop {
             match events.recv_timeout(Duration::from_millis(100)) {
@@ -231,12 +266,15 @@ impl Told {
                     Ok(Event::Started { workers }) => {
                         terminal::set_message(
                             &bar,
-                            &format!("rendering, at first on {}", counted(workers, "worker")),
+                            &format!("{doing}, at first on {}", counted(workers, "worker")),
                         );
                     }
-                    Ok(Event::Finished { .. }) => {
+                    Ok(Event::Finished { id }) => {
                         told.finished += 1;
                         bar.inc(1);
+                        if let Some(job) = batch.jobs.iter().find(|job| job.id == id) {
+                            bar.suspend(|| (batch.finished)(job));
+                        }
                     }
                     Ok(Event::Failed { id, reason }) => {
                         bar.inc(1);
@@ -258,6 +296,18 @@ impl Told {
         bar.finish_and_clear();
         told
     }
+}
+
+/// The Python that has loaded this program, if Dask is installed there: `whitstone[cluster]`.
+fn own_python() -> Option<PathBuf> {
+    let python = jobs::own_python()?;
+    let has_dask = Command::new(&python)
+        .args(["-c", "import distributed"])
+        .stdin(Stdio::null())
+        .stderr(Stdio::null())
+        .status()
+        .is_ok_and(|status| status.success());
+    has_dask.then_some(python)
 }
 
 /// Writes the script and its requirements to the folder of the drivers; returns their paths.

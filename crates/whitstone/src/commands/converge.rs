@@ -1,5 +1,8 @@
 //! `converge`: error against run time.
 
+mod parts;
+
+use super::cluster::Cluster;
 use super::page::{self, Marks};
 use super::{Drivers, Target};
 use crate::interrupt::{self, Watching};
@@ -95,6 +98,8 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     page: Vec<PathBuf>,
     #[command(flatten)]
+    cluster: Cluster,
+    #[command(flatten)]
     target: Target,
     #[command(flatten)]
     drivers: Drivers,
@@ -103,18 +108,66 @@ pub struct Arguments {
     time_limit: u64,
 }
 
+impl Arguments {
+    /// Makes this a part of another command, with its files in a folder; returns false if it would
+    /// write other files or start other programs.
+    pub(super) fn be_part(&mut self, scratch: &Path, mitsuba: Option<&Path>) -> bool {
+        self.target.be_part(scratch)
+            && self.drivers.be_part(mitsuba)
+            && self.csv.is_none()
+            && self.plots.is_none()
+            && self.page.is_empty()
+            && self.subject.is_none()
+            && self.cluster.cluster.is_none()
+    }
+}
+
 /// Runs the command.
 pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<Exit, Failure> {
     let mut studies = chosen(arguments)?;
     if arguments.quick {
-        studies.retain(|study| study.has_quick);
+        studies.retain(|(_, study)| study.has_quick);
     }
     if arguments.list {
-        for study in studies {
+        for (_, study) in studies {
             println!("{:<16} {}", study.name, study.title);
         }
         return Ok(Exit::Pass);
     }
+    let reports = match arguments.cluster.cluster {
+        Some(_) => parts::measure(arguments, &studies, registry)?,
+        None => {
+            let studies = studies.into_iter().map(|(_, study)| study).collect();
+            measure(arguments, studies, registry, program)?
+        }
+    };
+    super::report::keep_studies(arguments.target.folder(), &reports)?;
+    for page in &arguments.page {
+        write_page(page, &reports)?;
+    }
+    let good = reports
+        .iter()
+        .filter(|report| report.verdict == Verdict::Pass)
+        .count();
+    if let Some(error) = arguments.recommend {
+        let all = reports.iter().all(|report| report.cheapest(error).is_some());
+        return Ok(if all { Exit::Pass } else { Exit::Differs });
+    }
+    println!("studies: {}, pass: {good}", reports.len());
+    Ok(if good == reports.len() {
+        Exit::Pass
+    } else {
+        Exit::Differs
+    })
+}
+
+/// Measures studies, prints each result, and writes those so far.
+fn measure(
+    arguments: &Arguments,
+    mut studies: Vec<Study>,
+    registry: &Registry,
+    program: &str,
+) -> Result<Vec<StudyReport>, Failure> {
     for subject in commands(arguments, registry)? {
         for study in studies.iter_mut().filter(|study| study.stress.is_none()) {
             study.add_command(&subject);
@@ -159,38 +212,25 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         let report = lab.measure(study, &stage).map_err(Failure::usage)?;
         interrupted()?;
         bar.inc(1);
-        bar.suspend(|| {
-            print(&report, arguments.points);
-            if let Some(error) = arguments.recommend {
-                recommend(&report, error);
-            }
-        });
+        bar.suspend(|| tell(arguments, &report));
         reports.push(report);
         // Written after each study, so that an interrupted run keeps its results.
         write(arguments, &reports)?;
     }
-    super::report::keep_studies(arguments.target.folder(), &reports)?;
     bar.finish_and_clear();
-    for page in &arguments.page {
-        write_page(page, &reports)?;
-    }
-    let good = reports
-        .iter()
-        .filter(|report| report.verdict == Verdict::Pass)
-        .count();
-    if let Some(error) = arguments.recommend {
-        let all = reports.iter().all(|report| report.cheapest(error).is_some());
-        return Ok(if all { Exit::Pass } else { Exit::Differs });
-    }
-    println!("studies: {}, pass: {good}", reports.len());
-    Ok(if good == reports.len() {
-        Exit::Pass
-    } else {
-        Exit::Differs
-    })
+    Ok(reports)
 }
 
-fn chosen(arguments: &Arguments) -> Result<Vec<Study>, Failure> {
+/// Prints a report, and the recommendation that it contains.
+fn tell(arguments: &Arguments, report: &StudyReport) {
+    print(report, arguments.points);
+    if let Some(error) = arguments.recommend {
+        recommend(report, error);
+    }
+}
+
+/// The studies that the arguments name, with their files or scenes.
+fn chosen(arguments: &Arguments) -> Result<Vec<(PathBuf, Study)>, Failure> {
     let stored = || -> Result<Vec<PathBuf>, Failure> {
         let folder = std::fs::read_dir(STUDIES);
         let folder = folder.map_err(|error| Failure::usage(format!("{STUDIES}: {error}; name a study file or a scene, or run the command in the root of a Whitstone checkout")))?;
@@ -201,7 +241,10 @@ fn chosen(arguments: &Arguments) -> Result<Vec<Study>, Failure> {
         files.sort();
         Ok(files)
     };
-    let load = |path: &Path| Study::load(path, arguments.quick).map_err(Failure::usage);
+    let load = |path: &Path| {
+        let study = Study::load(path, arguments.quick).map_err(Failure::usage)?;
+        Ok((path.to_owned(), study))
+    };
     let scenes = arguments.studies.iter().map(Path::new);
     let scenes = scenes.filter(|path| path.is_file() && is_scene(path)).count();
     if arguments.recommend.is_some() && (scenes == 0 || scenes < arguments.studies.len()) {
@@ -215,7 +258,7 @@ fn chosen(arguments: &Arguments) -> Result<Vec<Study>, Failure> {
         let path = Path::new(name);
         let by_name = Path::new(STUDIES).join(name).with_extension("toml");
         studies.push(if path.is_file() && is_scene(path) {
-            of_scene(path, arguments.recommend.is_some())?
+            (path.to_owned(), of_scene(path, arguments.recommend.is_some())?)
         } else if path.is_file() || !by_name.is_file() && path.extension().is_some() {
             load(path)?
         } else if by_name.is_file() {

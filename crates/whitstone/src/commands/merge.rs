@@ -1,6 +1,6 @@
 //! `merge`: makes images of the results of jobs.
 
-use crate::jobs::{self, Job, Picture, Record, Results};
+use crate::jobs::{self, Inputs, Job, Picture, Rendered, Results, Task, Tile};
 use crate::terminal::{self, Exit, Failure, write_json};
 use clap::Args;
 use serde_json::json;
@@ -38,11 +38,15 @@ pub fn run(arguments: &Arguments) -> Result<Exit, Failure> {
     let jobs = Job::read(&arguments.jobs, |_, _| true)?;
     let folder = arguments.results.clone();
     let results = Results(folder.unwrap_or_else(|| super::run_job::default_results(&arguments.jobs)));
-    let mut images: Vec<(Picture, Vec<Job>)> = Vec::new();
+    let mut images: Vec<((Inputs, Picture), Vec<Job>)> = Vec::new();
     for job in jobs {
-        match images.iter_mut().find(|(picture, _)| *picture == job.picture) {
+        let (_, picture) = tile(&job).ok_or_else(|| {
+            Failure::usage(format!("job {}: {} has no image", job.id, job.what()))
+        })?;
+        let of = (job.depends_on(), picture.clone());
+        match images.iter_mut().find(|(known, _)| *known == of) {
             Some((_, tiles)) => tiles.push(job),
-            None => images.push((job.picture.clone(), vec![job])),
+            None => images.push((of, vec![job])),
         }
     }
     let is_file = arguments
@@ -60,10 +64,10 @@ pub fn run(arguments: &Arguments) -> Result<Exit, Failure> {
         true => arguments.output.clone(),
         false => arguments.output.join(&picture.scene).with_extension("exr"),
     };
-    for (k, (picture, _)) in images.iter().enumerate() {
+    for (k, ((_, picture), _)) in images.iter().enumerate() {
         if images[..k]
             .iter()
-            .any(|(other, _)| path_of(other) == path_of(picture))
+            .any(|((_, other), _)| path_of(other) == path_of(picture))
         {
             return Err(Failure::usage(format!(
                 "two images would be written to {}; merge them apart",
@@ -71,17 +75,17 @@ pub fn run(arguments: &Arguments) -> Result<Exit, Failure> {
             )));
         }
     }
-    for (picture, tiles) in &images {
+    for ((_, picture), tiles) in &images {
         super::render::check_apart(&[&path_of(picture)], &jobs::input_paths(tiles))?;
     }
     missing(images.iter().flat_map(|(_, tiles)| tiles), &results)?;
     let mut told = Vec::new();
-    for (picture, tiles) in &images {
+    for ((_, picture), tiles) in &images {
         let output = path_of(picture);
         if let Some(folder) = output.parent().filter(|_| !is_file) {
             terminal::make_folder(folder)?;
         }
-        let sums = merge(tiles, &results, &output)?;
+        let (sums, _) = merge(tiles, &results, &output)?;
         println!("{}", sums.line(&output, picture));
         told.push(sums.json(&output, picture));
     }
@@ -99,10 +103,7 @@ fn missing<'j>(jobs: impl Iterator<Item = &'j Job>, results: &Results) -> Result
     for job in jobs {
         all += 1;
         if results.find(job).is_none() {
-            found.push(format!(
-                "{} (tile {:?} of {})",
-                job.id, job.tile, job.picture.scene
-            ));
+            found.push(format!("{} ({})", job.id, job.what()));
         }
     }
     if found.is_empty() {
@@ -133,7 +134,7 @@ pub(super) struct Sums {
 }
 
 impl Sums {
-    fn add(&mut self, record: &Record) {
+    fn add(&mut self, record: &Rendered) {
         self.jobs += 1;
         self.rays += record.rays;
         self.render_s += record.render_s;
@@ -169,21 +170,39 @@ impl Sums {
     }
 }
 
-/// Writes the image of some jobs.
-pub(super) fn merge(jobs: &[Job], results: &Results, output: &Path) -> Result<Sums, Failure> {
-    let [first, ..] = jobs else {
+/// The tile that a job renders.
+fn tile(job: &Job) -> Option<(Tile, &Picture)> {
+    match &job.task {
+        Task::Render { tile, picture } => Some((*tile, picture)),
+        Task::Run { .. } => None,
+    }
+}
+
+/// Writes the image of some jobs, all of which render tiles of it.
+pub(super) fn merge<'j>(
+    jobs: &'j [Job],
+    results: &Results,
+    output: &Path,
+) -> Result<(Sums, &'j Picture), Failure> {
+    let mut sorted: Vec<(Tile, &Job)> = jobs
+        .iter()
+        .filter_map(|job| Some((tile(job)?.0, job)))
+        .collect();
+    let Some((picture, first)) = sorted
+        .first()
+        .and_then(|(_, job)| Some((tile(job)?.1, *job)))
+    else {
         return Err(Failure::usage("no jobs to merge"));
     };
-    let size = [first.picture.width, first.picture.height].map(|pixels| pixels as usize);
-    let mut sorted: Vec<&Job> = jobs.iter().collect();
-    sorted.sort_by_key(|job| (job.tile[1], job.tile[0]));
-    sorted.dedup_by_key(|job| &job.id);
+    let size = [picture.width, picture.height].map(|pixels| pixels as usize);
+    sorted.sort_by_key(|([x, y, ..], _)| (*y, *x));
+    sorted.dedup_by_key(|(_, job)| &job.id);
     let mut waiting = sorted.into_iter().peekable();
     let mut open: Vec<(Range<usize>, usize, Image)> = Vec::new();
     let mut sums = Sums::default();
     let (_, like) = results.image(first).map_err(Failure::environment)?;
     let rows = |range: Range<usize>| {
-        while let Some(job) = waiting.next_if(|job| (job.tile[1] as usize) < range.end) {
+        while let Some((tile, job)) = waiting.next_if(|([_, y, ..], _)| (*y as usize) < range.end) {
             let (record, image) = results.image(job).map_err(io::Error::other)?;
             if image.attributes() != like.attributes() {
                 let problem = format!(
@@ -193,7 +212,7 @@ pub(super) fn merge(jobs: &[Job], results: &Results, output: &Path) -> Result<Su
                 return Err(io::Error::other(problem));
             }
             sums.add(&record);
-            let [x, y, _, height] = job.tile.map(|pixels| pixels as usize);
+            let [x, y, _, height] = tile.map(|pixels| pixels as usize);
             open.push((y..y + height, x, image));
         }
         let band = band(range.clone(), size[0], &like, &open)?;
@@ -201,7 +220,7 @@ pub(super) fn merge(jobs: &[Job], results: &Results, output: &Path) -> Result<Su
         Ok(band)
     };
     exr_io::write_rows(output, &like, size, rows).map_err(Failure::environment)?;
-    Ok(sums)
+    Ok((sums, picture))
 }
 
 /// Some rows of the image, from the tiles that they cross.

@@ -1,7 +1,7 @@
 //! `plan`: divides images into jobs for other processes and machines.
 
 use super::SceneArguments;
-use crate::jobs::{self, Job, Picture, Program};
+use crate::jobs::{self, Inputs, Job, Picture, Program, Task};
 use crate::terminal::{self, Exit, Failure, write_json};
 use clap::Args;
 use serde_json::json;
@@ -106,38 +106,93 @@ pub(super) fn jobs(
         .into_result()
         .map_err(reported)?;
     let size = description.film.size;
-    let files = files(&description);
-    let base = sources.base();
-    // A relative path is relative to the base.
-    let movable = |path: &Path| path.starts_with(base) && (base.is_absolute() || path.is_relative());
-    if let Some(file) = files.iter().find(|file| !movable(file)) {
-        return Err(Failure::usage(format!(
-            "{}: names {} by an absolute path, which other machines need not have; name it relative to the scene",
-            scene.scene.display(),
-            file.display()
-        )));
-    }
-    let (folder, name, inputs) = jobs::inputs(&scene.scene, &files)?;
+    let files = files(&sources, Some(&description))?;
+    let parent = scene.scene.parent().unwrap_or(Path::new(""));
+    let inputs = Inputs::new(program, parent_or_here(parent), &files)?;
     let picture = Picture {
-        program: program.clone(),
-        scene: name,
-        inputs,
+        scene: inputs.name(&scene.scene)?,
         camera: scene.camera.clone(),
         overrides: scene.overrides.clone(),
         max_tree_rays: scene.max_tree_rays,
         width: size.width,
         height: size.height,
     };
+    let task = |tile| Task::Render {
+        tile,
+        picture: picture.clone(),
+    };
     let tiles = jobs::tiles(size, tile_size)?.into_iter();
-    Ok(tiles
-        .map(|tile| Job::new(picture.clone(), tile, folder.clone()))
-        .collect())
+    Ok(tiles.map(|tile| Job::new(&inputs, task(tile))).collect())
 }
 
-/// All files that a scene is read from.
-fn files(description: &Description<'_>) -> Vec<PathBuf> {
-    let scenes = description.sources.scene_files().map(Path::to_owned);
-    scenes.chain(description.flattened.files.clone()).collect()
+fn parent_or_here(path: &Path) -> &Path {
+    match path.as_os_str().is_empty() {
+        true => Path::new("."),
+        false => path,
+    }
+}
+
+/// All files that a scene is read from, as far as they are known: `description` is that of a scene
+/// without errors.
+fn files(sources: &Sources, description: Option<&Description<'_>>) -> Result<Vec<PathBuf>, Failure> {
+    let scenes = sources.scene_files().map(Path::to_owned);
+    let others = description.map_or_else(Vec::new, |description| description.flattened.files.clone());
+    let all: Vec<PathBuf> = scenes.chain(others).collect();
+    let base = sources.base();
+    // A relative path is relative to the base.
+    let movable = |path: &Path| path.starts_with(base) && (base.is_absolute() || path.is_relative());
+    if let Some(file) = all.iter().find(|file| !movable(file)) {
+        return Err(Failure::usage(format!(
+            "{}: names {} by an absolute path, which other machines need not have; name it relative to the scene",
+            sources.name(),
+            file.display()
+        )));
+    }
+    Ok(all)
+}
+
+/// The files of a scene for a command that reports the errors of scenes itself.
+pub(super) fn files_of(
+    scene: &Path,
+    overrides: &[String],
+    registry: &Registry,
+) -> Result<Vec<PathBuf>, Failure> {
+    let mut found = match Sources::load(scene, overrides, registry) {
+        Ok(sources) => {
+            let description = Description::parse(&sources).into_result();
+            files(&sources, description.ok().as_ref())?
+        }
+        Err(error) => files(&error.sources, None)?,
+    };
+    found.push(scene.to_owned());
+    Ok(found)
+}
+
+/// A path relative to the working folder, so that it leads to the same file in a copy of the inputs.
+pub(super) fn from_here(path: &Path) -> Result<String, Failure> {
+    let mut found = PathBuf::from(path);
+    if path.is_absolute() {
+        let here = std::env::current_dir().map_err(Failure::environment)?;
+        let common = here.ancestors().find(|folder| path.starts_with(folder));
+        let common = common.unwrap_or(Path::new("/"));
+        let up = here.strip_prefix(common).unwrap_or(Path::new("")).components();
+        found = up.map(|_| "..").collect();
+        found.push(path.strip_prefix(common).unwrap_or(path));
+    }
+    let text = found.to_str().map(str::to_owned);
+    text.ok_or_else(|| Failure::usage(format!("{}: the name is not valid UTF-8", path.display())))
+}
+
+/// A job that runs a command of this program in this working folder, with files.
+pub(super) fn command(
+    program: &Program,
+    files: &[PathBuf],
+    arguments: Vec<String>,
+) -> Result<Job, Failure> {
+    let here = Path::new(".");
+    let inputs = Inputs::new(program, here, files)?;
+    let folder = inputs.name(here)?;
+    Ok(Job::new(&inputs, Task::Run { folder, arguments }))
 }
 
 /// Runs the command.
@@ -176,7 +231,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         results: &results,
         count: all.len(),
         merged: match images {
-            1 => PathBuf::from(&all[0].picture.scene)
+            1 => arguments.scenes.paths[0]
                 .with_extension("exr")
                 .file_name()
                 .map(PathBuf::from)

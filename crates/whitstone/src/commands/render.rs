@@ -1,6 +1,6 @@
 //! `render`: renders a scene to an image file.
 
-use super::cluster::{self, Cluster};
+use super::cluster::{self, Batch, Cluster};
 use super::{SceneArguments, build_with, merge, plan};
 use crate::interrupt;
 use crate::jobs::{self, Program};
@@ -50,6 +50,8 @@ pub struct Arguments {
     without_specialization: bool,
     #[command(flatten)]
     cluster: Cluster,
+    #[command(flatten)]
+    tile: plan::TileSize,
     /// Write the image size, times and ray counts to this file as JSON; - means standard output
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -90,7 +92,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         })?;
         return on_cluster(arguments, &scene, exr, picture.as_deref(), &outputs, registry);
     }
-    if arguments.cluster.size.tile_size.is_some() {
+    if arguments.tile.tile_size.is_some() {
         return Err(Failure::usage(
             "--tile-size needs --cluster: one process renders no tiles of its own",
         ));
@@ -166,9 +168,8 @@ fn on_cluster(
     registry: &Registry,
 ) -> Result<Exit, Failure> {
     let target = &scene.target;
-    let tile_size = arguments.cluster.size.side();
+    let tile_size = arguments.tile.side();
     let jobs = plan::jobs(scene, tile_size, &Program::this()?, registry)?;
-    let image = &jobs[0].picture;
     check_apart(outputs, &jobs::input_paths(&jobs))?;
     for output in outputs {
         atomic::check(output).map_err(Failure::environment)?;
@@ -177,9 +178,17 @@ fn on_cluster(
     if scene.fresh {
         results.remove(&jobs);
     }
-    let installation = target.installation();
-    (arguments.cluster).run(&jobs, &results, target, &installation, arguments.threads)?;
-    let sums = merge::merge(&jobs, &results, exr)?;
+    (arguments.cluster).run(&mut Batch {
+        doing: "rendering",
+        jobs: &jobs,
+        results: &results,
+        target,
+        threads: arguments.threads,
+        mitsuba: None,
+        exclusive: false,
+        finished: &mut |_| (),
+    })?;
+    let (sums, image) = merge::merge(&jobs, &results, exr)?;
     results.remove(&jobs);
     println!("{}", sums.line(exr, image));
     if picture.is_some() || arguments.view.preview {

@@ -1,22 +1,29 @@
-//! `run-job`: renders one job of a file that `plan` wrote.
+//! `run-job`: runs one job of a file that `plan` wrote, or of a cluster.
 
-use super::{SceneArguments, Target, build_with};
+use super::{Command, SceneArguments, Target, build_with};
 use crate::interrupt;
-use crate::jobs::{Job, Program, Record, Results};
+use crate::jobs::{Job, Picture, Program, Record, Rendered, Results, Task, Tile};
 use crate::terminal::{self, Exit, Failure, write_json};
-use clap::Args;
-use serde_json::json;
+use clap::{Args, Parser};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::ffi::OsString;
+use std::fmt::Display;
+use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 use whitstone_core::{Registry, nearest};
-use whitstone_image::{Placement, atomic};
-use whitstone_render::RenderOptions;
+use whitstone_image::{Placement, atomic, exr_io};
+use whitstone_render::{Region, RenderOptions};
 
 /// Run one job of a file that `plan` wrote
 ///
-/// Writes the tile to ID.exr in the folder of results, and then a record of it to ID.json. A job
-/// whose result is complete is not run again. A job that was planned by another build of the
+/// Writes the tile to ID.exr in the folder of results, and then a record of it to ID.json. The
+/// result of a job of another command than `render` is in ID.result. A job whose result is complete
+/// is not run again. A job that was planned by another build of the
 /// program, or whose input files are missing or changed, is refused with exit code 3. Exit code 2
 /// says that the job itself cannot be rendered.
 #[derive(Args, Debug)]
@@ -47,6 +54,9 @@ pub struct Arguments {
     /// the available memory]
     #[arg(long, value_name = "GIB", value_parser = super::gib)]
     max_memory: Option<u64>,
+    /// Python with an installed Mitsuba, for jobs that need it [default: the private environment]
+    #[arg(long, value_name = "PYTHON")]
+    mitsuba: Option<PathBuf>,
     #[command(flatten)]
     target: Target,
     /// Read one job from standard input, and end as soon as standard input is closed: no process
@@ -67,7 +77,7 @@ pub(super) fn default_results(jobs: &Path) -> PathBuf {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
+pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<Exit, Failure> {
     if arguments.program {
         write_json(Path::new(terminal::STDOUT), &json!(Program::this()?))?;
         return Ok(Exit::Pass);
@@ -93,12 +103,33 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     let results = Results(results);
     let (record, word) = match results.find(&job) {
         Some(record) => (record, "was finished before"),
-        None => (render(&job, &results, arguments, registry)?, "is finished"),
+        None => {
+            let inputs = arguments.inputs.as_ref().unwrap_or(&job.folder);
+            job.check(inputs)?;
+            // Before the work.
+            atomic::check(results.0.join(&job.outputs[0])).map_err(Failure::environment)?;
+            let record = match &job.task {
+                Task::Render { tile, picture } => {
+                    render(&job, *tile, picture, inputs, &results, arguments, registry)?
+                }
+                Task::Run {
+                    folder,
+                    arguments: words,
+                } => {
+                    let folder = inputs.join(folder);
+                    command(&job, words, &folder, &results, arguments, registry, program)?
+                }
+            };
+            (record, "is finished")
+        }
     };
-    println!(
-        "job {} {word}: {} rays in {:.3} s, built in {:.3} s",
-        job.id, record.rays, record.render_s, record.build_s
-    );
+    match &record.tile {
+        Some(tile) => println!(
+            "job {} {word}: {} rays in {:.3} s, built in {:.3} s",
+            job.id, tile.rays, tile.render_s, tile.build_s
+        ),
+        None => println!("job {} {word}: {:.3} s", job.id, record.seconds),
+    }
     if let Some(path) = &arguments.json {
         write_json(path, &json!(record))?;
     }
@@ -152,35 +183,37 @@ fn pick(path: &Path, arguments: &Arguments) -> Result<Job, Failure> {
 
 fn render(
     job: &Job,
+    tile: Tile,
+    picture: &Picture,
+    inputs: &Path,
     results: &Results,
     arguments: &Arguments,
     registry: &Registry,
 ) -> Result<Record, Failure> {
-    let inputs = arguments.inputs.as_ref().unwrap_or(&job.folder);
-    job.check(inputs)?;
-    // Before the work.
-    atomic::check(results.0.join(&job.outputs[0])).map_err(Failure::environment)?;
+    let start = Instant::now();
+    let [x, y, width, height] = tile;
+    let region = Region { x, y, width, height };
     let scene = SceneArguments {
-        scene: inputs.join(&job.picture.scene),
-        camera: job.picture.camera.clone(),
-        overrides: job.picture.overrides.clone(),
+        scene: inputs.join(&picture.scene),
+        camera: picture.camera.clone(),
+        overrides: picture.overrides.clone(),
         root: None,
         max_memory: arguments.max_memory,
-        max_tree_rays: job.picture.max_tree_rays,
+        max_tree_rays: picture.max_tree_rays,
         target: arguments.target.clone(),
         fresh: false,
     };
-    let (pipeline, ()) = build_with(&scene, registry, Some(job.region()), |_| ())?;
+    let (pipeline, ()) = build_with(&scene, registry, Some(region), |_| ())?;
     let size = pipeline.film.size;
-    if [size.width, size.height] != [job.picture.width, job.picture.height] {
+    if [size.width, size.height] != [picture.width, picture.height] {
         return Err(Failure::usage(format!(
             "job {}: planned for an image of {} x {} pixels, but the scene has {} x {}",
-            job.id, job.picture.width, job.picture.height, size.width, size.height
+            job.id, picture.width, picture.height, size.width, size.height
         )));
     }
     let watching = interrupt::Watching::new();
     let film = pipeline.render(RenderOptions {
-        region: Some(job.region()),
+        region: Some(region),
         threads: arguments.threads,
         progress: Some(&|_, _| match interrupt::stop().is_requested() {
             true => ControlFlow::Break(()),
@@ -195,16 +228,13 @@ fn render(
         });
     }
     drop(watching);
-    let record = Record {
-        id: job.id.clone(),
-        hash: String::new(),
+    let rendered = Rendered {
         build_s: pipeline.build_seconds,
         render_s: film.render_seconds,
         rays: film.counters.total(),
         not_finite: film.not_finite(),
     };
     let mut image = film.into_image(&pipeline.scene_hash).map_err(Failure::usage)?;
-    let [x, y, ..] = job.tile;
     // The format ends far below 2^31.
     image.set_placement(Placement {
         x: x as i32,
@@ -212,6 +242,172 @@ fn render(
         frame_width: size.width as usize,
         frame_height: size.height as usize,
     });
-    results.write(job, &image, &record)?;
-    Ok(record)
+    let bytes = exr_io::encode(&image).map_err(Failure::environment)?;
+    results.write(job, &bytes, start.elapsed().as_secs_f64(), Some(rendered))
+}
+
+/// The result of a job that runs a command.
+#[derive(Deserialize, Serialize)]
+pub(super) struct Output {
+    /// What the command writes for `--json`.
+    json: Value,
+    /// The pictures of the cases of `validate`.
+    pictures: Value,
+}
+
+impl Output {
+    /// Reads the result of a job.
+    pub(super) fn read<T: DeserializeOwned>(results: &Results, job: &Job) -> Result<(T, Value), Failure> {
+        let broken = |problem: &dyn Display| Failure::environment(format!("job {}: {problem}", job.id));
+        let loaded = results.load(job);
+        let (_, bytes) = loaded.ok_or_else(|| broken(&"no complete result"))?;
+        let output: Self = serde_json::from_slice(&bytes).map_err(|error| broken(&error))?;
+        let json = serde_json::from_value(output.json).map_err(|error| broken(&error))?;
+        Ok((json, output.pictures))
+    }
+}
+
+/// Runs a command of this program in a folder.
+fn command(
+    job: &Job,
+    words: &[String],
+    folder: &Path,
+    results: &Results,
+    arguments: &Arguments,
+    registry: &Registry,
+    program: &str,
+) -> Result<Record, Failure> {
+    let start = Instant::now();
+    // The results stay where they are, seen from the other folder.
+    let results = Results(std::path::absolute(&results.0).map_err(Failure::environment)?);
+    let scratch = tempfile::tempdir().map_err(Failure::environment)?;
+    let json = scratch.path().join("results.json");
+    let mitsuba = arguments.mitsuba.as_ref().map(std::path::absolute).transpose();
+    let mitsuba = mitsuba.map_err(Failure::usage)?;
+    let command = parse(words, &json, arguments.threads, mitsuba.as_deref(), scratch.path(), program)
+        .map_err(|problem| Failure::usage(format!("job {}: {problem}", job.id)))?;
+    // A copy of the inputs has it only if one of them is in it.
+    terminal::make_folder(folder)?;
+    std::env::set_current_dir(folder)
+        .map_err(|error| Failure::environment(format!("{}: {error}", folder.display())))?;
+    let done = command.run(registry, program);
+    if let Err(failure @ Failure::Interrupted { .. }) = done {
+        return Err(failure);
+    }
+    let Ok(text) = fs::read_to_string(&json) else {
+        return Err(done.err().unwrap_or_else(|| Failure::environment("the command wrote no results")));
+    };
+    let pictures = fs::read_to_string(scratch.path().join("validate/pictures.json"));
+    let read = |text: &str| serde_json::from_str(text).map_err(Failure::environment);
+    let output = Output {
+        json: read(&text)?,
+        pictures: pictures.map_or(Ok(Value::Null), |text| read(&text))?,
+    };
+    let bytes = serde_json::to_vec(&output).map_err(Failure::environment)?;
+    results.write(job, &bytes, start.elapsed().as_secs_f64(), None)
+}
+
+/// The command of a job. Whatever the job says, it writes no file but `json` and those in `scratch`,
+/// and starts no program but the reference.
+fn parse(
+    words: &[String],
+    json: &Path,
+    threads: usize,
+    mitsuba: Option<&Path>,
+    scratch: &Path,
+    program: &str,
+) -> Result<Command, String> {
+    let mut all: Vec<OsString> = vec![program.into()];
+    all.extend(words.iter().map(OsString::from));
+    all.extend(["--json".into(), json.into()]);
+    if words.first().is_none_or(|name| name != "stress") {
+        all.extend(["--threads".into(), threads.to_string().into()]);
+    }
+    let parsed = super::Arguments::try_parse_from(all).map_err(|error| error.to_string())?;
+    let mut command = parsed.command;
+    let is_part = match &mut command {
+        Command::Validate(arguments) => arguments.be_part(scratch, mitsuba),
+        #[cfg(feature = "stress")]
+        Command::Stress(arguments) => arguments.be_part(scratch, mitsuba),
+        #[cfg(feature = "converge")]
+        Command::Converge(arguments) => arguments.be_part(scratch, mitsuba),
+        _ => false,
+    };
+    match is_part {
+        true => Ok(command),
+        false => Err(format!("`{}` is no part of a command", words.join(" "))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn jobs_write_no_other_files_and_start_no_programs() {
+        let parse = |words: &[&str]| {
+            let words: Vec<String> = words.iter().map(|word| (*word).to_owned()).collect();
+            let scratch = Path::new("scratch");
+            parse(&words, &scratch.join("x.json"), 1, None, scratch, "whitstone").err()
+        };
+        assert_eq!(parse(&["validate", "a.toml", "--set", "camera.fov=30"]), None);
+        for words in [
+            &["render", "a.toml", "-o", "/x.exr"][..],
+            &["compare", "a.exr", "b.exr"],
+            &["run-job", "a.jsonl"],
+            &["validate", "a.toml", "--junit", "/x.xml"],
+            &["validate", "a.toml", "--json", "/x.json"],
+            &["validate", "a.toml", "--target", "/x"],
+            &["validate", "a.toml", "--subject", "x={command='rm'}"],
+            &["validate", "a.toml", "--mitsuba", "/x"],
+            &["validate", "a.toml", "--drivers", "/x"],
+            &["validate", "a.toml", "--cluster", "local"],
+            &[],
+        ] {
+            assert!(parse(words).is_some(), "{words:?}");
+        }
+    }
+
+    #[cfg(feature = "stress")]
+    #[test]
+    fn families_write_no_other_files() {
+        let parse = |more: &[&str]| {
+            let words = ["stress", "planet"].iter().chain(more);
+            let words: Vec<String> = words.map(|word| (*word).to_owned()).collect();
+            let scratch = Path::new("scratch");
+            parse(&words, &scratch.join("x.json"), 1, None, scratch, "whitstone").err()
+        };
+        assert_eq!(parse(&["--quick"]), None);
+        for more in [
+            &["--plots", "/x"][..],
+            &["--page", "/x"],
+            &["--target", "/x"],
+            &["--kernel", "rm"],
+            &["--cluster", "local"],
+        ] {
+            assert!(parse(more).is_some(), "{more:?}");
+        }
+    }
+
+    #[cfg(feature = "converge")]
+    #[test]
+    fn studies_write_no_other_files() {
+        let parse = |more: &[&str]| {
+            let words = ["converge", "a.toml"].iter().chain(more);
+            let words: Vec<String> = words.map(|word| (*word).to_owned()).collect();
+            let scratch = Path::new("scratch");
+            parse(&words, &scratch.join("x.json"), 1, None, scratch, "whitstone").err()
+        };
+        assert_eq!(parse(&["--no-mitsuba"]), None);
+        for more in [
+            &["--plots", "/x"][..],
+            &["--page", "/x"],
+            &["--csv", "/x"],
+            &["--target", "/x"],
+            &["--subject", "x={command='rm'}"],
+            &["--cluster", "local"],
+        ] {
+            assert!(parse(more).is_some(), "{more:?}");
+        }
+    }
 }

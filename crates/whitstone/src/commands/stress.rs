@@ -1,9 +1,11 @@
 //! `stress`: parameter sweeps over ill-conditioned and extreme cases.
 
 mod kernel;
+mod parts;
 mod search;
 mod unfinished;
 
+use super::cluster::Cluster;
 use super::page::{self, Marks};
 use super::report;
 use super::{Drivers, Target};
@@ -67,7 +69,7 @@ pub struct Arguments {
     /// Instead of the steps, search for the worst case of each family: random values of its
     /// parameter and random rays, and small changes of the worst ones so far. Only Whitstone and
     /// the oracle take part
-    #[arg(long, conflicts_with_all = ["steps", "json", "plots", "page", "rays"])]
+    #[arg(long, conflicts_with_all = ["steps", "json", "plots", "page", "rays", "cluster"])]
     search: bool,
     /// Number of questions of a search, over all families
     #[arg(long, default_value_t = 100_000, value_name = "COUNT", requires = "search", value_parser = clap::value_parser!(u64).range(1..))]
@@ -92,15 +94,35 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     page: Vec<PathBuf>,
     #[command(flatten)]
+    cluster: Cluster,
+    #[command(flatten)]
     target: Target,
     #[command(flatten)]
     drivers: Drivers,
     /// Judge the kernel that this program and its arguments implement, which must come last
-    #[arg(long, value_name = "PROGRAM", num_args = 1.., allow_hyphen_values = true, conflicts_with_all = ["families", "quick", "steps", "plots", "page", "list"])]
+    #[arg(long, value_name = "PROGRAM", num_args = 1.., allow_hyphen_values = true, conflicts_with_all = ["families", "quick", "steps", "plots", "page", "list", "cluster"])]
     kernel: Vec<OsString>,
     /// Time limit for one step of Mitsuba or one answer of a kernel, in seconds
     #[arg(long, default_value_t = 120, value_name = "SECONDS")]
     time_limit: u64,
+}
+
+impl Arguments {
+    /// Makes this a part of another command, with its files in a folder; returns false if it would
+    /// write other files or start other programs.
+    pub(super) fn be_part(&mut self, scratch: &Path, mitsuba: Option<&Path>) -> bool {
+        self.target.be_part(scratch)
+            && self.drivers.be_part(mitsuba)
+            && self.plots.is_none()
+            && self.page.is_empty()
+            && self.kernel.is_empty()
+            && self.cluster.cluster.is_none()
+    }
+
+    /// Number of queries at each step.
+    fn rays(&self) -> u32 {
+        if self.quick { 60 } else { self.rays }
+    }
 }
 
 /// Runs the command.
@@ -122,44 +144,10 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     if arguments.search {
         return search::run(arguments, &families, registry);
     }
-    let mitsuba = match arguments.no_mitsuba {
-        true => None,
-        false => Some(mitsuba(arguments)?),
+    let reports = match arguments.cluster.cluster {
+        Some(_) => parts::measure(arguments, &families, registry)?,
+        None => measure(arguments, &families, registry)?,
     };
-    let rays = if arguments.quick {
-        60
-    } else {
-        arguments.rays as usize
-    };
-    let lab = Lab::new(registry, mitsuba, rays);
-    let steps: usize = families.iter().map(|family| family.parameters().len()).sum();
-    let bar = progress(steps as u64, "stress");
-    let engines: Vec<Engine> = lab.engines().collect();
-    let settings = format!("{rays} rays, {engines:?}, Mitsuba: {}", !arguments.no_mitsuba);
-    let mut unfinished = Unfinished::new(arguments.target.folder(), &settings, arguments.fresh);
-    let mut reports = Vec::new();
-    for family in families {
-        let name = family.about().name;
-        if let Some(report) = unfinished.find(name) {
-            bar.inc(report.parameters.len() as u64);
-            bar.suspend(|| {
-                print(report, &engines, arguments.steps, reports.is_empty());
-                eprintln!("  {name}: result of an interrupted run; use --fresh to measure it again");
-            });
-            reports.push(report.clone());
-            continue;
-        }
-        let report_step = |parameter: f64| {
-            bar.set_message(format!("{name} at {parameter:.0e}"));
-            bar.inc(1);
-        };
-        let report = FamilyReport::measure(family, &lab, &report_step).map_err(Failure::environment)?;
-        bar.suspend(|| print(&report, &engines, arguments.steps, reports.is_empty()));
-        unfinished.add(report.clone())?;
-        reports.push(report);
-    }
-    bar.finish_and_clear();
-    unfinished.end();
     report::keep_stress(arguments.target.folder(), reports.iter().map(diagram).collect())?;
     if let Some(path) = &arguments.json {
         write_json(path, &json!({ "families": reports }))?;
@@ -184,6 +172,49 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     } else {
         Exit::Differs
     })
+}
+
+/// Measures families, and prints each result.
+fn measure(
+    arguments: &Arguments,
+    families: &[&'static dyn Family],
+    registry: &Registry,
+) -> Result<Vec<FamilyReport>, Failure> {
+    let mitsuba = match arguments.no_mitsuba {
+        true => None,
+        false => Some(mitsuba(arguments)?),
+    };
+    let rays = arguments.rays() as usize;
+    let lab = Lab::new(registry, mitsuba, rays);
+    let steps: usize = families.iter().map(|family| family.parameters().len()).sum();
+    let bar = progress(steps as u64, "stress");
+    let engines: Vec<Engine> = lab.engines().collect();
+    let settings = format!("{rays} rays, {engines:?}, Mitsuba: {}", !arguments.no_mitsuba);
+    let mut unfinished = Unfinished::new(arguments.target.folder(), &settings, arguments.fresh);
+    let mut reports = Vec::new();
+    for family in families {
+        let name = family.about().name;
+        if let Some(report) = unfinished.find(name) {
+            bar.inc(report.parameters.len() as u64);
+            bar.suspend(|| {
+                print(report, &engines, arguments.steps, reports.is_empty());
+                eprintln!("  {name}: result of an interrupted run; use --fresh to measure it again");
+            });
+            reports.push(report.clone());
+            continue;
+        }
+        let report_step = |parameter: f64| {
+            bar.set_message(format!("{name} at {parameter:.0e}"));
+            bar.inc(1);
+        };
+        let report = FamilyReport::measure(*family, &lab, &report_step).map_err(Failure::environment)?;
+        bar.suspend(|| print(&report, &engines, arguments.steps, reports.is_empty()));
+        unfinished.add(report.clone())?;
+        reports.push(report);
+    }
+    bar.finish_and_clear();
+    unfinished.end();
+    Ok(reports)
 }
 
 /// The diagram of a family for the report.

@@ -1,9 +1,11 @@
 //! `validate`: compares scenes with a reference and writes a report.
 
+mod parts;
 mod several;
 
 use super::junit::{self, Case, Outcome};
 use super::report;
+use super::cluster::Cluster;
 use super::{Drivers, Target};
 use crate::interrupt;
 use crate::terminal::{self, Exit, Failure, keep_moving, progress, set_message, verdict_word};
@@ -85,6 +87,8 @@ pub struct Arguments {
     /// Treat confirmed as a failure: the reference itself must agree
     #[arg(long)]
     strict: bool,
+    #[command(flatten)]
+    cluster: Cluster,
     /// Also write the results to this file as JSON; - means standard output
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -264,8 +268,25 @@ impl Scenes {
     }
 }
 
+impl Arguments {
+    /// Makes this a part of another command, with its files in a folder; returns false if it would
+    /// write other files or start other programs.
+    pub(super) fn be_part(&mut self, scratch: &Path, mitsuba: Option<&Path>) -> bool {
+        self.scenes.target.be_part(scratch)
+            && self.scenes.drivers.be_part(mitsuba)
+            && self.junit.is_none()
+            && self.subject.is_empty()
+            && self.cluster.cluster.is_none()
+    }
+}
+
 /// Runs the command.
 pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<Exit, Failure> {
+    if arguments.cluster.cluster.is_some() && !arguments.subject.is_empty() {
+        return Err(Failure::usage(
+            "--cluster does not run subjects: their commands run only where they are named",
+        ));
+    }
     if arguments.subject.len() > 1 {
         return several::run(arguments, registry, program);
     }
@@ -276,7 +297,10 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     )?;
     let subject = arguments.subject.first();
     let subject = subject.map(|name| find(arguments, name, registry)).transpose()?;
-    let done = validate(arguments, registry, program, &scenes, subject, &|_, _| ())?;
+    let done = match arguments.cluster.cluster {
+        Some(_) => parts::validate(arguments, registry, program, &scenes)?,
+        None => validate(arguments, registry, program, &scenes, subject, &|_, _| ())?,
+    };
     let results = &done.results;
     report::write(
         results,

@@ -1,0 +1,192 @@
+//! `validate --cluster`: each scene is a job.
+
+use super::{Arguments, Done, ReferenceMode, TIME_LIMIT, print_case, print_header, print_row, print_skipped};
+use crate::commands::cluster::{self, Batch};
+use crate::commands::plan;
+use crate::commands::run_job::Output;
+use crate::jobs::{self, Job, Program};
+use crate::terminal::Failure;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+use whitstone_core::Registry;
+use whitstone_validate::matrix::{self, Tally};
+use whitstone_validate::{
+    CaseResult, Mode, Pictures, Provenance, REFERENCES, Results, Status, Summary, scene_key, stored_folder,
+};
+
+/// Validates scenes on a cluster, and prints each result as it arrives.
+pub(super) fn validate(
+    arguments: &Arguments,
+    registry: &Registry,
+    program: &str,
+    scenes: &[PathBuf],
+) -> Result<Done, Failure> {
+    let start = Instant::now();
+    let all = &arguments.scenes;
+    all.drivers.check_built_in()?;
+    let root = all.options(program).scenes;
+    let identity = Program::this()?;
+    let mut planned = Vec::new();
+    for scene in scenes {
+        let mut files = plan::files_of(scene, &all.overrides, registry)?;
+        if all.reference.parts().1 != Mode::Live {
+            files.extend(stored(scene, &root, &all.references)?);
+        }
+        planned.push(plan::command(&identity, &files, words(arguments, scene)?)?);
+    }
+    if let Some(path) = &arguments.json {
+        super::super::render::check_apart(&[path], &jobs::input_paths(&planned))?;
+    }
+    let results = cluster::results(&all.target)?;
+    if all.fresh {
+        results.remove(&planned);
+    }
+    print_header();
+    let mut parts: Vec<Option<Results>> = scenes.iter().map(|_| None).collect();
+    let mut problem = None;
+    let finished = &mut |job: &Job| {
+        for (k, _) in planned.iter().enumerate().filter(|(_, one)| one.id == job.id) {
+            match read(&results, job, scene_key(&scenes[k], &root)) {
+                Ok(part) => {
+                    print(&part);
+                    parts[k] = Some(part);
+                }
+                Err(found) => problem = Some(found),
+            }
+        }
+    };
+    arguments.cluster.run(&mut Batch {
+        doing: "validating",
+        jobs: &planned,
+        results: &results,
+        target: &all.target,
+        threads: all.threads,
+        mitsuba: all.drivers.mitsuba.as_deref(),
+        exclusive: false,
+        finished,
+    })?;
+    if let Some(problem) = problem {
+        return Err(problem);
+    }
+    let done = together(parts.into_iter().flatten().collect(), start.elapsed().as_secs_f64());
+    results.remove(&planned);
+    Ok(done)
+}
+
+/// The results of one scene from the result of its job.
+fn read(results: &jobs::Results, job: &Job, scene: String) -> Result<Results, Failure> {
+    let (mut part, pictures): (Results, _) = Output::read(results, job)?;
+    let pictures: Vec<(String, Option<Pictures>)> =
+        serde_json::from_value(pictures).map_err(Failure::environment)?;
+    for (case, (_, pictures)) in part.results.iter_mut().zip(pictures) {
+        case.pictures = pictures;
+    }
+    // A scene outside the folder of scenes is named by its path, which differs on the worker.
+    let names = part.results.iter_mut().map(|case| &mut case.scene);
+    let names = names.chain(part.skipped.iter_mut().map(|left| &mut left.scene));
+    let names = names.chain(part.matrix.iter_mut().map(|cell| &mut cell.scene));
+    names.for_each(|name| name.clone_from(&scene));
+    Ok(part)
+}
+
+/// One result of all scenes.
+fn together(parts: Vec<Results>, seconds: f64) -> Done {
+    let mut references: Vec<String> = Vec::new();
+    let mut provenance = Provenance {
+        whitstone: env!("CARGO_PKG_VERSION").to_owned(),
+        threads: 1,
+        mitsuba: None,
+        povray: None,
+    };
+    let (mut results, mut skipped, mut matrix) = (Vec::new(), Vec::new(), Vec::new());
+    for part in parts {
+        if !references.contains(&part.summary.references) {
+            references.push(part.summary.references);
+        }
+        provenance.threads = part.provenance.threads;
+        provenance.mitsuba = provenance.mitsuba.or(part.provenance.mitsuba);
+        provenance.povray = provenance.povray.or(part.provenance.povray);
+        results.extend(part.results);
+        skipped.extend(part.skipped);
+        matrix.extend(part.matrix);
+    }
+    let results = Results {
+        summary: Summary {
+            skipped: skipped.len(),
+            matrix: Tally::of(&matrix),
+            ..Summary::of(&results, references.join(", "), seconds)
+        },
+        provenance,
+        results,
+        skipped,
+        matrix,
+    };
+    Done {
+        results,
+        broken: None,
+    }
+}
+
+fn print(part: &Results) {
+    let is_of_matrix = |case: &&CaseResult| case.config != "default";
+    part.skipped.iter().for_each(print_skipped);
+    part.results
+        .iter()
+        .filter(|case| !is_of_matrix(case))
+        .for_each(print_case);
+    matrix::rows(&part.matrix).iter().for_each(print_row);
+    part.results
+        .iter()
+        .filter(is_of_matrix)
+        .filter(|case| case.status != Some(Status::Pass))
+        .for_each(print_case);
+}
+
+/// The files of the stored references of a scene.
+fn stored(scene: &Path, root: &Path, references: &Path) -> Result<Vec<PathBuf>, Failure> {
+    let folder = stored_folder(scene, root, references);
+    let mut found = Vec::new();
+    if folder.is_dir() {
+        for entry in std::fs::read_dir(&folder).map_err(Failure::usage)? {
+            let path = entry.map_err(Failure::usage)?.path();
+            if path.is_file() {
+                found.push(path);
+            }
+        }
+    }
+    Ok(found)
+}
+
+/// The command of one scene.
+fn words(arguments: &Arguments, scene: &Path) -> Result<Vec<String>, Failure> {
+    let all = &arguments.scenes;
+    let mut words = vec!["validate".to_owned(), plan::from_here(scene)?];
+    let mut add = |flag: &str, value: String| words.extend([flag.to_owned(), value]);
+    all.overrides
+        .iter()
+        .for_each(|change| add("--set", change.clone()));
+    arguments
+        .ours
+        .iter()
+        .for_each(|change| add("--ours", change.clone()));
+    if all.reference != ReferenceMode::Auto {
+        add("--reference", all.reference.name());
+    }
+    if all.references != Path::new(REFERENCES) {
+        add("--references", plan::from_here(&all.references)?);
+    }
+    if all.time_limit != TIME_LIMIT {
+        add("--time-limit", all.time_limit.to_string());
+    }
+    if !arguments.no_oracle {
+        add("--oracle-time", arguments.oracle_time.to_string());
+    }
+    let switches = [
+        ("--matrix", arguments.matrix),
+        ("--oracle", arguments.oracle),
+        ("--no-oracle", arguments.no_oracle),
+    ];
+    let on = switches.iter().filter(|(_, on)| *on);
+    words.extend(on.map(|(flag, _)| (*flag).to_owned()));
+    Ok(words)
+}
