@@ -2,11 +2,14 @@
 //! scheduler goes away: the image has the bytes of one process, and nothing is done twice.
 #![cfg(unix)]
 
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
-use whitstone_tests::{dask, entries, root};
+use whitstone_tests::{dask, entries, root, skipped};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_whitstone-under-test");
 
@@ -95,20 +98,33 @@ impl Cluster {
 
     fn address(&self) -> Option<String> {
         let text = fs::read_to_string(self.file()).ok()?;
-        let value: serde_json::Value = serde_json::from_str(&text).ok()?;
+        let value: Value = serde_json::from_str(&text).ok()?;
         Some(value["address"].as_str()?.to_owned())
     }
 
     /// Starts a worker that finds `program` as its Whitstone.
     fn worker(&self, program: &Path) -> Process {
+        self.worker_in(program, &self.at("workers"))
+    }
+
+    /// Starts a worker with its files in a folder.
+    fn worker_in(&self, program: &Path, folder: &Path) -> Process {
         let mut command = self.dask("worker");
         command
             .args(["--no-nanny", "--nthreads", "1", "--scheduler-file"])
             .arg(self.file())
             .arg("--local-directory")
-            .arg(self.at("workers"))
+            .arg(folder)
             .env("WHITSTONE", program);
         Process::start(&mut command)
+    }
+
+    /// The arguments that run a command on this cluster.
+    fn on_it(&self) -> Vec<OsString> {
+        let mut words = vec![OsString::from("--cluster"), self.address().unwrap().into()];
+        words.extend(["--dask".into(), self.python.clone().into()]);
+        words.extend(["--target".into(), self.at("target").into()]);
+        words
     }
 
     /// Starts the rendering of an image in 12 tiles, each of which takes some tenths of a second.
@@ -239,6 +255,184 @@ fn lost_late_and_foreign_workers_change_nothing() {
     wait_until("end of the jobs of lost workers", || !cluster.runs_jobs());
 }
 
+/// The values that do not depend on time and place, by their paths.
+fn lasting(value: &Value, path: &str, found: &mut BTreeMap<String, Value>) {
+    match value {
+        Value::Object(map) => {
+            for (key, value) in map {
+                let is_time = key.ends_with("_s") || key == "seconds" || key == "ns_per_op";
+                if !is_time && key != "threads" {
+                    lasting(value, &format!("{path}.{key}"), found);
+                }
+            }
+        }
+        Value::Array(values) => {
+            for (k, value) in values.iter().enumerate() {
+                lasting(value, &format!("{path}.{k}"), found);
+            }
+        }
+        value => drop(found.insert(path.to_owned(), value.clone())),
+    }
+}
+
+/// Runs a command here and on a cluster, of which a worker is killed; both have the same results
+/// and the same exit code.
+fn same_results(cluster: &mut Cluster, folder: &Path, words: &[&str], code: i32) {
+    let _scheduler = cluster.scheduler();
+    let good = Path::new(PROGRAM);
+    let (killed, _other) = (cluster.worker(good), cluster.worker(good));
+    let json = ["here.json", "there.json"].map(|name| cluster.at(name));
+    let command = |json: &Path| {
+        let mut command = Command::new(PROGRAM);
+        command
+            .current_dir(folder)
+            .args(words)
+            .arg("--json")
+            .arg(json)
+            .env("RUST_BACKTRACE", "0")
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped());
+        command
+    };
+    let there = command(&json[1]).args(cluster.on_it()).spawn().unwrap();
+    wait_until("first results", || cluster.finished() >= 1);
+    killed.send("-KILL");
+    let there = there.wait_with_output().unwrap();
+    assert_eq!(there.status.code(), Some(code), "{}", cluster.told(&there));
+    assert!(entries(&cluster.at("target/jobs")).is_empty());
+    let here = command(&json[0]).output().unwrap();
+    assert_eq!(here.status.code(), Some(code), "{}", cluster.told(&here));
+    let [here, there] = json.map(|path| {
+        let value = serde_json::from_slice(&fs::read(path).unwrap()).unwrap();
+        let mut found = BTreeMap::new();
+        lasting(&value, "", &mut found);
+        found
+    });
+    let other = here.iter().find(|(path, value)| there.get(*path) != Some(value));
+    assert!(other.is_none(), "{other:?}");
+    assert_eq!(here.len(), there.len());
+}
+
+#[test]
+fn validation_on_a_cluster_has_the_results_of_one_process() {
+    let Some(python) = dask() else { return };
+    let mut cluster = Cluster::new(&python);
+    let common = ["validate", "--threads=1", "--reference=stored"];
+    let words = [&common[..], &["scenes/shapes", "--matrix"]].concat();
+    same_results(&mut cluster, &root(), &words, 0);
+    // Pictures travel too.
+    let page = fs::read_to_string(cluster.at("target/validate/index.html")).unwrap();
+    assert!(page.contains("data:image/png"), "no pictures");
+    // A scene with an error, or without a reference, is one result among others.
+    let folder = cluster.folder.path().to_owned();
+    fs::write(folder.join("wrong.toml"), "[camera]\ntype = \"perspectiv\"\n").unwrap();
+    fs::copy(root().join("scenes/shapes/sphere.toml"), folder.join("new.toml")).unwrap();
+    let words = [&common[..], &["new.toml", "wrong.toml"]].concat();
+    same_results(&mut cluster, &folder, &words, 2);
+}
+
+#[test]
+fn families_on_a_cluster_have_the_results_of_one_process() {
+    let Some(python) = dask() else { return };
+    let mut cluster = Cluster::new(&python);
+    let words = [
+        "stress",
+        "planet",
+        "telephoto",
+        "thin_pane",
+        "--quick",
+        "--no-mitsuba",
+    ];
+    same_results(&mut cluster, &root(), &words, 0);
+}
+
+#[test]
+fn studies_on_a_cluster_have_the_errors_of_one_process() {
+    let Some(python) = dask() else { return };
+    let cluster = Cluster::new(&python);
+    let json = cluster.at("converge.json");
+    let output = Command::new(PROGRAM)
+        .current_dir(root())
+        .args(["converge", "patterns", "--quick", "--cluster", "local", "--dask"])
+        .arg(&python)
+        .arg("--target")
+        .arg(cluster.at("target"))
+        .arg("--json")
+        .arg(&json)
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", cluster.told(&output));
+    let value: Value = serde_json::from_slice(&fs::read(json).unwrap()).unwrap();
+    let study = &value["studies"][0];
+    assert_eq!(study["study"], "patterns");
+    let points = study["series"][0]["points"].as_array().unwrap();
+    assert!(points.iter().all(|point| point["rmse"].as_f64().is_some()));
+}
+
+#[test]
+fn jobs_end_when_nobody_waits_for_them() {
+    let Some(python) = dask() else { return };
+    let mut cluster = Cluster::new(&python);
+    let _scheduler = cluster.scheduler();
+    let _worker = cluster.worker(Path::new(PROGRAM));
+    let address = cluster.address().unwrap();
+    // One job of some minutes.
+    let long = ["--set", "sampler.samples_per_axis=1000", "--job-time", "1000"];
+    let rendering = cluster.render(&address, &long);
+    wait_until("a running job", || cluster.runs_jobs());
+    let id = rendering.id().to_string();
+    assert!(
+        Command::new("kill")
+            .args(["-INT", &id])
+            .status()
+            .unwrap()
+            .success()
+    );
+    let output = rendering.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130), "{}", cluster.told(&output));
+    wait_until("end of the jobs", || !cluster.runs_jobs());
+}
+
+/// A worker that can store nothing is not used; the other one does all jobs.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_worker_with_a_full_disk_is_not_used() {
+    let Some(python) = dask() else { return };
+    let mut cluster = Cluster::new(&python);
+    let full = cluster.at("full");
+    fs::create_dir(&full).unwrap();
+    let mounted = Command::new("mount")
+        .args(["-t", "tmpfs", "-o", "size=2m", "tmpfs"])
+        .arg(&full)
+        .stderr(Stdio::null())
+        .status()
+        .is_ok_and(|status| status.success());
+    if !mounted {
+        return skipped("a full disk: this user cannot mount a file system");
+    }
+    struct Mounted(PathBuf);
+    impl Drop for Mounted {
+        fn drop(&mut self) {
+            let _ = Command::new("umount").arg("-l").arg(&self.0).status();
+        }
+    }
+    let _mounted = Mounted(full.clone());
+    let whole = whole(cluster.folder.path());
+    let _scheduler = cluster.scheduler();
+    let good = Path::new(PROGRAM);
+    let _bad = cluster.worker_in(good, &full);
+    let address = cluster.address().unwrap();
+    wait_until("files of the worker", || !entries(&full).is_empty());
+    // Nothing is left for files of jobs.
+    let _ = fs::write(full.join("filler"), vec![0; 2 << 20]);
+    let rendering = cluster.render(&address, &["--retries", "0"]);
+    wait_until("connection", || cluster.at("target/cluster.log").exists());
+    std::thread::sleep(Duration::from_secs(2));
+    let _other = cluster.worker(good);
+    let told = cluster.succeeds(rendering, &whole);
+    assert!(told.contains("No space left on device"), "{told}");
+}
+
 #[test]
 fn a_lost_scheduler_and_a_poison_job_leave_what_is_finished() {
     let Some(python) = dask() else { return };
@@ -306,7 +500,7 @@ fn poisoned_result(cluster: &Cluster) -> usize {
         .unwrap();
     assert!(planned.status.success());
     let text = fs::read_to_string(jobs).unwrap();
-    let job: serde_json::Value = serde_json::from_str(text.lines().next().unwrap()).unwrap();
+    let job: Value = serde_json::from_str(text.lines().next().unwrap()).unwrap();
     let record = format!("target/jobs/{}.json", job["id"].as_str().unwrap());
     usize::from(fs::remove_file(cluster.at(&record)).is_ok())
 }

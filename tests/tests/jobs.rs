@@ -313,6 +313,61 @@ fn scenes_that_no_other_machine_can_read_are_not_planned() {
     assert_eq!(fs::read(&scene).unwrap(), before);
 }
 
+#[test]
+fn merged_cases_are_those_of_one_process() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let scenes = ["scenes/shapes/sphere.toml", "scenes/textures"];
+    let stored = ["--reference", "stored"];
+    let command = || {
+        let mut command = program!();
+        command.current_dir(root());
+        command
+    };
+    command()
+        .arg("plan")
+        .args(scenes)
+        .args(stored)
+        .args(["--validate", "-o"])
+        .arg(at("jobs.jsonl"))
+        .assert()
+        .success();
+    let count = fs::read_to_string(at("jobs.jsonl")).unwrap().lines().count();
+    assert!(count > 5, "{count}");
+    let merge = || {
+        let mut command = command();
+        command
+            .arg("merge")
+            .arg(at("jobs.jsonl"))
+            .arg("-o")
+            .arg(at("report"));
+        command.arg("--json").arg(at("merged.json")).assert()
+    };
+    let told = text(&merge().code(3).get_output().stderr);
+    assert!(told.contains("(`validate scenes/shapes/sphere.toml"), "{told}");
+    (0..count).for_each(|index| drop(run_job(&at("jobs.jsonl"), index).success()));
+    merge().success();
+    assert!(at("report/validate/index.html").is_file());
+    command()
+        .arg("validate")
+        .args(scenes)
+        .args(stored)
+        .arg("--json")
+        .arg(at("one.json"))
+        .arg("--target")
+        .arg(at("target"))
+        .assert()
+        .success();
+    let [merged, one] = ["merged.json", "one.json"].map(|name| {
+        let value: serde_json::Value = serde_json::from_slice(&fs::read(at(name)).unwrap()).unwrap();
+        let cases = value["results"].as_array().unwrap().iter();
+        cases
+            .map(|case| ["scene", "status", "rmse", "verdict"].map(|key| case[key].clone()))
+            .collect::<Vec<_>>()
+    });
+    assert_eq!(merged, one);
+}
+
 /// A worker that is killed closes the standard input of its job, which then ends.
 #[test]
 fn an_attached_job_ends_with_its_standard_input() {

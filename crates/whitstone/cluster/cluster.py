@@ -39,6 +39,8 @@ PATIENCE = 60.0
 TIME_TO_LIVE = "60s"
 # Characters of the output of a failed job that are reported.
 LONGEST_REASON = 4000
+# Free bytes of a disk on which a job has failed that count as full.
+LEAST_SPACE = 1 << 20
 
 
 # On the workers. These functions travel with the tasks, so they use no other name of this file.
@@ -58,7 +60,6 @@ def run_job(line: str, contents: list[bytes], settings: dict[str, Any]) -> dict[
     started = time.perf_counter()
     worker = get_worker()
     base = Path(worker.local_directory) / "whitstone"
-    base.mkdir(parents=True, exist_ok=True)
     job = json.loads(line)
 
     def replace(path: Path, data: bytes) -> None:
@@ -100,29 +101,44 @@ def run_job(line: str, contents: list[bytes], settings: dict[str, Any]) -> dict[
             found.append(f"{command[0]}: whitstone {identity.get('version')} ({identity.get('hash')})")
         return None
 
-    found: list[str] = []
-    command = program()
-    if command is None:
-        wanted = job["program"]
-        text = f"needs whitstone {wanted['version']} ({wanted['hash']}); found {', '.join(found)}"
-        return {"refused": text, "worker": worker.address}
+    def refused(reason: str) -> dict[str, Any]:
+        return {"refused": reason, "worker": worker.address}
 
+    found: list[str] = []
     # A folder for each set of files. Sets share the files by their contents.
     folder = base / "inputs" / settings["closure"]
-    for file, data in zip(job["inputs"], contents):
-        path, content = folder / file["path"], base / "files" / file["hash"]
-        if path.exists():
-            continue
-        if not content.exists():
-            replace(content, data)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            os.link(content, path)
-        except FileExistsError:
-            # Another thread of this worker.
-            pass
-        except OSError:
-            replace(path, data)
+    try:
+        base.mkdir(parents=True, exist_ok=True)
+        command = program()
+        if command is None:
+            wanted = job["program"]
+            return refused(f"needs whitstone {wanted['version']} ({wanted['hash']}); found {', '.join(found)}")
+        for file, data in zip(job["inputs"], contents):
+            path, content = folder / file["path"], base / "files" / file["hash"]
+            if path.exists():
+                continue
+            if not content.exists():
+                replace(content, data)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                os.link(content, path)
+            except FileExistsError:
+                # Another thread of this worker.
+                pass
+            except OSError:
+                replace(path, data)
+    except OSError as error:
+        # A full disk, for example: no job can run here.
+        return refused(f"cannot store its files: {error}")
+
+    def watch(process: subprocess.Popen[bytes], ended: threading.Event) -> None:
+        """Ends the process when its time is up, and when nobody waits for its result any more."""
+        until = time.monotonic() + settings["time_limit"]
+        while not ended.wait(min(0.5, max(0.0, until - time.monotonic()))):
+            task = worker.state.tasks.get(settings["key"])
+            if task is None or task.state == "cancelled" or time.monotonic() >= until:
+                process.kill()
+                return
 
     with tempfile.TemporaryDirectory(dir=base) as results:
         log = Path(results) / "log"
@@ -136,8 +152,8 @@ def run_job(line: str, contents: list[bytes], settings: dict[str, Any]) -> dict[
                 stderr=output,
             )
             assert process.stdin is not None
-            timer = threading.Timer(settings["time_limit"], process.kill)
-            timer.start()
+            ended = threading.Event()
+            threading.Thread(target=watch, args=(process, ended), daemon=True).start()
             begun = time.monotonic()
             try:
                 # Standard input stays open: the process ends when it is closed, also because
@@ -147,7 +163,7 @@ def run_job(line: str, contents: list[bytes], settings: dict[str, Any]) -> dict[
                     process.stdin.flush()
                 code = process.wait()
             finally:
-                timer.cancel()
+                ended.set()
                 process.kill()
                 process.wait()
                 with contextlib.suppress(BrokenPipeError):
@@ -156,6 +172,8 @@ def run_job(line: str, contents: list[bytes], settings: dict[str, Any]) -> dict[
             files = {name: (Path(results) / name).read_bytes() for name in job["outputs"]}
             return {"files": files, "seconds": time.perf_counter() - started}
         text = log.read_text(errors="replace").strip()[-settings["longest"] :]
+        if shutil.disk_usage(base).free < settings["least_space"]:
+            return refused(f"has a full disk: {text}")
         if time.monotonic() - begun >= settings["time_limit"]:
             text = f"not finished after {settings['time_limit']} s (--job-time)\n{text}".strip()
         elif code < 0:
@@ -246,6 +264,7 @@ class Run:
             "threads": request["threads"],
             "time_limit": request["time_limit"],
             "longest": LONGEST_REASON,
+            "least_space": LEAST_SPACE,
             "mitsuba": request["mitsuba"],
         }
 
@@ -272,13 +291,14 @@ class Run:
                 self.waiting.append(id)
                 return
         self.number += 1
+        key = f"whitstone-{id[:12]}-{self.token}-{self.number}"
         files, closure = self.inputs[id]
         future = self.client.submit(
             run_job,
             self.lines[id],
             files,
-            {**self.settings, "closure": closure},
-            key=f"whitstone-{id[:12]}-{self.token}-{self.number}",
+            {**self.settings, "closure": closure, "key": key},
+            key=key,
             workers=list(limited) or None,
             priority=self.priority,
         )

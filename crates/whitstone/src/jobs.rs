@@ -246,10 +246,7 @@ impl Job {
                     return Err(format!("tile {tile:?} is not in the image"));
                 }
                 if !job.inputs.iter().any(|input| input.path == picture.scene) {
-                    return Err(format!(
-                        "the scene \"{}\" is not among the inputs",
-                        picture.scene
-                    ));
+                    return Err(format!("the scene \"{}\" is not among the inputs", picture.scene));
                 }
             }
             Task::Run { folder, .. } if !is_below(folder) => {

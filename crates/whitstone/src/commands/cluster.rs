@@ -40,7 +40,13 @@ pub(super) struct Cluster {
     #[arg(long, value_name = "SECONDS", default_value_t = 3600, requires = "cluster", value_parser = clap::value_parser!(u64).range(1..))]
     job_time: u64,
     /// Jobs with a higher priority run first, also those of other commands on the same scheduler
-    #[arg(long, value_name = "NUMBER", default_value_t = 0, requires = "cluster", allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "NUMBER",
+        default_value_t = 0,
+        requires = "cluster",
+        allow_negative_numbers = true
+    )]
     priority: i32,
     /// Python with an installed Dask, to be used in place of the private environment
     #[arg(long, value_name = "PYTHON", requires = "cluster")]

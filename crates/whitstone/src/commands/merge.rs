@@ -1,4 +1,4 @@
-//! `merge`: makes images of the results of jobs.
+//! `merge`: makes images, or the report of a validation, of the results of jobs.
 
 use crate::jobs::{self, Inputs, Job, Picture, Rendered, Results, Task, Tile};
 use crate::terminal::{self, Exit, Failure, write_json};
@@ -9,7 +9,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use whitstone_image::{Image, exr_io};
 
-/// Merge the results of jobs into the images of their scenes
+/// Merge the results of jobs into the images of their scenes, or into the report of their validation
 ///
 /// An image has the bytes that `render` writes of the same scene with the same options, for any
 /// tile size and any number of workers. Results are checked by their hashes. Only the tiles of some
@@ -25,7 +25,8 @@ pub struct Arguments {
     /// Folder of the results [default: the name of the file of jobs with .results]
     #[arg(long, value_name = "DIR")]
     results: Option<PathBuf>,
-    /// The image to write (.exr); with jobs of several scenes, a folder of images
+    /// The image to write (.exr); with jobs of several scenes, a folder of images; with jobs of
+    /// `plan --validate`, the folder of the report
     #[arg(short, long, value_name = "PATH")]
     output: PathBuf,
     /// Write the paths, sizes and sums of all jobs to this file as JSON; - means standard output
@@ -38,11 +39,15 @@ pub fn run(arguments: &Arguments) -> Result<Exit, Failure> {
     let jobs = Job::read(&arguments.jobs, |_, _| true)?;
     let folder = arguments.results.clone();
     let results = Results(folder.unwrap_or_else(|| super::run_job::default_results(&arguments.jobs)));
+    if jobs.iter().all(|job| tile(job).is_none()) {
+        missing(jobs.iter(), &results)?;
+        let json = arguments.json.as_deref();
+        return super::validate::parts::merge(&jobs, &results, &arguments.output, json);
+    }
     let mut images: Vec<((Inputs, Picture), Vec<Job>)> = Vec::new();
     for job in jobs {
-        let (_, picture) = tile(&job).ok_or_else(|| {
-            Failure::usage(format!("job {}: {} has no image", job.id, job.what()))
-        })?;
+        let (_, picture) = tile(&job)
+            .ok_or_else(|| Failure::usage(format!("job {}: {} has no image", job.id, job.what())))?;
         let of = (job.depends_on(), picture.clone());
         match images.iter_mut().find(|(known, _)| *known == of) {
             Some((_, tiles)) => tiles.push(job),
@@ -184,14 +189,8 @@ pub(super) fn merge<'j>(
     results: &Results,
     output: &Path,
 ) -> Result<(Sums, &'j Picture), Failure> {
-    let mut sorted: Vec<(Tile, &Job)> = jobs
-        .iter()
-        .filter_map(|job| Some((tile(job)?.0, job)))
-        .collect();
-    let Some((picture, first)) = sorted
-        .first()
-        .and_then(|(_, job)| Some((tile(job)?.1, *job)))
-    else {
+    let mut sorted: Vec<(Tile, &Job)> = jobs.iter().filter_map(|job| Some((tile(job)?.0, job))).collect();
+    let Some((picture, first)) = sorted.first().and_then(|(_, job)| Some((tile(job)?.1, *job))) else {
         return Err(Failure::usage("no jobs to merge"));
     };
     let size = [picture.width, picture.height].map(|pixels| pixels as usize);

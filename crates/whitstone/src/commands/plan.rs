@@ -1,6 +1,7 @@
 //! `plan`: divides images into jobs for other processes and machines.
 
 use super::SceneArguments;
+use super::validate::ReferenceMode;
 use crate::jobs::{self, Inputs, Job, Picture, Program, Task};
 use crate::terminal::{self, Exit, Failure, write_json};
 use clap::Args;
@@ -10,22 +11,30 @@ use whitstone_core::{ImportOptions, Registry};
 use whitstone_image::atomic;
 use whitstone_scene::{Description, Plan, Sources};
 
-/// Divide the images of scenes into jobs, one JSON object on each line of a file
+/// Divide the images of scenes, or their validation, into jobs, one JSON object on each line of a
+/// file
 ///
-/// A job is a tile of an image. It names everything that its pixels depend on: the program and the
-/// input files by their hashes, the overrides, and the tile. `run-job` runs one job, on any machine
-/// that has the same program and the files. `merge` makes the images from the results, with the
-/// bytes that `render` writes.
+/// A job is a tile of an image, or with --validate the comparison of a scene with the reference. It
+/// names everything that its result depends on: the program and the input files by their hashes, the
+/// overrides, and the tile. `run-job` runs one job, on any machine that has the same program and the
+/// files. `merge` makes the images from the results, with the bytes that `render` writes, or the
+/// report of the validation.
 #[derive(Args, Debug)]
 #[command(
     help_template = super::HELP_TEMPLATE,
-    after_help = "Examples:\n  whitstone plan scenes/showcase/classic.toml -o jobs.jsonl\n  whitstone plan scenes/showcase/*.toml --tile-size 128 --make jobs.mk"
+    after_help = "Examples:\n  whitstone plan scenes/showcase/classic.toml -o jobs.jsonl\n  whitstone plan scenes/showcase/*.toml --tile-size 128 --make jobs.mk\n  whitstone plan scenes/shapes --validate --slurm jobs.sh"
 )]
 pub struct Arguments {
     #[command(flatten)]
     scenes: Scenes,
     #[command(flatten)]
     size: TileSize,
+    /// Compare the scenes with the reference instead; folders of scenes can be named too
+    #[arg(long, conflicts_with_all = ["camera", "tile_size", "max_tree_rays"])]
+    validate: bool,
+    /// Source of the references
+    #[arg(long, value_enum, default_value_t = ReferenceMode::Auto, requires = "validate")]
+    reference: ReferenceMode,
     /// File of the jobs to write
     #[arg(short, long, default_value = "jobs.jsonl", value_name = "FILE")]
     output: PathBuf,
@@ -184,11 +193,7 @@ pub(super) fn from_here(path: &Path) -> Result<String, Failure> {
 }
 
 /// A job that runs a command of this program in this working folder, with files.
-pub(super) fn command(
-    program: &Program,
-    files: &[PathBuf],
-    arguments: Vec<String>,
-) -> Result<Job, Failure> {
+pub(super) fn command(program: &Program, files: &[PathBuf], arguments: Vec<String>) -> Result<Job, Failure> {
     let here = Path::new(".");
     let inputs = Inputs::new(program, here, files)?;
     let folder = inputs.name(here)?;
@@ -197,9 +202,21 @@ pub(super) fn command(
 
 /// Runs the command.
 pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<Exit, Failure> {
-    let identity = Program::this()?;
     let mut all = Vec::new();
-    for path in &arguments.scenes.paths {
+    if arguments.validate {
+        all = super::validate::plan(
+            &arguments.scenes.paths,
+            &arguments.scenes.overrides,
+            arguments.reference,
+            registry,
+        )?;
+    }
+    let identity = Program::this()?;
+    let images = match arguments.validate {
+        true => &[][..],
+        false => &arguments.scenes.paths,
+    };
+    for path in images {
         let scene = SceneArguments {
             scene: path.clone(),
             camera: arguments.scenes.camera.clone(),
@@ -222,7 +239,6 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     let files = optional.into_iter().flatten().map(PathBuf::as_path);
     outputs.extend(files.filter(|path| *path != Path::new(terminal::STDOUT)));
     super::render::check_apart(&outputs, &jobs::input_paths(&all))?;
-    let images = arguments.scenes.paths.len();
     let results = super::run_job::default_results(&arguments.output);
     atomic::write_bytes(&arguments.output, Job::lines(&all).as_bytes()).map_err(Failure::environment)?;
     let farm = super::farm::Farm {
@@ -230,7 +246,8 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         jobs: &arguments.output,
         results: &results,
         count: all.len(),
-        merged: match images {
+        merged: match images.len() {
+            0 => PathBuf::from("report"),
             1 => arguments.scenes.paths[0]
                 .with_extension("exr")
                 .file_name()
@@ -250,15 +267,18 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     }
     let of = |count: usize, what| whitstone_validate::counted(count, what);
     println!(
-        "{}: {} of {}",
+        "{}: {}{}",
         arguments.output.display(),
         of(all.len(), "job"),
-        of(images, "image")
+        match images.len() {
+            0 => String::new(),
+            images => format!(" of {}", of(images, "image")),
+        }
     );
     if let Some(path) = &arguments.json {
         write_json(
             path,
-            &json!({ "jobs": all.len(), "images": images, "program": identity }),
+            &json!({ "jobs": all.len(), "images": images.len(), "program": identity }),
         )?;
     }
     Ok(Exit::Pass)

@@ -284,8 +284,15 @@ fn command(
     let json = scratch.path().join("results.json");
     let mitsuba = arguments.mitsuba.as_ref().map(std::path::absolute).transpose();
     let mitsuba = mitsuba.map_err(Failure::usage)?;
-    let command = parse(words, &json, arguments.threads, mitsuba.as_deref(), scratch.path(), program)
-        .map_err(|problem| Failure::usage(format!("job {}: {problem}", job.id)))?;
+    let command = parse(
+        words,
+        &json,
+        arguments.threads,
+        mitsuba.as_deref(),
+        scratch.path(),
+        program,
+    )
+    .map_err(|problem| Failure::usage(format!("job {}: {problem}", job.id)))?;
     // A copy of the inputs has it only if one of them is in it.
     terminal::make_folder(folder)?;
     std::env::set_current_dir(folder)
@@ -295,7 +302,9 @@ fn command(
         return Err(failure);
     }
     let Ok(text) = fs::read_to_string(&json) else {
-        return Err(done.err().unwrap_or_else(|| Failure::environment("the command wrote no results")));
+        return Err(done
+            .err()
+            .unwrap_or_else(|| Failure::environment("the command wrote no results")));
     };
     let pictures = fs::read_to_string(scratch.path().join("validate/pictures.json"));
     let read = |text: &str| serde_json::from_str(text).map_err(Failure::environment);

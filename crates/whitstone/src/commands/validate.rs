@@ -1,15 +1,16 @@
 //! `validate`: compares scenes with a reference and writes a report.
 
-mod parts;
+pub(super) mod parts;
 mod several;
 
+use super::cluster::Cluster;
 use super::junit::{self, Case, Outcome};
 use super::report;
-use super::cluster::Cluster;
 use super::{Drivers, Target};
 use crate::interrupt;
+use crate::jobs::Job;
 use crate::terminal::{self, Exit, Failure, keep_moving, progress, set_message, verdict_word};
-use clap::{Args, ValueEnum};
+use clap::{Args, Parser, ValueEnum};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use whitstone_core::{ImportOptions, Registry};
@@ -298,7 +299,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     let subject = arguments.subject.first();
     let subject = subject.map(|name| find(arguments, name, registry)).transpose()?;
     let done = match arguments.cluster.cluster {
-        Some(_) => parts::validate(arguments, registry, program, &scenes)?,
+        Some(_) => parts::validate(arguments, registry, &scenes)?,
         None => validate(arguments, registry, program, &scenes, subject, &|_, _| ())?,
     };
     let results = &done.results;
@@ -315,6 +316,24 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         &arguments.scenes.target.folder().join("validate"),
     );
     done.exit(arguments, program)
+}
+
+/// A job for each scene that the paths name.
+pub(super) fn plan(
+    paths: &[PathBuf],
+    overrides: &[String],
+    reference: ReferenceMode,
+    registry: &Registry,
+) -> Result<Vec<Job>, Failure> {
+    let parsed = super::Arguments::try_parse_from(["whitstone", "validate"]);
+    let Ok(super::Command::Validate(mut arguments)) = parsed.map(|parsed| parsed.command) else {
+        return Err(Failure::usage("`validate` has required arguments"));
+    };
+    arguments.scenes.paths = paths.to_vec();
+    arguments.scenes.overrides = overrides.to_vec();
+    arguments.scenes.reference = reference;
+    let scenes = arguments.scenes.find(registry)?;
+    parts::plan(&arguments, registry, &scenes)
 }
 
 /// The subject of this name, with the file of the command line.
@@ -350,6 +369,12 @@ impl Done {
                  warning: run `{program} doctor` for details"
             );
         }
+        self.verdict(arguments.strict)
+    }
+
+    /// The exit code of the cases.
+    fn verdict(&self, strict: bool) -> Result<Exit, Failure> {
+        let results = &self.results;
         let wrong = results.results.iter().filter(|case| case.scene_error).count();
         if wrong > 0 {
             return Err(Failure::usage(format!(
@@ -361,7 +386,7 @@ impl Done {
                 "nothing was compared: the reference renderer or the subject cannot render any of the scenes; see above",
             ));
         }
-        verdict(&results.results, results.summary.matrix, arguments.strict)
+        verdict(&results.results, results.summary.matrix, strict)
     }
 }
 

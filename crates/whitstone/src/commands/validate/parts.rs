@@ -1,11 +1,15 @@
 //! `validate --cluster`: each scene is a job.
 
-use super::{Arguments, Done, ReferenceMode, TIME_LIMIT, print_case, print_header, print_row, print_skipped};
+use super::{
+    Arguments, Done, ReferenceMode, SCENES, TIME_LIMIT, print_case, print_header, print_row, print_skipped,
+    print_summary,
+};
 use crate::commands::cluster::{self, Batch};
-use crate::commands::plan;
+use crate::commands::render::check_apart;
 use crate::commands::run_job::Output;
+use crate::commands::{plan, report};
 use crate::jobs::{self, Job, Program};
-use crate::terminal::Failure;
+use crate::terminal::{Exit, Failure};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 use whitstone_core::Registry;
@@ -14,29 +18,37 @@ use whitstone_validate::{
     CaseResult, Mode, Pictures, Provenance, REFERENCES, Results, Status, Summary, scene_key, stored_folder,
 };
 
-/// Validates scenes on a cluster, and prints each result as it arrives.
-pub(super) fn validate(
+/// A job for each scene.
+pub(crate) fn plan(
     arguments: &Arguments,
     registry: &Registry,
-    program: &str,
     scenes: &[PathBuf],
-) -> Result<Done, Failure> {
-    let start = Instant::now();
+) -> Result<Vec<Job>, Failure> {
     let all = &arguments.scenes;
     all.drivers.check_built_in()?;
-    let root = all.options(program).scenes;
     let identity = Program::this()?;
     let mut planned = Vec::new();
     for scene in scenes {
         let mut files = plan::files_of(scene, &all.overrides, registry)?;
         if all.reference.parts().1 != Mode::Live {
-            files.extend(stored(scene, &root, &all.references)?);
+            files.extend(stored(scene, Path::new(SCENES), &all.references)?);
         }
         planned.push(plan::command(&identity, &files, words(arguments, scene)?)?);
     }
-    if let Some(path) = &arguments.json {
-        super::super::render::check_apart(&[path], &jobs::input_paths(&planned))?;
-    }
+    let outputs: Vec<&Path> = arguments.json.iter().map(PathBuf::as_path).collect();
+    check_apart(&outputs, &jobs::input_paths(&planned))?;
+    Ok(planned)
+}
+
+/// Validates scenes on a cluster, and prints each result as it arrives.
+pub(super) fn validate(
+    arguments: &Arguments,
+    registry: &Registry,
+    scenes: &[PathBuf],
+) -> Result<Done, Failure> {
+    let start = Instant::now();
+    let all = &arguments.scenes;
+    let planned = plan(arguments, registry, scenes)?;
     let results = cluster::results(&all.target)?;
     if all.fresh {
         results.remove(&planned);
@@ -46,7 +58,7 @@ pub(super) fn validate(
     let mut problem = None;
     let finished = &mut |job: &Job| {
         for (k, _) in planned.iter().enumerate().filter(|(_, one)| one.id == job.id) {
-            match read(&results, job, scene_key(&scenes[k], &root)) {
+            match read(&results, job, Some(&scenes[k])) {
                 Ok(part) => {
                     print(&part);
                     parts[k] = Some(part);
@@ -68,13 +80,37 @@ pub(super) fn validate(
     if let Some(problem) = problem {
         return Err(problem);
     }
-    let done = together(parts.into_iter().flatten().collect(), start.elapsed().as_secs_f64());
+    let done = together(
+        parts.into_iter().flatten().collect(),
+        start.elapsed().as_secs_f64(),
+    );
     results.remove(&planned);
     Ok(done)
 }
 
+/// Writes the report of finished jobs to a folder, and prints their results.
+pub(crate) fn merge(
+    jobs: &[Job],
+    results: &jobs::Results,
+    folder: &Path,
+    json: Option<&Path>,
+) -> Result<Exit, Failure> {
+    print_header();
+    let mut parts = Vec::new();
+    for job in jobs {
+        let part = read(results, job, None)?;
+        print(&part);
+        parts.push(part);
+    }
+    let seconds = parts.iter().map(|part| part.summary.seconds).sum();
+    let done = together(parts, seconds);
+    report::write(&done.results, folder, json)?;
+    print_summary(&done.results.summary, &folder.join("validate"));
+    done.verdict(false)
+}
+
 /// The results of one scene from the result of its job.
-fn read(results: &jobs::Results, job: &Job, scene: String) -> Result<Results, Failure> {
+fn read(results: &jobs::Results, job: &Job, scene: Option<&Path>) -> Result<Results, Failure> {
     let (mut part, pictures): (Results, _) = Output::read(results, job)?;
     let pictures: Vec<(String, Option<Pictures>)> =
         serde_json::from_value(pictures).map_err(Failure::environment)?;
@@ -85,7 +121,10 @@ fn read(results: &jobs::Results, job: &Job, scene: String) -> Result<Results, Fa
     let names = part.results.iter_mut().map(|case| &mut case.scene);
     let names = names.chain(part.skipped.iter_mut().map(|left| &mut left.scene));
     let names = names.chain(part.matrix.iter_mut().map(|cell| &mut cell.scene));
-    names.for_each(|name| name.clone_from(&scene));
+    if let Some(scene) = scene {
+        let key = scene_key(scene, Path::new(SCENES));
+        names.for_each(|name| name.clone_from(&key));
+    }
     Ok(part)
 }
 
