@@ -433,6 +433,122 @@ fn a_worker_with_a_full_disk_is_not_used() {
     assert!(told.contains("No space left on device"), "{told}");
 }
 
+/// The Python of the examples, with dask-jobqueue.
+fn jobqueue() -> Option<PathBuf> {
+    let requirements = root().join("examples/cluster/requirements.txt");
+    let installation = whitstone::validate::Installation::default();
+    let python = whitstone::validate::dask_python(&installation, &requirements, &|_| ());
+    python
+        .map_err(|error| skipped(&format!("the examples of clusters: {error}")))
+        .ok()
+}
+
+/// Writes a program in a folder of `PATH`.
+fn script(path: &Path, text: &str) {
+    fs::write(path, format!("#!/bin/sh\n{text}")).unwrap();
+    fs::set_permissions(path, std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+}
+
+/// With programs that do on this machine what those of Slurm do.
+#[test]
+fn workers_that_are_jobs_of_slurm_give_the_bytes_of_one_process() {
+    let Some(python) = jobqueue() else { return };
+    let cluster = Cluster::new(&python);
+    let whole = whole(cluster.folder.path());
+    let bin = cluster.at("bin");
+    fs::create_dir(&bin).unwrap();
+    let log = cluster.at("slurm.log");
+    script(
+        &bin.join("sbatch"),
+        &format!(
+            "grep -q '^#SBATCH -n 1' \"$1\" || exit 1\n\
+             cp \"$1\" \"$1.job\"\nsetsid bash \"$1.job\" >>'{0}' 2>&1 </dev/null &\n\
+             echo \"Submitted batch job $!\"\n",
+            log.display()
+        ),
+    );
+    script(&bin.join("scancel"), "kill -- -\"$1\"\n");
+    let path = std::env::var("PATH").unwrap_or_default();
+    let output = Command::new(&python)
+        .arg(root().join("examples/cluster/slurm.py"))
+        .args(["--jobs", "2", "--cores", "1", "--memory", "1GiB", "--"])
+        .arg(PROGRAM)
+        .args(command(&["-o"]).get_args())
+        .arg(cluster.at("out.exr"))
+        .args(["--tile-size", "16", "--target"])
+        .arg(cluster.at("target"))
+        .current_dir(cluster.folder.path())
+        .env("PATH", format!("{}:{path}", bin.display()))
+        .env("TMPDIR", cluster.folder.path())
+        .env("WHITSTONE", PROGRAM)
+        .output()
+        .unwrap();
+    let slurm = fs::read_to_string(&log).unwrap_or_default();
+    assert!(output.status.success(), "{}{slurm}", cluster.told(&output));
+    assert!(fs::read(cluster.at("out.exr")).unwrap() == whole);
+    wait_until("end of the jobs", || !cluster.runs_jobs());
+}
+
+/// The containers as processes of this machine.
+#[test]
+fn workers_on_kubernetes_give_the_bytes_of_one_process() {
+    let Some(python) = dask() else { return };
+    let cluster = Cluster::new(&python);
+    let whole = whole(cluster.folder.path());
+    let to_json = "import json, sys, yaml; print(json.dumps(list(yaml.safe_load_all(open(sys.argv[1])))))";
+    let output = Command::new(&python)
+        .args(["-c", to_json])
+        .arg(root().join("examples/cluster/kubernetes.yaml"))
+        .output()
+        .unwrap();
+    let objects: Vec<Value> = serde_json::from_slice(&output.stdout).unwrap();
+    let [service, scheduler, worker] = &objects[..] else {
+        panic!("{objects:?}")
+    };
+    for deployment in [scheduler, worker] {
+        let spec = &deployment["spec"];
+        assert_eq!(
+            spec["selector"]["matchLabels"],
+            spec["template"]["metadata"]["labels"]
+        );
+    }
+    assert_eq!(
+        service["spec"]["selector"],
+        scheduler["spec"]["template"]["metadata"]["labels"]
+    );
+    let name = service["metadata"]["name"].as_str().unwrap();
+    let port = service["spec"]["ports"][0]["targetPort"].to_string();
+    let free = std::net::TcpListener::bind("127.0.0.1:0")
+        .unwrap()
+        .local_addr()
+        .unwrap()
+        .port();
+    let start = |deployment: &Value| {
+        let container = &deployment["spec"]["template"]["spec"]["containers"][0];
+        let words = container["command"].as_array().unwrap().iter();
+        let words = words.map(|word| {
+            word.as_str()
+                .unwrap()
+                .replace(name, "127.0.0.1")
+                .replace(&port, &free.to_string())
+                .replace("/scratch", &cluster.at("scratch").display().to_string())
+        });
+        let words: Vec<String> = words.collect();
+        assert_eq!(words[0], "dask");
+        let mut command = Command::new(python.with_file_name("dask"));
+        command
+            .args(&words[1..])
+            .env("WHITSTONE", PROGRAM)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null());
+        Process::start(&mut command)
+    };
+    let _scheduler = start(scheduler);
+    let _workers = [start(worker), start(worker)];
+    let rendering = cluster.render(&format!("tcp://127.0.0.1:{free}"), &[]);
+    cluster.succeeds(rendering, &whole);
+}
+
 #[test]
 fn a_lost_scheduler_and_a_poison_job_leave_what_is_finished() {
     let Some(python) = dask() else { return };
