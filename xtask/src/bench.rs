@@ -10,7 +10,7 @@ mod growth;
 mod import;
 pub(crate) mod light_paths;
 mod lights;
-mod machine;
+pub(crate) mod machine;
 mod picture;
 pub(crate) mod plugins;
 mod povray;

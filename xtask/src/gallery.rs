@@ -7,6 +7,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
+use whitstone::commands::cluster::Cluster;
+use whitstone::commands::validate::parts::validate_each;
 use whitstone::core::{Note, Registry, Treatment};
 use whitstone::image::atomic;
 use whitstone::scene::{Description, Sources};
@@ -47,6 +49,8 @@ pub(crate) struct Arguments {
     /// No pictures of three.js
     #[arg(long)]
     no_three: bool,
+    #[command(flatten)]
+    cluster: Cluster,
 }
 
 /// A model on the page.
@@ -66,10 +70,23 @@ struct Entry {
 pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let models = find(&arguments.models)?;
     fs::create_dir_all(&arguments.output).map_err(Failure::environment)?;
-    let mut entries = Vec::new();
+    let mut entries: Vec<Entry> = Vec::new();
     for (model, number) in models.iter().zip(1..) {
-        eprintln!("{number} of {}: {}", models.len(), model.display());
-        entries.push(entry(model, format!("{number:03}"), arguments, registry));
+        entries.push(Entry::import(model, format!("{number:03}"), arguments, registry));
+    }
+    if arguments.cluster.is_named() {
+        on_cluster(&mut entries, arguments, registry)?;
+    } else {
+        let count = entries.len();
+        for (entry, number) in entries.iter_mut().zip(1..) {
+            eprintln!("{number} of {count}: {}", entry.model.display());
+            if entry.error.is_none() {
+                match validate(entry, arguments, registry) {
+                    Ok(case) => entry.finish(case, &arguments.output),
+                    Err(error) => entry.error = Some(error),
+                }
+            }
+        }
     }
     if !arguments.no_three {
         three(&entries, &arguments.output)?;
@@ -133,23 +150,85 @@ fn find(given: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
     Ok(found)
 }
 
-fn entry(model: &Path, stem: String, arguments: &Arguments, registry: &Registry) -> Entry {
-    let mut entry = Entry {
-        model: model.to_owned(),
-        stem,
-        notes: Vec::new(),
-        import_s: 0.0,
-        case: None,
-        error: None,
-        size: (arguments.width, arguments.width),
-    };
-    if let Err(error) = fill(&mut entry, arguments, registry) {
-        entry.error = Some(error);
+impl Entry {
+    /// Imports a model.
+    fn import(model: &Path, stem: String, arguments: &Arguments, registry: &Registry) -> Self {
+        let mut entry = Self {
+            model: model.to_owned(),
+            stem,
+            notes: Vec::new(),
+            import_s: 0.0,
+            case: None,
+            error: None,
+            size: (arguments.width, arguments.width),
+        };
+        if let Err(error) = fill(&mut entry, arguments, registry) {
+            entry.error = Some(error);
+        }
+        entry
     }
-    entry
+
+    /// The size of its picture, as overrides of the scene.
+    fn overrides(&self) -> Vec<String> {
+        let (width, height) = self.size;
+        vec![format!("film.width={width}"), format!("film.height={height}")]
+    }
+
+    /// Takes the result, and writes the pictures.
+    fn finish(&mut self, case: CaseResult, folder: &Path) {
+        for (name, bytes) in case.pictures.iter().flat_map(|pictures| {
+            [
+                ("ours", &pictures.ours),
+                ("reference", &pictures.reference),
+                ("error", &pictures.error),
+            ]
+        }) {
+            let path = folder.join(format!("{}-{name}.png", self.stem));
+            if let Err(error) = atomic::write_bytes(&path, bytes) {
+                self.error = Some(error.to_string());
+            }
+        }
+        if case.compared {
+            self.case = Some(case);
+        } else {
+            self.error = Some(case.problems.join("\n"));
+        }
+    }
 }
 
-/// Imports, renders and validates a model, and writes its pictures.
+/// Time limit of a request to Mitsuba, in seconds.
+const TIME_LIMIT: u64 = 600;
+
+/// Validates the models on a cluster.
+fn on_cluster(entries: &mut [Entry], arguments: &Arguments, registry: &Registry) -> Result<(), Failure> {
+    let good: Vec<usize> = (0..entries.len())
+        .filter(|k| entries[*k].error.is_none())
+        .collect();
+    let scenes: Vec<(PathBuf, Vec<String>)> = good
+        .iter()
+        .map(|k| {
+            let mut words = vec!["--reference=live".to_owned()];
+            words.push(format!("--oracle-time={}", arguments.oracle_time));
+            words.push(format!("--time-limit={TIME_LIMIT}"));
+            let changes = entries[*k].overrides().into_iter();
+            words.extend(changes.map(|change| format!("--set={change}")));
+            (entries[*k].model.clone(), words)
+        })
+        .collect();
+    validate_each(
+        &arguments.cluster,
+        "validating",
+        &scenes,
+        registry,
+        &mut |k, results| {
+            for case in results.results {
+                entries[good[k]].finish(case, &arguments.output);
+            }
+        },
+    )
+}
+
+/// Imports a model: its notes, the size of its picture, and the scene that it becomes.
 fn fill(entry: &mut Entry, arguments: &Arguments, registry: &Registry) -> Result<(), String> {
     let begin = Instant::now();
     let sources = Sources::load(&entry.model, &[], registry)
@@ -174,6 +253,12 @@ fn fill(entry: &mut Entry, arguments: &Arguments, registry: &Registry) -> Result
     );
     let height = (arguments.width as f64 * height / width).round().max(1.0) as usize;
     entry.size = (arguments.width, height);
+    let scene = arguments.output.join(format!("{}.toml", entry.stem));
+    atomic::write_bytes(&scene, description.flattened.text.as_bytes()).map_err(|error| error.to_string())
+}
+
+/// Renders and validates a model.
+fn validate(entry: &Entry, arguments: &Arguments, registry: &Registry) -> Result<CaseResult, String> {
     let options = Options {
         scenes: PathBuf::from("scenes"),
         references: PathBuf::from(REFERENCES),
@@ -183,13 +268,10 @@ fn fill(entry: &mut Entry, arguments: &Arguments, registry: &Registry) -> Result
         mode: Mode::Live,
         reuse: false,
         threads: 0,
-        overrides: vec![
-            format!("film.width={}", arguments.width),
-            format!("film.height={height}"),
-        ],
+        overrides: entry.overrides(),
         ours_overrides: Vec::new(),
         shared_overrides: Vec::new(),
-        time_limit: Duration::from_secs(600),
+        time_limit: Duration::from_secs(TIME_LIMIT),
         program: "cargo xtask".to_owned(),
         flags: String::new(),
     };
@@ -199,24 +281,7 @@ fn fill(entry: &mut Entry, arguments: &Arguments, registry: &Registry) -> Result
         when: Ask::Needed,
         budget: Duration::from_secs(arguments.oracle_time),
     });
-    let case = validator.validate(&entry.model);
-    if let Some(pictures) = &case.pictures {
-        for (name, bytes) in [
-            ("ours", &pictures.ours),
-            ("reference", &pictures.reference),
-            ("error", &pictures.error),
-        ] {
-            let path = arguments.output.join(format!("{}-{name}.png", entry.stem));
-            atomic::write_bytes(&path, bytes).map_err(|error| error.to_string())?;
-        }
-    }
-    let scene = arguments.output.join(format!("{}.toml", entry.stem));
-    atomic::write_bytes(&scene, description.flattened.text.as_bytes()).map_err(|error| error.to_string())?;
-    if case.compared {
-        entry.case = Some(case);
-        return Ok(());
-    }
-    Err(case.problems.join("\n"))
+    Ok(validator.validate(&entry.model))
 }
 
 /// Renders the models with three.js, if it is installed.

@@ -23,6 +23,7 @@ mod plugins;
 mod readme;
 mod reliability;
 mod run_time;
+mod scale;
 mod slim;
 mod tidy;
 mod topics;
@@ -64,6 +65,7 @@ enum Verb {
     Pictures(pictures::Arguments),
     Readme(readme::Arguments),
     Reliability(reliability::Arguments),
+    Scale(scale::Arguments),
     Slim(slim::Arguments),
     Topics(topics::Arguments),
 }
@@ -94,6 +96,7 @@ fn main() -> ExitCode {
         Verb::Slim(arguments) => slim::run(arguments, &registry),
         Verb::Readme(arguments) => readme::run(arguments, &registry),
         Verb::Reliability(arguments) => reliability::run(arguments),
+        Verb::Scale(arguments) => scale::run(arguments),
     })
     .into()
 }

@@ -3,7 +3,7 @@
 
 use crate::bench::light_paths;
 use crate::{
-    comparisons, diagrams, formats, growth, licences, pages, pictures, plugins, reliability, run_time,
+    comparisons, diagrams, formats, growth, licences, pages, pictures, plugins, reliability, run_time, scale,
     topics, traversal, variants, verdict, worst_cases,
 };
 use clap::Args;
@@ -65,8 +65,8 @@ const BOUNDS: [(&str, &str, usize); 9] = [
 /// Write all generated documentation
 ///
 /// That is: the pictures and numbers of README.md and docs/validation.md, from the stored
-/// references; docs/run-time.md and docs/growth.md, from the stored results of `bench sizes` and
-/// `bench growth`; the pictures of docs/accelerators.md; a page for every plugin in docs/plugins;
+/// references; docs/run-time.md, docs/growth.md and the costs in docs/scale.md, from the stored results
+/// of `bench sizes`, `bench growth` and `scale`; the pictures of docs/accelerators.md; a page for every plugin in docs/plugins;
 /// and the data of `list --json`. The showcase pictures of docs/pictures.md and README.md, which
 /// take minutes, are rendered only where their scenes have changed, and never with `--check`.
 #[derive(Args, Debug)]
@@ -124,6 +124,13 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
                     ((BEGIN_WORST, END_WORST), worst),
                     ((BEGIN_RATES, END_RATES), rates),
                 ],
+            )?,
+        ),
+        (
+            PathBuf::from(scale::PAGE),
+            page(
+                scale::PAGE,
+                &[(scale::MARKS, scale::section(&stored(scale::RESULT)?))],
             )?,
         ),
         (PathBuf::from("docs/images/showcase.png"), sheet(registry)?),

@@ -1,7 +1,7 @@
 //! The commands, one file each.
 
 pub mod bake;
-mod cluster;
+pub mod cluster;
 pub mod compare;
 pub mod completions;
 pub mod conventions;

@@ -1,7 +1,7 @@
 //! System information on this process and the machine.
 
 /// Processor time of this process, in seconds.
-pub(super) fn processor_time() -> f64 {
+pub(crate) fn processor_time() -> f64 {
     let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
     time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
 }
@@ -9,21 +9,21 @@ pub(super) fn processor_time() -> f64 {
 /// Load average of the last minute: processes that run or wait to run. Wall-clock results are
 /// meaningful only if it is not far above the number of our own threads. NaN if the system does not
 /// report it.
-pub(super) fn load() -> f64 {
+pub(crate) fn load() -> f64 {
     let text = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
     let first = text.split_whitespace().next();
     first.and_then(|word| word.parse().ok()).unwrap_or(f64::NAN)
 }
 
 /// The name of the processor, if the system reports it.
-pub(super) fn processor() -> Option<String> {
+pub(crate) fn processor() -> Option<String> {
     let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
     let line = text.lines().find(|line| line.starts_with("model name"))?;
     Some(line.split_once(':')?.1.trim().to_owned())
 }
 
 /// Today, as year-month-day.
-pub(super) fn date() -> String {
+pub(crate) fn date() -> String {
     let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
     let mut days = since.map_or(0, |since| since.as_secs() / 86_400);
     let (mut year, mut month) = (1970, 1);

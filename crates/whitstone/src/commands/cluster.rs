@@ -5,7 +5,7 @@ use crate::interrupt;
 use crate::jobs::{self, Job, Results};
 use crate::terminal::{self, Failure, progress};
 use clap::Args;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -24,7 +24,7 @@ const REQUIREMENTS: &str = include_str!("../../cluster/requirements.txt");
 #[derive(Args, Clone, Debug)]
 // An unnamed group, because it is part of several commands.
 #[group(skip)]
-pub(super) struct Cluster {
+pub struct Cluster {
     /// Run in parts on a Dask cluster: the address of its scheduler, such as tcp://10.0.0.1:8786,
     /// or local for processes of this machine. Finished parts are kept until all are finished, so
     /// that the same command continues
@@ -82,7 +82,7 @@ pub(super) fn results(target: &Target) -> Result<Results, Failure> {
 #[serde(tag = "event", rename_all = "snake_case")]
 enum Event {
     Started { workers: usize },
-    Finished { id: String },
+    Finished { id: String, seconds: f64 },
     Failed { id: String, reason: String },
     Refused { worker: String, reason: String },
     Stopped { reason: String },
@@ -116,8 +116,13 @@ impl Drop for Script {
 }
 
 impl Cluster {
+    /// Whether the command line names a cluster.
+    pub fn is_named(&self) -> bool {
+        self.cluster.is_some()
+    }
+
     /// Runs the jobs that have no result yet.
-    pub(super) fn run(&self, batch: &mut Batch<'_>) -> Result<(), Failure> {
+    pub(super) fn run(&self, batch: &mut Batch<'_>) -> Result<Usage, Failure> {
         let &mut Batch {
             jobs,
             results,
@@ -137,7 +142,7 @@ impl Cluster {
         }
         done.into_iter().for_each(|job| (batch.finished)(job));
         if waiting.is_empty() {
-            return Ok(());
+            return Ok(Usage::default());
         }
         let (script, requirements) = unpack(&installation)?;
         let python = match &self.dask {
@@ -245,13 +250,27 @@ impl Cluster {
                 lines[lines.len().saturating_sub(20)..].join("\n")
             )));
         }
-        Ok(())
+        Ok(told.usage)
     }
+}
+
+/// How busy a cluster was.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub(super) struct Usage {
+    /// Number of workers at first.
+    workers: usize,
+    /// Jobs that ran.
+    jobs: usize,
+    /// From the first worker to the last result, in seconds.
+    seconds: f64,
+    /// Sum over the jobs of the time that each took on its worker, with the start of its process.
+    busy_s: f64,
 }
 
 /// What the script has reported.
 #[derive(Default)]
 struct Told {
+    usage: Usage,
     finished: usize,
     failed: BTreeMap<String, String>,
     stopped: Option<String>,
@@ -264,19 +283,25 @@ impl Told {
         let doing = batch.doing;
         let bar = progress(total, doing);
         let watching = interrupt::Watching::new();
+        let mut start = Instant::now();
         loop {
             match events.recv_timeout(Duration::from_millis(100)) {
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => break,
                 Ok(line) => match serde_json::from_str(&line) {
                     Ok(Event::Started { workers }) => {
+                        told.usage.workers = workers;
+                        start = Instant::now();
                         terminal::set_message(
                             &bar,
                             &format!("{doing}, at first on {}", counted(workers, "worker")),
                         );
                     }
-                    Ok(Event::Finished { id }) => {
+                    Ok(Event::Finished { id, seconds }) => {
                         told.finished += 1;
+                        told.usage.jobs += 1;
+                        told.usage.busy_s += seconds;
+                        told.usage.seconds = start.elapsed().as_secs_f64();
                         bar.inc(1);
                         if let Some(job) = batch.jobs.iter().find(|job| job.id == id) {
                             bar.suspend(|| (batch.finished)(job));

@@ -178,7 +178,7 @@ fn on_cluster(
     if scene.fresh {
         results.remove(&jobs);
     }
-    (arguments.cluster).run(&mut Batch {
+    let usage = (arguments.cluster).run(&mut Batch {
         doing: "rendering",
         jobs: &jobs,
         results: &results,
@@ -196,7 +196,9 @@ fn on_cluster(
         arguments.view.show(&image, picture)?;
     }
     if let Some(path) = &arguments.json {
-        write_json(path, &sums.json(exr, image))?;
+        let mut report = sums.json(exr, image);
+        report["cluster"] = json!(usage);
+        write_json(path, &report)?;
     }
     Ok(Exit::Pass)
 }

@@ -1,6 +1,6 @@
 //! `validate`: compares scenes with a reference and writes a report.
 
-pub(super) mod parts;
+pub mod parts;
 mod several;
 
 use super::cluster::Cluster;

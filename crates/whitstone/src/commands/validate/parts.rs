@@ -4,7 +4,8 @@ use super::{
     Arguments, Done, ReferenceMode, SCENES, TIME_LIMIT, print_case, print_header, print_row, print_skipped,
     print_summary,
 };
-use crate::commands::cluster::{self, Batch};
+use crate::commands::Target;
+use crate::commands::cluster::{self, Batch, Cluster};
 use crate::commands::render::check_apart;
 use crate::commands::run_job::Output;
 use crate::commands::{plan, report};
@@ -86,6 +87,48 @@ pub(super) fn validate(
     );
     results.remove(&planned);
     Ok(done)
+}
+
+/// Validates scenes on a cluster, each with further arguments of `validate`, and calls `each` with
+/// the number of the scene and its results as they arrive.
+pub fn validate_each(
+    cluster: &Cluster,
+    doing: &str,
+    scenes: &[(PathBuf, Vec<String>)],
+    registry: &Registry,
+    each: &mut dyn FnMut(usize, Results),
+) -> Result<(), Failure> {
+    let identity = Program::this()?;
+    let mut planned = Vec::new();
+    for (scene, more) in scenes {
+        let files = plan::files_of(scene, &[], registry)?;
+        let mut words = vec!["validate".to_owned(), plan::from_here(scene)?];
+        words.extend_from_slice(more);
+        planned.push(plan::command(&identity, &files, words)?);
+    }
+    let target = Target::default();
+    let results = cluster::results(&target)?;
+    let mut problem = None;
+    let finished = &mut |job: &Job| {
+        for (k, _) in planned.iter().enumerate().filter(|(_, one)| one.id == job.id) {
+            match read(&results, job, Some(&scenes[k].0)) {
+                Ok(part) => each(k, part),
+                Err(found) => problem = Some(found),
+            }
+        }
+    };
+    cluster.run(&mut Batch {
+        doing,
+        jobs: &planned,
+        results: &results,
+        target: &target,
+        threads: 1,
+        mitsuba: None,
+        exclusive: false,
+        finished,
+    })?;
+    results.remove(&planned);
+    problem.map_or(Ok(()), Err)
 }
 
 /// Writes the report of finished jobs to a folder, and prints their results.
