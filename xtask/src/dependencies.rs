@@ -33,7 +33,44 @@ pub(crate) fn check() -> Vec<String> {
     problems.extend(check_order(&manifest));
     problems.extend(check_table(&table(&manifest), &metadata));
     problems.extend(missing_licences(&metadata));
+    let package = std::fs::read_to_string(PACKAGE).unwrap_or_default();
+    for file in PINNED {
+        let pinned = std::fs::read_to_string(file).unwrap_or_default();
+        problems.extend(other_pins(&package, file, &pinned));
+    }
     problems
+}
+
+/// The Python package, whose extras pin what the private environments install.
+const PACKAGE: &str = "crates/python/pyproject.toml";
+/// What the private environments install.
+const PINNED: [&str; 2] = [
+    "references/mitsuba/requirements.in",
+    "crates/whitstone/cluster/requirements.in",
+];
+
+/// The extras of the Python package that pin another version than the file.
+fn other_pins(package: &str, file: &str, pinned: &str) -> Vec<String> {
+    let package: toml::Table = package.parse().unwrap_or_default();
+    let extras = (package.get("project"))
+        .and_then(|project| project.get("optional-dependencies")?.as_table().cloned())
+        .unwrap_or_default();
+    let extras = extras.values().filter_map(toml::Value::as_array).flatten();
+    let extras: BTreeSet<&str> = extras
+        .filter_map(|extra| extra.as_str()?.split(';').next())
+        .collect();
+    let name = |pin: &str| pin.split("==").next().unwrap_or_default().to_owned();
+    let pins = pinned.lines().filter_map(|line| line.split(';').next());
+    // A pin with a condition is of no extra, or has another one for other versions of Python.
+    pins.filter(|pin| !pin.starts_with('#') && !pin.is_empty())
+        .filter(|pin| {
+            extras
+                .iter()
+                .any(|extra| name(extra) == name(pin) && extra.contains("=="))
+        })
+        .filter(|pin| !extras.contains(pin))
+        .map(|pin| format!("{PACKAGE}: an extra pins another version than {pin} in {file}"))
+        .collect()
 }
 
 /// The published packages of the workspace that lack the text of a licence: the links to those in
@@ -205,6 +242,18 @@ fn one(allowed: &Allowed, words: &mut Words<'_>) -> Option<bool> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn extras_of_other_versions_are_found() {
+        let package = "[project.optional-dependencies]\n\
+            a = [\"distributed==1.0; python_version >= '3.10'\"]\nb = [\"tomli\"]\n";
+        let found = |pinned: &str| other_pins(package, "x.in", pinned).len();
+        assert_eq!(
+            found("# a comment\ndistributed==1.0\nnumpy==2.0\ntomli==3; python_version < '3.11'\n"),
+            0
+        );
+        assert_eq!(found("distributed==1.1\n"), 1);
+    }
     use serde_json::json;
 
     fn ours() -> Allowed {

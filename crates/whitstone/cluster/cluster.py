@@ -39,6 +39,8 @@ PATIENCE = 60.0
 TIME_TO_LIVE = "60s"
 # Characters of the output of a failed job that are reported.
 LONGEST_REASON = 4000
+# Bytes of that output that are kept.
+LONGEST_LOG = 1 << 20
 # Free bytes of a disk on which a job has failed that count as full.
 LEAST_SPACE = 1 << 20
 
@@ -171,7 +173,8 @@ def run_job(line: str, contents: list[bytes], settings: dict[str, Any]) -> dict[
         if code == 0:
             files = {name: (Path(results) / name).read_bytes() for name in job["outputs"]}
             return {"files": files, "seconds": time.perf_counter() - started}
-        text = log.read_text(errors="replace").strip()[-settings["longest"] :]
+        whole = log.read_bytes()[-settings["longest_log"] :]
+        text = whole.decode(errors="replace").strip()[-settings["longest"] :]
         if shutil.disk_usage(base).free < settings["least_space"]:
             return refused(f"has a full disk: {text}")
         if time.monotonic() - begun >= settings["time_limit"]:
@@ -179,7 +182,7 @@ def run_job(line: str, contents: list[bytes], settings: dict[str, Any]) -> dict[
         elif code < 0:
             text = f"the process was ended by signal {-code}\n{text}".strip()
         where = f"on {worker.address}: "
-        return {"failed": where + (text or f"exit code {code}"), "final": code == 2}
+        return {"failed": where + (text or f"exit code {code}"), "final": code == 2, "log": whole}
 
 
 # On this side.
@@ -264,6 +267,7 @@ class Run:
             "threads": request["threads"],
             "time_limit": request["time_limit"],
             "longest": LONGEST_REASON,
+            "longest_log": LONGEST_LOG,
             "least_space": LEAST_SPACE,
             "mitsuba": request["mitsuba"],
         }
@@ -329,6 +333,8 @@ class Run:
         else:
             self.failures[id] = self.failures.get(id, 0) + 1
             if outcome["final"] or self.failures[id] > self.allowed:
+                if log := outcome.get("log"):
+                    write(self.results / f"{id}.log", log)
                 tell("failed", id=id, reason=outcome["failed"])
             else:
                 self.start(id)

@@ -494,11 +494,19 @@ impl Results {
         Ok(record)
     }
 
-    /// Removes the results of jobs.
+    /// What a failed job wrote to standard error.
+    pub(crate) fn log(&self, id: &str) -> PathBuf {
+        self.0.join(format!("{id}.log"))
+    }
+
+    /// Removes the results and the logs of jobs.
     pub(crate) fn remove(&self, jobs: &[Job]) {
-        for name in jobs.iter().flat_map(|job| &job.outputs) {
-            // What stays is used again, or overwritten.
-            let _ = fs::remove_file(self.0.join(name));
+        for job in jobs {
+            let results = job.outputs.iter().map(|name| self.0.join(name));
+            for path in results.chain([self.log(&job.id)]) {
+                // What stays is used again, or overwritten.
+                let _ = fs::remove_file(path);
+            }
         }
     }
 }

@@ -232,7 +232,15 @@ impl Cluster {
                 .iter()
                 .map(|(id, reason)| {
                     let what = of(id).map(|job| format!("{}, ", job.what()));
-                    format!("job {id}, {}failed: {reason}", what.unwrap_or_default())
+                    let log = results.log(id);
+                    let log = log
+                        .exists()
+                        .then(|| format!("\n  all of its output: {}", log.display()));
+                    format!(
+                        "job {id}, {}failed: {reason}{}",
+                        what.unwrap_or_default(),
+                        log.unwrap_or_default()
+                    )
                 })
                 .collect();
             return Err(Failure::environment(format!(
