@@ -225,6 +225,7 @@ pub(crate) fn finite(text: &str) -> Result<f64, String> {
 }
 
 /// Parses a finite number greater than 0.
+#[cfg(feature = "converge")]
 fn positive(text: &str) -> Result<f64, String> {
     match finite(text)? {
         value if value > 0.0 => Ok(value),

@@ -55,6 +55,7 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     whitstone_lights::register(registry)?;
     whitstone_samplers::register(registry)?;
     whitstone_integrators::register(registry)?;
+    #[cfg(feature = "formats")]
     whitstone_formats::register(registry);
     #[cfg(feature = "cli")]
     registry.add_format(whitstone_validate::PovRayFormat::default());
