@@ -158,14 +158,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Failure> {
 /// A command line whose files are compared.
 struct Case {
     name: &'static str,
+    /// Whether it is also killed: others write one small file or none before they end.
+    is_killed: bool,
     /// `@` stands for the folder of its files, and `%` for the repository.
     arguments: &'static [&'static str],
 }
 
 /// The commands that write files.
-const CASES: [Case; 6] = [
+const CASES: [Case; 11] = [
     Case {
         name: "render",
+        is_killed: true,
         arguments: &[
             "render",
             "%/scenes/showcase/classic.toml",
@@ -184,12 +187,14 @@ const CASES: [Case; 6] = [
     },
     Case {
         name: "compare",
+        is_killed: true,
         arguments: &[
             "compare", "@/a.exr", "@/b.exr", "--png", "@/d.png", "--json", "@/c.json", "--junit", "@/j.xml",
         ],
     },
     Case {
         name: "validate",
+        is_killed: true,
         arguments: &[
             "validate",
             "scenes/materials/matte.toml",
@@ -205,14 +210,17 @@ const CASES: [Case; 6] = [
     },
     Case {
         name: "convert",
+        is_killed: true,
         arguments: &["convert", "%/scenes/assets/crystal.glb", "@/c.toml"],
     },
     Case {
         name: "init",
+        is_killed: false,
         arguments: &["init", "@/project"],
     },
     Case {
         name: "explain",
+        is_killed: false,
         arguments: &[
             "explain",
             "%/scenes/showcase/classic.toml",
@@ -226,7 +234,65 @@ const CASES: [Case; 6] = [
             "@/target",
         ],
     },
+    Case {
+        name: "plan",
+        is_killed: false,
+        arguments: &[
+            "plan",
+            "%/scenes/showcase/textured_mesh.toml",
+            "-o",
+            "@/jobs.jsonl",
+            "--json",
+            "@/p.json",
+        ],
+    },
+    Case {
+        name: "run-job",
+        is_killed: true,
+        arguments: &[
+            "run-job",
+            "@/ready.jsonl",
+            "--index",
+            "0",
+            "--results",
+            "@/out",
+            "--target",
+            "@/target",
+            "--json",
+            "@/r.json",
+        ],
+    },
+    Case {
+        name: "merge",
+        is_killed: true,
+        arguments: &["merge", "@/ready.jsonl", "-o", "@/m.exr", "--json", "@/m.json"],
+    },
+    Case {
+        name: "stress",
+        is_killed: false,
+        arguments: &[
+            "stress",
+            "planet",
+            "--rays",
+            "5",
+            "--no-mitsuba",
+            "--json",
+            "@/s.json",
+            "--target",
+            "@/target",
+        ],
+    },
+    Case {
+        name: "bake",
+        is_killed: false,
+        arguments: &["bake", "cubemap", "@/a.exr", "--size", "8", "-o", "@/sky"],
+    },
 ];
+
+/// Files that commands read, in the folder of each.
+fn is_input(name: &str) -> bool {
+    ["a.exr", "b.exr"].contains(&name) || name.starts_with("ready.")
+}
 
 impl Subject {
     /// The command of a case, after `before` (such as strace and its options).
@@ -278,21 +344,49 @@ impl Subject {
                 "--set".to_owned(),
                 format!("film={{width={width},height=12}}"),
             ];
-            let output = self.plain(&words).output().map_err(Failure::environment)?;
-            if !output.status.success() {
-                let text = String::from_utf8_lossy(&output.stderr).into_owned();
-                return Err(Failure::environment(format!("{}: {text}", words.join(" "))));
-            }
+            self.succeeds(&words)?;
+        }
+        let program = self.program.display().to_string();
+        let jobs = folder.path().join("ready.jsonl").display().to_string();
+        let small = "film={width=16,height=12}";
+        let scene = "scenes/showcase/classic.toml";
+        let plan = [
+            &program,
+            "plan",
+            scene,
+            "--set",
+            small,
+            "--tile-size",
+            "8",
+            "-o",
+            &jobs,
+        ];
+        self.succeeds(&plan.map(str::to_owned))?;
+        for index in ["0", "1", "2", "3"] {
+            let run = [&program, "run-job", &jobs, "--index", index];
+            self.succeeds(&run.map(str::to_owned))?;
         }
         Ok(folder)
+    }
+
+    /// Runs a command that prepares files.
+    fn succeeds(&self, words: &[String]) -> Result<(), Failure> {
+        let output = self.plain(words).output().map_err(Failure::environment)?;
+        match output.status.success() {
+            true => Ok(()),
+            false => {
+                let text = String::from_utf8_lossy(&output.stderr).into_owned();
+                Err(Failure::environment(format!("{}: {text}", words.join(" "))))
+            }
+        }
     }
 }
 
 impl Subject {
     /// An error if a command wrote nothing: then nothing would be tested.
     fn check_outputs(&self, case: &Case, files: &BTreeMap<String, Vec<u8>>) -> Result<(), Failure> {
-        match files.len() {
-            0..=2 => Err(Failure::environment(format!(
+        match files.keys().filter(|name| !is_input(name)).count() {
+            0 => Err(Failure::environment(format!(
                 "{} {} writes no file",
                 self.program.display(),
                 case.name
@@ -304,9 +398,12 @@ impl Subject {
     /// A new folder with the input files of [`Self::folder`], which are among these.
     fn folder_with(&self, files: &BTreeMap<String, Vec<u8>>) -> Result<tempfile::TempDir, Failure> {
         let folder = tempfile::tempdir().map_err(Failure::environment)?;
-        for name in ["a.exr", "b.exr"] {
-            let bytes = files.get(name).map_or(&[][..], Vec::as_slice);
-            fs::write(folder.path().join(name), bytes).map_err(Failure::environment)?;
+        for (name, bytes) in files.iter().filter(|(name, _)| is_input(name)) {
+            let path = folder.path().join(name);
+            path.parent()
+                .map_or(Ok(()), fs::create_dir_all)
+                .and_then(|()| fs::write(&path, bytes))
+                .map_err(Failure::environment)?;
         }
         Ok(folder)
     }

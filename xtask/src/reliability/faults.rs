@@ -44,6 +44,7 @@ const BEFORE_MAIN: &str = "mmap";
 
 const VERSION: Case = Case {
     name: "--version",
+    is_killed: false,
     arguments: &["--version"],
 };
 
