@@ -1,4 +1,5 @@
-//! The page of `compare --review`: pairs of images, whose pictures it asks for when they are opened.
+//! The page of `compare --review`: pairs of images. It asks for the pictures of a pair when that is
+//! opened.
 
 use super::case::{LARGEST_SCALE, PICTURE_WIDTH, data_uri};
 use super::script::drawing;
