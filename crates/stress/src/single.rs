@@ -181,7 +181,7 @@ mod tests {
             format!(
                 "film = {{ width = 1, height = 1 }}\n\
                  camera = {{ type = \"perspective\", fov = 1, look_at = {{ origin = [0, -1, 1], target = [0, 0, 0], up = [0, 0, 1] }} }}\n\
-                 [[light]]\ntype = \"directional\"\ndirection = [0, 0, -1]\n\
+                 [[light]]\ntype = \"directional\"\ndirection = [0, 0, -1]\nirradiance = 1\n\
                  [[shape]]\ntype = \"rectangle\"\n\
                  [[shape]]\ntype = \"rectangle\"\ntransform = {{ translate = [{:?}, 0, 2] }}\n",
                 1.0 - gap
