@@ -252,15 +252,18 @@ impl<'a> Lab<'a> {
 
     /// Runs a command; returns its image and the wall time of the whole command.
     fn run_command(&self, commanded: &Commanded) -> Result<(Image, f64), String> {
-        commanded.subject.render_once(&Once {
+        let once = Once {
             registry: self.registry,
             target: &self.options.target,
+            folder: Path::new("converge"),
             scene: &commanded.scene,
             size: commanded.size,
             samples: commanded.samples,
             threads: self.options.threads,
             stop: &self.options.stop,
-        })
+        };
+        let rendered = commanded.subject.render_once(&once);
+        rendered.map_err(|error| error.to_string())
     }
 
     /// Builds and renders once, to warm up and to get the image.

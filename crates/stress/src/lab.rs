@@ -37,6 +37,11 @@ impl<'a> Lab<'a> {
         }
     }
 
+    /// All plugins and formats.
+    pub(crate) fn registry(&self) -> &'a Registry {
+        self.registry
+    }
+
     /// Returns the driver, for other uses.
     pub fn into_driver(self) -> Option<Driver> {
         self.mitsuba.and_then(|driver| driver.into_inner().ok())

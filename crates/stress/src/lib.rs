@@ -25,11 +25,15 @@ pub mod plot;
 mod rays;
 mod report;
 pub mod search;
+mod single;
+mod subject;
+mod view;
 
 pub use families::{ELSEWHERE, FAMILIES};
 pub use kernel::{KernelReport, judge_kernel};
 pub use lab::Lab;
 pub use report::{EngineReport, FamilyReport, Step, Verdict, headline, price, table};
+pub use subject::{Pixels, SubjectReport, SubjectRuns, SubjectStep, judge_subject};
 
 use serde::{Deserialize, Serialize};
 use whitstone_core::Ray;
@@ -212,6 +216,17 @@ pub trait Family: Sync {
     ///
     /// If the case cannot be built, which is a bug of the family or of a plugin.
     fn step(&self, parameter: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String>;
+
+    /// A scene whose image shows the hazard, for renderers that only give images: with a camera and
+    /// few pixels, and with files relative to the folder `scenes`.
+    ///
+    /// # Errors
+    ///
+    /// Why there is none.
+    fn view(&self, parameter: f64, lab: &Lab<'_>) -> Result<String, String> {
+        let _ = (parameter, lab);
+        Err("its answers are numbers that no image shows".to_owned())
+    }
 
     /// Whether values of the parameter between the steps make sense: the search draws them, too.
     fn is_continuous(&self) -> bool {

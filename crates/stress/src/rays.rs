@@ -1,7 +1,7 @@
 //! Families that query the nearest hit of rays with one shape; the oracle gives the truth.
 
 use crate::lab::single;
-use crate::{About, Answer, Engine, Family, Judged, Lab, Sample};
+use crate::{About, Answer, Engine, Family, Judged, Lab, Sample, view};
 use std::hint::black_box;
 use std::time::Instant;
 use whitstone_core::{Aabb, DVec3, Interval, LoweredShape, Ray, SelfHitFilter};
@@ -29,6 +29,18 @@ pub(crate) struct RayFamily {
     pub(crate) unit: fn(f64, t: f64) -> f64,
     /// Whether the strict measure equals the error measure, instead of units in the last place.
     pub(crate) one_measure: bool,
+    /// What an image of the scene shows.
+    pub(crate) shown: Shown,
+}
+
+/// What a camera at the origin of one of the rays shows.
+pub(crate) enum Shown {
+    /// The whole shape, or the part of it that is seen from there.
+    Whole,
+    /// The origin of the world, as closely as the parameter is large.
+    Close,
+    /// Nothing: an image does not have such rays, or its pixels miss a shape so thin.
+    Nothing,
 }
 
 impl Family for RayFamily {
@@ -133,6 +145,22 @@ impl Family for RayFamily {
         Ok(answers)
     }
 
+    fn view(&self, parameter: f64, lab: &Lab<'_>) -> Result<String, String> {
+        let scene = (self.scene)(parameter);
+        let mut random = Random::new(parameter.to_bits());
+        let ray = (0..TRIES).find_map(|_| (self.ray)(parameter, &mut random));
+        let ray = ray.ok_or("no ray could be generated")?;
+        let (target, radius) = match self.shown {
+            Shown::Nothing => return Err("no small image shows its rays".to_owned()),
+            Shown::Close => (DVec3::ZERO, 2.0 * parameter),
+            Shown::Whole => {
+                let bounds = bounds_of(&lab.pipeline(&scene)?);
+                (bounds.center(), 0.75 * bounds.extent().length())
+            }
+        };
+        Ok(view::along(&scene, &ray, target, radius))
+    }
+
     fn draw(&self, parameter: f64, random: &mut Random) -> Option<Ray> {
         (self.ray)(parameter, random)
     }
@@ -167,7 +195,7 @@ impl Family for RayFamily {
 }
 
 /// The bounding box of all shapes of a scene.
-fn bounds_of(pipeline: &Pipeline) -> Aabb {
+pub(crate) fn bounds_of(pipeline: &Pipeline) -> Aabb {
     let geometry = &pipeline.scene.geometry;
     let boxes = geometry.elements().map(|element| geometry.bounds(element));
     boxes.fold(Aabb::EMPTY, Aabb::union)
@@ -250,6 +278,10 @@ impl Family for Several {
             }
         }
         Ok(all)
+    }
+
+    fn view(&self, parameter: f64, lab: &Lab<'_>) -> Result<String, String> {
+        self.0[0].view(parameter, lab)
     }
 
     /// All shapes have the same rays.

@@ -53,5 +53,5 @@ pub use result::{
 };
 pub use stop::Stop;
 pub use subject::Subject;
-pub use validator::{Mode, NoLive, Options, Validator, flatten};
+pub use validator::{Mode, NoLive, Options, Validator, flatten, flatten_sources};
 pub use variants::Variants;

@@ -80,12 +80,10 @@ impl Pictures {
         reference: &Image,
         judged: impl Iterator<Item = ([usize; 2], Option<Reason>)>,
     ) -> Option<Self> {
-        let tone = ToneMap::default();
-        let png = |raster: Raster| raster.to_png().ok();
         Some(Self {
-            ours: png(Raster::preview(ours, tone).ok()?)?,
-            reference: png(Raster::preview(reference, tone).ok()?)?,
-            error: png(error_map(ours, reference, ERROR_VIEW).ok()?)?,
+            ours: png(ours)?,
+            reference: png(reference)?,
+            error: error_map(ours, reference, ERROR_VIEW).ok()?.to_png().ok()?,
             pixels: pack(ours, reference, judged)?,
             layers: layer_view::layers(ours)
                 .into_iter()
@@ -93,6 +91,11 @@ impl Pictures {
                 .collect(),
         })
     }
+}
+
+/// The picture of one image, as [`Pictures`] shows it, PNG.
+pub(crate) fn png(image: &Image) -> Option<Vec<u8>> {
+    Raster::preview(image, ToneMap::default()).ok()?.to_png().ok()
 }
 
 impl LayerPictures {

@@ -6,13 +6,15 @@
 //! pixels in other ways than the pictures (`viewer.js`) and highlight the points of diagrams
 //! (`studies.js`).
 //!
-//! `comparison` is the page for several subjects.
+//! `comparison` is the page for several subjects, `review` that of `compare --review`, which loads
+//! the pictures of a pair when it is opened.
 
 mod case;
 mod changes;
 mod comparison;
 mod extras;
 mod number;
+mod review;
 mod script;
 mod view;
 
@@ -22,6 +24,7 @@ pub(crate) mod tests;
 pub use changes::{Baseline, Change, Changes, Kind};
 pub use comparison::{Compared, Comparison, NamedResults, Pair};
 pub use extras::{Diagram, Extras};
+pub use review::{ReviewDetails, ReviewPixel, ReviewRow, review_details, review_page};
 pub use script::drawing;
 
 use crate::matrix::{Cell, Tally};

@@ -11,6 +11,7 @@ pub(crate) mod render;
 use crate::stop::Stop;
 use arguments::Arguments;
 pub(crate) use camera::shifted;
+pub use render::SubjectError;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -79,6 +80,8 @@ pub struct Once<'a> {
     pub registry: &'a Registry,
     /// The folder of all results.
     pub target: &'a Path,
+    /// The folder of the scene's files, relative to that of the subject.
+    pub folder: &'a Path,
     /// The scene.
     pub scene: &'a Flattened,
     /// Columns and rows.
@@ -424,7 +427,7 @@ impl Subject {
     ///
     /// # Errors
     /// If its format cannot express the scene, or the command fails.
-    pub fn render_once(&self, once: &Once<'_>) -> Result<(Image, f64), String> {
+    pub fn render_once(&self, once: &Once<'_>) -> Result<(Image, f64), SubjectError> {
         let subject = Self {
             samples: once.samples,
             runs: 1,
@@ -433,14 +436,14 @@ impl Subject {
         let job = render::Job {
             registry: once.registry,
             target: once.target,
-            folder: Path::new("converge"),
+            folder: once.folder,
             scene: once.scene,
             size: once.size,
             threads: once.threads,
             stage: &|_| (),
             stop: once.stop,
         };
-        let rendered = render::render(&subject, &job).map_err(|error| error.to_string())?;
+        let rendered = render::render(&subject, &job)?;
         Ok((rendered.image, rendered.run.seconds))
     }
 

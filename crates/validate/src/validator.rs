@@ -649,7 +649,7 @@ pub fn flatten(path: &Path, overrides: &[String], registry: &Registry) -> Result
 }
 
 /// The flattened scene of sources.
-pub(crate) fn flatten_sources(sources: &Sources) -> Result<Flattened, String> {
+pub fn flatten_sources(sources: &Sources) -> Result<Flattened, String> {
     let description = Description::parse(sources)
         .into_result()
         .map_err(|errors| sources.report(&errors, false))?;

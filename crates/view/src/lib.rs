@@ -1,12 +1,14 @@
-//! The live view of a scene: one page on the loopback interface, on which the scene is seen while
-//! it is edited.
+//! Pages on the loopback interface: the live view, on which a scene is seen while it is edited, and
+//! the review, on which images are accepted as references.
 //!
 //! | module | contents |
 //! |---|---|
+//! | `gate` | the server, and the requests that it refuses |
+//! | `review` | the review; all other modules belong to the live view |
 //! | `scene` | the built scene, and the camera, size and sampler of a picture |
 //! | `renderer` | pictures of the scene that become better |
 //! | `state` | what all threads share: the wish of the page, and the last picture |
-//! | `http` | requests that are answered, and those that are refused |
+//! | `http` | requests that are answered |
 //! | `watch` | changes of files |
 //! | `pixel` | value, layers and ray tree of a pixel |
 //! | `heat` | numbers of work per pixel |
@@ -19,24 +21,26 @@
 #![forbid(unsafe_code)]
 
 mod camera;
+mod gate;
 mod heat;
 mod http;
 mod pixel;
 mod reference;
 mod renderer;
+mod review;
 mod scene;
 mod state;
 mod tev;
 mod watch;
 
+pub use gate::StartError;
+pub use review::{Pairs, Review, Standing};
+
+use gate::Gate;
 use scene::Origin;
 use state::Shared;
-use std::fmt::Write as _;
-use std::net::{Ipv4Addr, TcpListener};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
-use thiserror::Error;
-use tiny_http::Server;
 use whitstone_core::Registry;
 use whitstone_validate::{Installation, Stop};
 
@@ -76,34 +80,11 @@ pub struct Options {
     pub installation: Installation,
 }
 
-/// Why a view does not start.
-#[derive(Debug, Error)]
-pub enum StartError {
-    /// The port cannot be used.
-    #[error(
-        "port {port} of 127.0.0.1 cannot be used: {error}; choose another one with --port, or 0 for any free one"
-    )]
-    Port {
-        /// The port.
-        port: u16,
-        /// What the system says.
-        error: std::io::Error,
-    },
-    /// The address of tev has a wrong form.
-    #[error("--tev {0}")]
-    Tev(String),
-    /// The server cannot be started.
-    #[error("cannot start the server: {0}")]
-    Server(String),
-}
-
 /// A view whose port is open.
 pub struct View<'r> {
     options: Options,
     registry: &'r Registry,
-    server: Server,
-    port: u16,
-    token: String,
+    gate: Gate,
 }
 
 impl<'r> View<'r> {
@@ -115,34 +96,17 @@ impl<'r> View<'r> {
         if let Some(address) = &options.tev {
             tev::check(address).map_err(StartError::Tev)?;
         }
-        let port = options.port;
-        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port))
-            .map_err(|error| StartError::Port { port, error })?;
-        send_at_once(&listener);
-        let address = listener
-            .local_addr()
-            .map_err(|error| StartError::Port { port, error })?;
-        let server =
-            Server::from_listener(listener, None).map_err(|error| StartError::Server(error.to_string()))?;
-        let mut bytes = [0; 16];
-        getrandom::fill(&mut bytes)
-            .map_err(|error| StartError::Server(format!("no random numbers: {error}")))?;
-        let token = bytes.iter().fold(String::new(), |mut text, byte| {
-            let _ = write!(text, "{byte:02x}");
-            text
-        });
+        let gate = Gate::open(options.port)?;
         Ok(Self {
             options,
             registry,
-            server,
-            port: address.port(),
-            token,
+            gate,
         })
     }
 
     /// The address of the page. Whoever knows it can see the scene.
     pub fn url(&self) -> String {
-        format!("http://127.0.0.1:{}/{}/", self.port, self.token)
+        self.gate.url()
     }
 
     /// Serves the page until `stop` is requested. `say` receives the problems of the scene, for a
@@ -160,12 +124,10 @@ impl<'r> View<'r> {
             cache: (options.target.join("kept"), !options.fresh),
         };
         let name = options.scene.display().to_string();
-        let page = http::page(&name, &self.token);
+        let page = http::page(&name, self.gate.token());
         let site = http::Site {
             shared: &shared,
             registry: self.registry,
-            token: &self.token,
-            port: self.port,
             page: &page,
         };
         let source = reference::Source {
@@ -187,7 +149,7 @@ impl<'r> View<'r> {
                 scope.spawn(|| send_to_tev(address, &name, &shared, say));
             }
             for _ in 0..THREADS {
-                scope.spawn(|| site.serve(&self.server));
+                scope.spawn(|| site.serve(&self.gate));
             }
             while !stop.is_requested() {
                 std::thread::sleep(Duration::from_millis(50));
@@ -195,13 +157,6 @@ impl<'r> View<'r> {
             shared.change(|state| state.ended = true);
         });
     }
-}
-
-/// Makes connections send the end of an answer at once. Otherwise it waits for the browser to
-/// acknowledge the part before, which the browser delays by 40 ms (Nagle's algorithm). Connections
-/// inherit the option of the socket that accepts them. Without it, the view is only slower.
-fn send_at_once(listener: &TcpListener) {
-    let _ = socket2::SockRef::from(listener).set_tcp_nodelay(true);
 }
 
 /// Sends every picture of full size to tev, until the view ends.

@@ -74,7 +74,7 @@ pub enum Command {
     Merge(merge::Arguments),
     Reduce(reduce::Arguments),
     Report(report::Arguments),
-    Compare(compare::Arguments),
+    Compare(Box<compare::Arguments>),
     Conventions(conventions::Arguments),
     Convert(convert::Arguments),
     Explain(explain::Arguments),

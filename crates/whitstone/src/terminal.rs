@@ -167,6 +167,14 @@ impl Failure {
             Self::Interrupted { kept, .. } => kept,
         }
     }
+
+    /// The message, of a failure that is still needed.
+    pub fn text(&self) -> &str {
+        match self {
+            Self::Usage(problem) | Self::Environment(problem) => problem,
+            Self::Interrupted { kept, .. } => kept,
+        }
+    }
 }
 
 /// Creates a folder for results if it does not exist.

@@ -1,5 +1,5 @@
-//! Tests of the report and of the live view in a real browser, by WebDriver: what a reader does,
-//! and what must then be seen.
+//! Tests of the report, the review and the live view in a real browser, by WebDriver: what a reader
+//! does, and what must then be seen.
 //!
 //! `cargo test -p whitstone-browser --features browser` runs them. They need `chromedriver` and a
 //! Chromium, and are listed as ignored where these are not, unless `WHITSTONE_BROWSER=required`

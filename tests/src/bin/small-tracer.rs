@@ -106,12 +106,31 @@ fn only(table: &Table, what: &str, known: &[&str]) {
     }
 }
 
-/// The faults of this run.
+/// The faults of this run. `single` is none: it rounds the numbers of the scene, hits and points to
+/// single precision, and moves shadow rays in proportion to the coordinates.
 struct Faults(Vec<String>);
 
 impl Faults {
     fn has(&self, name: &str) -> bool {
         self.0.iter().any(|fault| fault == name)
+    }
+
+    fn rounded(&self, vector: Vector) -> Vector {
+        if self.has("single") {
+            vector.map(|value| f64::from(value as f32))
+        } else {
+            vector
+        }
+    }
+}
+
+/// Rounds all numbers of a document to single precision.
+fn round_numbers(value: &mut Value) {
+    match value {
+        Value::Float(float) => *float = f64::from(*float as f32),
+        Value::Array(parts) => parts.iter_mut().for_each(round_numbers),
+        Value::Table(table) => table.iter_mut().for_each(|(_, value)| round_numbers(value)),
+        _ => {}
     }
 }
 
@@ -369,7 +388,7 @@ impl Scene {
         let Some(hit) = self.intersect(origin, direction, least) else {
             return self.beyond(direction);
         };
-        let point = add(origin, scaled(direction, hit.t));
+        let point = self.faults.rounded(add(origin, scaled(direction, hit.t)));
         let is_outside = dot(direction, hit.normal) < 0.0;
         let normal = if is_outside {
             hit.normal
@@ -434,6 +453,12 @@ impl Scene {
         let (least, start) = match () {
             () if self.faults.has("epsilon") => (1e-3, point),
             () if self.faults.has("bias") => (1e-9, add(point, scaled(normal, 1e-3))),
+            () if self.faults.has("small-bias") => (1e-9, add(point, scaled(normal, 1e-4))),
+            () if self.faults.has("single") => {
+                let largest = point.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+                let offset = 8.0 * f64::from(f32::EPSILON) * largest;
+                (0.0, self.faults.rounded(add(point, scaled(normal, offset))))
+            }
             () => (1e-9, point),
         };
         let shadowed = !self.faults.has("no-shadows")
@@ -512,7 +537,10 @@ fn run(arguments: &[String]) -> Result<(), Problem> {
         return Err("expected SCENE OUTPUT.pfm [FAULT]...".into());
     };
     let source = Path::new(source);
-    let document: Table = std::fs::read_to_string(source)?.parse()?;
+    let mut document: Table = std::fs::read_to_string(source)?.parse()?;
+    if faults.iter().any(|fault| fault == "single") {
+        document.iter_mut().for_each(|(_, value)| round_numbers(value));
+    }
     let empty = Table::new();
     let table = |key: &str| document.get(key).and_then(Value::as_table).unwrap_or(&empty);
     let (film, camera) = (table("film"), table("camera"));

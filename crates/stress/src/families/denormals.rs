@@ -5,7 +5,7 @@
 //! for them. The diagram shows whether all steps take about the same time.
 
 use crate::About;
-use crate::rays::{RayFamily, Several, clear, past};
+use crate::rays::{RayFamily, Several, Shown, clear, past};
 use whitstone_core::{DVec3, Ray};
 use whitstone_testkit::Random;
 
@@ -47,6 +47,7 @@ const fn almost_zero(scene: fn(f64) -> String) -> RayFamily {
         ray: down,
         unit: |_, t| t,
         one_measure: false,
+        shown: Shown::Nothing,
     }
 }
 
@@ -100,5 +101,6 @@ const fn almost_nothing(scene: fn(f64) -> String) -> RayFamily {
         },
         unit: |_, t| t,
         one_measure: false,
+        shown: Shown::Whole,
     }
 }

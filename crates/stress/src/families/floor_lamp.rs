@@ -2,7 +2,7 @@
 
 use crate::families::gaps::offset;
 use crate::lab::{radiance, single, textbook_of};
-use crate::{About, Answer, Engine, Family, Lab, Limit, Sample, decades};
+use crate::{About, Answer, Engine, Family, Lab, Limit, Sample, decades, view};
 use std::f64::consts::PI;
 use whitstone_core::{DVec3, Ray};
 use whitstone_oracle::naive::{Real, Textbook};
@@ -52,6 +52,12 @@ impl Family for LightOnSurface {
 
     fn parameters(&self) -> Vec<f64> {
         decades(-1, -17)
+    }
+
+    fn view(&self, height: f64, _: &Lab<'_>) -> Result<String, String> {
+        let scene = Self::scene(DVec3::splat(1.0 + height / 3f64.sqrt()));
+        let lit = CORNERS[1].map(DVec3::from_array).into_iter().sum::<DVec3>() / 3.0;
+        Ok(view::seen(&scene, lit + 2.0, lit, 30.0))
     }
 
     fn step(&self, height: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {

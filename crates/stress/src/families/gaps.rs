@@ -2,7 +2,8 @@
 //! mirrors, leaks of closed meshes.
 
 use crate::lab::{rows, single, textbook_of, tree};
-use crate::{About, Answer, Engine, Family, Lab, Limit, Sample, decades};
+use crate::rays::bounds_of;
+use crate::{About, Answer, Engine, Family, Lab, Limit, Sample, decades, view};
 use rayon::prelude::*;
 use serde_json::json;
 use whitstone_core::{DVec3, Interval, LoweredShape, Ray, SelfHitFilter};
@@ -78,6 +79,12 @@ impl Family for ShadowGap {
 
     fn parameters(&self) -> Vec<f64> {
         decades(-1, -18)
+    }
+
+    fn view(&self, gap: f64, _: &Lab<'_>) -> Result<String, String> {
+        // The shadow begins in the middle of the image.
+        let origin = Self::ray(gap).origin;
+        Ok(view::seen(&Self::scene(gap, 0.0), origin, DVec3::ZERO, 40.0))
     }
 
     fn step(&self, gap: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
@@ -327,6 +334,15 @@ pub(crate) struct Leaks;
 
 /// Width of the tube of the mesh.
 const TUBE: f64 = 0.6;
+impl Leaks {
+    fn mesh(offset: f64) -> String {
+        format!(
+            "[[shape]]\ntype = \"mesh\"\nfile = \"assets/torus.obj\"\ntransform = {{ translate = [{offset:?}, {:?}, 0] }}\n",
+            -offset
+        )
+    }
+}
+
 /// See [`Sample::excused`].
 const EXCUSED_ULPS: f64 = 16.0;
 
@@ -353,11 +369,22 @@ impl Family for Leaks {
         decades(0, 16)
     }
 
+    fn view(&self, offset: f64, lab: &Lab<'_>) -> Result<String, String> {
+        let mesh = Self::mesh(offset);
+        let bounds = bounds_of(&lab.pipeline(&mesh)?);
+        let middle = bounds.center();
+        let from = DVec3::new(1.0, 1.0, 3.0);
+        let radius = 0.5 * bounds.extent().length();
+        Ok(view::along(
+            &mesh,
+            &Ray::new(middle + from, -from),
+            middle,
+            radius,
+        ))
+    }
+
     fn step(&self, offset: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
-        let mesh = format!(
-            "[[shape]]\ntype = \"mesh\"\nfile = \"assets/torus.obj\"\ntransform = {{ translate = [{offset:?}, {:?}, 0] }}\n",
-            -offset
-        );
+        let mesh = Self::mesh(offset);
         let center = DVec3::new(offset, -offset, 0.0);
         let mut pipelines = Vec::new();
         for accelerator in lab.accelerators() {

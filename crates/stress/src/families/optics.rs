@@ -3,7 +3,7 @@
 
 use crate::families::gaps::offset;
 use crate::lab::{radiance, tree};
-use crate::{About, Answer, Engine, Family, Lab, Limit, Sample, decades};
+use crate::{About, Answer, Engine, Family, Lab, Limit, Sample, decades, view};
 use serde_json::json;
 use whitstone_core::{DVec3, Ray};
 use whitstone_oracle::naive::Real;
@@ -325,6 +325,19 @@ impl Family for Absorption {
 /// A lamp just above the surface that it lights, a metre or more from the origin.
 pub(crate) struct NearLamp;
 
+/// Where the surface is, in metres.
+const LEVEL: f64 = 1.0;
+
+impl NearLamp {
+    fn scene(height: f64) -> String {
+        format!(
+            "[[light]]\ntype = \"point\"\nposition = [0, 0, {:?}]\nintensity = 1\n\
+             [[shape]]\ntype = \"rectangle\"\ntransform = {{ translate = [0, 0, {LEVEL:?}] }}\nmaterial = {{ type = \"matte\", reflectance = 1 }}\n",
+            LEVEL + height
+        )
+    }
+}
+
 impl Family for NearLamp {
     fn about(&self) -> About {
         About {
@@ -345,13 +358,16 @@ impl Family for NearLamp {
         decades(-1, -17)
     }
 
+    fn view(&self, height: f64, _: &Lab<'_>) -> Result<String, String> {
+        // A few heights of the surface below the lamp.
+        let fov = (4.0 * height).atan().to_degrees();
+        let (origin, target) = (DVec3::new(-1.0, 0.0, LEVEL + 1.0), DVec3::new(0.0, 0.0, LEVEL));
+        Ok(view::seen(&Self::scene(height), origin, target, fov))
+    }
+
     fn step(&self, height: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
-        let level = 1.0;
-        let lamp = level + height;
-        let pipeline = lab.pipeline(&format!(
-            "[[light]]\ntype = \"point\"\nposition = [0, 0, {lamp:?}]\nintensity = 1\n\
-             [[shape]]\ntype = \"rectangle\"\ntransform = {{ translate = [0, 0, {level:?}] }}\nmaterial = {{ type = \"matte\", reflectance = 1 }}\n"
-        ))?;
+        let (level, lamp) = (LEVEL, LEVEL + height);
+        let pipeline = lab.pipeline(&Self::scene(height))?;
         // From the side, at the point below the lamp; `exact` is the distance of the lamp as
         // rounded to doubles.
         let (slope, exact) = (0.5f64.sqrt(), lamp - level);

@@ -2,7 +2,7 @@
 
 use crate::families::gaps::offset;
 use crate::lab::{radiance, textbook_of};
-use crate::{About, Answer, Engine, Family, Lab, Limit, Sample};
+use crate::{About, Answer, Engine, Family, Lab, Limit, Sample, view};
 use whitstone_core::{DVec3, Ray, Scratch};
 use whitstone_oracle::naive::{Real, Textbook};
 
@@ -49,6 +49,10 @@ impl Family for PowerOfTwo {
         step([parameter, 1.0 / parameter].as_slice(), lab)
     }
 
+    fn view(&self, parameter: f64, _: &Lab<'_>) -> Result<String, String> {
+        Ok(image(parameter))
+    }
+
     fn is_continuous(&self) -> bool {
         false
     }
@@ -89,6 +93,14 @@ impl Family for PowerOfTen {
         };
         step(&[scale], lab)
     }
+
+    fn view(&self, parameter: f64, _: &Lab<'_>) -> Result<String, String> {
+        Ok(image(if self.is_enlarged {
+            parameter
+        } else {
+            1.0 / parameter
+        }))
+    }
 }
 
 /// A glass ball and a mirror on a floor, under a lamp.
@@ -113,6 +125,28 @@ fn scene(s: f64) -> String {
         large = 4.0 * s,
         down = v(0.0, -4.0, 0.0),
     )
+}
+
+/// Matte balls on a floor and their shadows, for renderers that only give images.
+fn image(s: f64) -> String {
+    let place = |x: f64, y: f64, z: f64| s * DVec3::new(x, y, z);
+    let shapes: String = [(-0.75, 0.5), (0.75, 0.5)]
+        .map(|(x, y)| {
+            format!(
+                "[[shape]]\ntype = \"sphere\"\ncenter = {:?}\nradius = {:?}\n",
+                place(x, y, 0.0).to_array(),
+                0.5 * s
+            )
+        })
+        .concat();
+    let scene = format!(
+        "[[light]]\ntype = \"point\"\nposition = {lamp:?}\nintensity = {:?}\n{shapes}\
+         [[shape]]\ntype = \"rectangle\"\ntransform = [{{ scale = {:?} }}, {{ rotate = {{ axis = [1, 0, 0], degrees = -90 }} }}]\n",
+        20.0 * s * s,
+        4.0 * s,
+        lamp = place(3.0, 3.0, 1.0).to_array(),
+    );
+    view::seen(&scene, place(0.0, 2.5, 3.5), place(0.0, 0.3, 0.0), 45.0)
 }
 
 fn step(scales: &[f64], lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {

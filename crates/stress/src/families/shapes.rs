@@ -1,7 +1,7 @@
 //! Slivers, thin cylinders, thin tori and stretched instances.
 
 use crate::lab::single;
-use crate::rays::{RayFamily, clear, past, past_in_double};
+use crate::rays::{RayFamily, Shown, clear, past, past_in_double};
 use crate::{About, decades};
 use whitstone_core::{DMat3, DVec3, Ray};
 use whitstone_testkit::Random;
@@ -39,6 +39,7 @@ pub(crate) static SLIVER: RayFamily = RayFamily {
     },
     unit: |_, t| t,
     one_measure: false,
+    shown: Shown::Nothing,
 };
 
 /// Vertices that are exact in single precision, up to the aspect ratio at which it would make them
@@ -86,6 +87,7 @@ pub(crate) static THIN_CYLINDER: RayFamily = RayFamily {
     },
     unit: |radius, _| radius,
     one_measure: false,
+    shown: Shown::Nothing,
 };
 
 /// Close to the apex of a cone, where both of its nappes meet.
@@ -115,6 +117,7 @@ pub(crate) static APEX: RayFamily = RayFamily {
     },
     unit: |distance, _| distance,
     one_measure: false,
+    shown: Shown::Close,
 };
 
 /// A torus with a very thin tube.
@@ -136,6 +139,7 @@ pub(crate) static THIN_TORUS: RayFamily = RayFamily {
     ray: |tube, random| at_torus(4.0, tube, random),
     unit: |tube, _| tube,
     one_measure: true,
+    shown: Shown::Whole,
 };
 
 /// The same torus at a large distance.
@@ -162,6 +166,7 @@ pub(crate) static FAR_TORUS: RayFamily = RayFamily {
     ray: |distance, random| at_torus(distance, 0.25, random),
     unit: |_, _| 0.25,
     one_measure: true,
+    shown: Shown::Whole,
 };
 
 fn torus(tube: f64) -> String {
@@ -218,6 +223,7 @@ pub(crate) static CONDITION: RayFamily = RayFamily {
     },
     unit: |_, t| t,
     one_measure: false,
+    shown: Shown::Whole,
 };
 
 /// An instance of a sphere, stretched along one axis and flattened along another.
@@ -255,6 +261,7 @@ pub(crate) static INSTANCE: RayFamily = RayFamily {
     },
     unit: |_, t| t,
     one_measure: false,
+    shown: Shown::Whole,
 };
 
 /// Directions of any length, which is the unit of t.
@@ -295,4 +302,5 @@ pub(crate) static LENGTH: RayFamily = RayFamily {
     },
     unit: |_, t| t,
     one_measure: false,
+    shown: Shown::Nothing,
 };

@@ -120,4 +120,5 @@ pub(crate) static TINY: crate::rays::RayFamily = crate::rays::RayFamily {
     },
     unit: |ratio, _| 1.0 / ratio,
     one_measure: false,
+    shown: crate::rays::Shown::Whole,
 };

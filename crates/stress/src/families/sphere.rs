@@ -1,7 +1,7 @@
 //! Spheres that are far away, huge, tangent to rays, or just in front of the camera.
 
 use crate::lab::single;
-use crate::rays::{RayFamily, clear, past, past_in_double};
+use crate::rays::{RayFamily, Shown, clear, past, past_in_double};
 use crate::{About, decades};
 use whitstone_core::{DVec3, Ray};
 
@@ -42,6 +42,7 @@ pub(crate) static DISTANCE: RayFamily = RayFamily {
     },
     unit: |_, _| 1.0,
     one_measure: false,
+    shown: Shown::Whole,
 };
 
 /// A planet of any radius, seen from two units above it.
@@ -72,6 +73,7 @@ pub(crate) static PLANET: RayFamily = RayFamily {
     },
     unit: |_, t| t,
     one_measure: false,
+    shown: Shown::Whole,
 };
 
 /// Rays that pass just above or below the top of a sphere. Their height is exact in single
@@ -98,6 +100,7 @@ pub(crate) static TANGENT: RayFamily = RayFamily {
     },
     unit: |_, _| 1.0,
     one_measure: false,
+    shown: Shown::Close,
 };
 
 /// The camera just above a sphere, looking down at it.
@@ -123,6 +126,7 @@ pub(crate) static NEAR: RayFamily = RayFamily {
     },
     unit: |height, _| height,
     one_measure: false,
+    shown: Shown::Whole,
 };
 
 /// A sphere at a position that is exact in single precision, seen from nearby.
@@ -159,6 +163,7 @@ pub(crate) static OFFSET: RayFamily = RayFamily {
     },
     unit: |_, _| 1.0,
     one_measure: false,
+    shown: Shown::Whole,
 };
 
 fn place(offset: f64) -> DVec3 {

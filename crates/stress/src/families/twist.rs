@@ -1,6 +1,6 @@
 //! Implicit surfaces that wind faster and faster.
 
-use crate::rays::RayFamily;
+use crate::rays::{RayFamily, Shown};
 use crate::{About, decades};
 use whitstone_core::Ray;
 
@@ -36,4 +36,5 @@ pub(crate) static TWIST: RayFamily = RayFamily {
     },
     unit: |_, _| 1.0,
     one_measure: false,
+    shown: Shown::Whole,
 };

@@ -13,7 +13,7 @@ use whitstone_metrics::Tolerance;
 /// Width at which a picture is easy to see, in pixels of the page.
 pub(super) const PICTURE_WIDTH: usize = 384;
 /// Maximum magnification.
-const LARGEST_SCALE: usize = 16;
+pub(super) const LARGEST_SCALE: usize = 16;
 
 /// A case, in the table and in its own section.
 pub(super) struct CaseView<'a> {
@@ -123,7 +123,11 @@ pub(super) struct Sensed<'a> {
 }
 
 pub(super) fn data_uri(png: &[u8]) -> String {
-    format!("data:image/png;base64,{}", STANDARD.encode(png))
+    format!("data:image/png;base64,{}", base64(png))
+}
+
+pub(super) fn base64(bytes: &[u8]) -> String {
+    STANDARD.encode(bytes)
 }
 
 pub(super) fn failed(case: &CaseResult) -> bool {

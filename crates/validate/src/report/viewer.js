@@ -314,9 +314,9 @@
   };
 
   // Unpack only the cases that are open: a page has many.
-  for (const section of all("details.case")) {
+  const watch = (section) => {
     const pictures = section.querySelector(".pictures[data-pixels]");
-    if (!pictures) continue;
+    if (!pictures) return;
     let opened = false;
     const look = () => {
       if (!section.open || opened) return;
@@ -325,5 +325,8 @@
     };
     section.addEventListener("toggle", look);
     look();
-  }
+  };
+  all("details.case").forEach(watch);
+  // A case whose pictures the page loads later.
+  document.addEventListener("loaded", (event) => watch(event.target));
 })();

@@ -22,7 +22,7 @@ const TIME_RESOLUTION: Duration = Duration::from_secs(2);
 
 /// Why there is no image of a subject.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum SubjectError {
+pub enum SubjectError {
     /// Its format cannot express the scene.
     #[error("{0}")]
     NotExpressible(String),

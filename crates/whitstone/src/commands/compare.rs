@@ -4,12 +4,14 @@ mod accept;
 mod folders;
 mod input;
 mod measure;
+#[cfg(feature = "view")]
+mod review;
 mod thresholds;
 
 use super::junit;
 use crate::terminal::{Exit, Failure, write_json};
 use clap::Args;
-use measure::{Comparison, measure};
+use measure::{Comparison, Judged, measure};
 use std::path::{Path, PathBuf};
 use thresholds::Thresholds;
 pub(super) use thresholds::with_two_hyphens;
@@ -70,6 +72,9 @@ pub struct Arguments {
     /// stay
     #[arg(long)]
     accept: bool,
+    #[cfg(feature = "view")]
+    #[command(flatten)]
+    review: review::ReviewArguments,
     /// Image that is black where the images need not agree; such pixels count as equal. For two
     /// folders, a folder of masks; images without a mask are compared whole
     #[arg(long, value_name = "PATH")]
@@ -191,11 +196,17 @@ fn edge_layer(text: &str) -> Result<EdgeLayer, String> {
 }
 
 impl Arguments {
-    /// All references.
-    fn references(&self) -> impl Iterator<Item = &Path> {
-        std::iter::once(&self.reference)
-            .chain(&self.or)
-            .map(PathBuf::as_path)
+    /// The files of a comparison of two images.
+    fn files(&self) -> Files {
+        Files {
+            ours: self.ours.clone(),
+            references: std::iter::once(&self.reference)
+                .chain(&self.or)
+                .cloned()
+                .collect(),
+            mask: self.mask.clone(),
+            range: range(&self.reference_range, None),
+        }
     }
 
     fn tolerance(&self) -> Tolerance {
@@ -259,84 +270,181 @@ pub fn run(arguments: &Arguments) -> Result<Exit, Failure> {
 }
 
 fn run_files(arguments: &Arguments) -> Result<Exit, Failure> {
-    let references: Vec<&Path> = arguments.references().collect();
-    let extra = Extra {
-        mask: arguments.mask.clone(),
-        range: range(&arguments.reference_range, None),
-    };
-    let found = best(arguments, &arguments.ours, &references, &extra);
+    #[cfg(feature = "view")]
+    if arguments.review.is_wanted() {
+        return review_files(arguments);
+    }
+    let found = arguments.files().compare(arguments);
     if arguments.accept
         && found
             .as_ref()
             .map_or(true, |found| !found.comparison.broken.is_empty())
     {
-        return run_accept(arguments, found);
+        accept::accept(&arguments.ours, &arguments.reference)?;
+        report(arguments, &found, true)?;
+        return Ok(Exit::Pass);
     }
     let found = found?;
-    let [ours, reference] = &found.images;
-    found.comparison.print(ours, reference);
-    if references.len() > 1 {
-        println!("{:<22} {}", "compared with", found.reference.display());
-    }
-    if let Some(path) = &arguments.png {
-        write_trio(arguments, ours, reference, path)?;
-    }
-    if let Some(path) = &arguments.json {
-        write_json(
-            path,
-            &found
-                .comparison
-                .json(arguments, &arguments.ours, &found.reference),
-        )?;
-    }
-    if let Some(path) = &arguments.junit {
-        let name = arguments.ours.display().to_string();
-        junit::write(path, "whitstone compare", &[found.comparison.junit(name)])?;
-    }
-    Ok(found.comparison.exit())
+    let exit = found.comparison.exit();
+    report(arguments, &Ok(found), false)?;
+    Ok(exit)
 }
 
-/// Makes ours the reference, because of a comparison that differs or is not possible.
-fn run_accept(arguments: &Arguments, found: Result<Compared, Failure>) -> Result<Exit, Failure> {
-    accept::accept(&arguments.ours, &arguments.reference)?;
-    let mut value = serde_json::json!({ "ours": arguments.ours, "reference": arguments.reference });
+/// Shows the pair on a page, on which it can be accepted.
+#[cfg(feature = "view")]
+fn review_files(arguments: &Arguments) -> Result<Exit, Failure> {
+    let seen = review::Seen::of(&arguments.ours, &arguments.reference);
+    let found = arguments.files().compare(arguments);
+    if !arguments.ours.is_file() {
+        return found.map(|found| found.comparison.exit());
+    }
+    let name = arguments.ours.display().to_string();
+    let (comparable, problems) = match &found {
+        Ok(found) => {
+            let [ours, reference] = &found.images;
+            found.comparison.print(ours, reference);
+            (true, found.comparison.broken.clone())
+        }
+        Err(problem) => {
+            println!("not comparable: {}", problem.text());
+            (false, vec![problem.text().to_owned()])
+        }
+    };
+    let item = review::Item {
+        name: &name,
+        files: arguments.files(),
+        seen,
+        comparable,
+        problems,
+    };
+    match review::run(arguments, &[item])?[..] {
+        [true] => {
+            write(arguments, &found, true)?;
+            Ok(Exit::Pass)
+        }
+        _ => {
+            let found = found?;
+            let exit = found.comparison.exit();
+            write(arguments, &Ok(found), false)?;
+            Ok(exit)
+        }
+    }
+}
+
+/// Prints and writes the result of a comparison, after which ours may have become the reference.
+fn report(arguments: &Arguments, found: &Result<Compared, Failure>, accepted: bool) -> Result<(), Failure> {
     match found {
         Ok(found) => {
             let [ours, reference] = &found.images;
             found.comparison.print(ours, reference);
-            if let Some(path) = &arguments.png {
-                write_trio(arguments, ours, reference, path)?;
+            if !arguments.or.is_empty() {
+                println!("{:<22} {}", "compared with", found.reference.display());
             }
-            value = found
-                .comparison
-                .json(arguments, &arguments.ours, &found.reference);
         }
-        Err(problem) => println!("not comparable: {}", problem.problem()),
+        Err(problem) => println!("not comparable: {}", problem.text()),
     }
-    value["status"] = "accepted".into();
-    println!(
-        "accepted: {} now has the contents of {}",
-        arguments.reference.display(),
-        arguments.ours.display()
-    );
+    if accepted {
+        println!(
+            "accepted: {} now has the contents of {}",
+            arguments.reference.display(),
+            arguments.ours.display()
+        );
+    }
+    write(arguments, found, accepted)
+}
+
+/// Writes the result of a comparison.
+fn write(arguments: &Arguments, found: &Result<Compared, Failure>, accepted: bool) -> Result<(), Failure> {
+    let name = arguments.ours.display().to_string();
+    let mut value = serde_json::json!({ "ours": arguments.ours, "reference": arguments.reference });
+    let mut case = junit::Case {
+        name: name.clone(),
+        seconds: 0.0,
+        outcome: junit::Outcome::Pass,
+    };
+    if let Ok(found) = found {
+        let [ours, reference] = &found.images;
+        if let Some(path) = &arguments.png {
+            write_trio(arguments, ours, reference, path)?;
+        }
+        value = found
+            .comparison
+            .json(arguments, &arguments.ours, &found.reference);
+        if !accepted {
+            case = found.comparison.junit(name);
+        }
+    }
+    if accepted {
+        value["status"] = "accepted".into();
+    }
     if let Some(path) = &arguments.json {
         write_json(path, &value)?;
     }
     if let Some(path) = &arguments.junit {
-        let case = junit::Case {
-            name: arguments.ours.display().to_string(),
-            seconds: 0.0,
-            outcome: junit::Outcome::Pass,
-        };
         junit::write(path, "whitstone compare", &[case])?;
     }
-    Ok(Exit::Pass)
+    Ok(())
 }
 
-/// What else belongs to a comparison of two files.
-struct Extra {
+/// The files of a comparison.
+#[derive(Clone)]
+struct Files {
+    ours: PathBuf,
+    /// The reference that accepting writes, then others that are accepted too.
+    references: Vec<PathBuf>,
     mask: Option<PathBuf>,
     range: Option<[PathBuf; 2]>,
+}
+
+impl Files {
+    /// The reference that accepting writes.
+    fn reference(&self) -> &Path {
+        &self.references[0]
+    }
+
+    /// Compares with the first reference that passes; if none does, with the one that has the
+    /// fewest pixels over tolerance.
+    fn compare(&self, arguments: &Arguments) -> Result<Compared, Failure> {
+        let mut best: Option<Compared> = None;
+        for reference in &self.references {
+            let found = self.compare_with(arguments, reference)?;
+            if found.comparison.broken.is_empty() {
+                return Ok(found);
+            }
+            if best
+                .as_ref()
+                .is_none_or(|best| found.comparison.over < best.comparison.over)
+            {
+                best = Some(found);
+            }
+        }
+        best.ok_or_else(|| Failure::usage("there is no reference"))
+    }
+
+    fn compare_with(&self, arguments: &Arguments, reference: &Path) -> Result<Compared, Failure> {
+        let read = |path: &Path| input::read(path, arguments.layer.as_deref(), arguments.transfer);
+        let mut inputs = [read(&self.ours)?, read(reference)?];
+        if let Some([least, most]) = &self.range {
+            input::widen(&mut inputs, [least, most]).map_err(Failure::usage)?;
+        }
+        if let Some(mask) = &self.mask {
+            input::hide(&mut inputs, mask).map_err(Failure::usage)?;
+        }
+        let codes =
+            input::codes(&inputs[0], &inputs[1], arguments.max_code_difference).map_err(Failure::usage)?;
+        let images = inputs.map(|input| input.image);
+        let variants = match Ranges::of(&images[1]).map_err(Failure::usage)? {
+            Some(_) => read_variants(&variants_of(reference)).map_err(Failure::usage)?,
+            None => Variants::default(),
+        };
+        let (comparison, judged) = measure(arguments, &images[0], &images[1], &variants, codes)?;
+        Ok(Compared {
+            comparison,
+            judged,
+            images,
+            reference: reference.to_owned(),
+        })
+    }
 }
 
 /// The two images of a range; of folders the ones at a path, if there are such.
@@ -352,56 +460,14 @@ fn range(paths: &[PathBuf], below: Option<&Path>) -> Option<[PathBuf; 2]> {
 /// A comparison of two files.
 struct Compared {
     comparison: Comparison,
+    #[cfg_attr(
+        not(feature = "view"),
+        expect(dead_code, reason = "only the review shows them")
+    )]
+    judged: Judged,
     /// Ours, and the reference.
     images: [Image; 2],
     reference: PathBuf,
-}
-
-/// Compares with the first reference that passes; if none does, with the one that has the fewest
-/// pixels over tolerance.
-fn best(
-    arguments: &Arguments,
-    ours: &Path,
-    references: &[&Path],
-    extra: &Extra,
-) -> Result<Compared, Failure> {
-    let mut best: Option<Compared> = None;
-    for reference in references {
-        let found = pair(arguments, ours, reference, extra)?;
-        if found.comparison.broken.is_empty() {
-            return Ok(found);
-        }
-        if best
-            .as_ref()
-            .is_none_or(|best| found.comparison.over < best.comparison.over)
-        {
-            best = Some(found);
-        }
-    }
-    best.ok_or_else(|| Failure::usage("there is no reference"))
-}
-
-fn pair(arguments: &Arguments, ours: &Path, reference: &Path, extra: &Extra) -> Result<Compared, Failure> {
-    let read = |path: &Path| input::read(path, arguments.layer.as_deref(), arguments.transfer);
-    let mut inputs = [read(ours)?, read(reference)?];
-    if let Some([least, most]) = &extra.range {
-        input::widen(&mut inputs, [least, most]).map_err(Failure::usage)?;
-    }
-    if let Some(mask) = &extra.mask {
-        input::hide(&mut inputs, mask).map_err(Failure::usage)?;
-    }
-    let codes =
-        input::codes(&inputs[0], &inputs[1], arguments.max_code_difference).map_err(Failure::usage)?;
-    let images = inputs.map(|input| input.image);
-    let variants = match Ranges::of(&images[1]).map_err(Failure::usage)? {
-        Some(_) => read_variants(&variants_of(reference)).map_err(Failure::usage)?,
-        None => Variants::default(),
-    };
-    Ok(Compared {
-        comparison: measure(arguments, &images[0], &images[1], &variants, codes)?,
-        images,
-        reference: reference.to_owned(),
-    })
 }
 
 /// The file of the values that a stored reference takes, next to its image.

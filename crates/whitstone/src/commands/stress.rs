@@ -3,6 +3,7 @@
 mod kernel;
 mod parts;
 mod search;
+mod subject;
 mod unfinished;
 
 use super::cluster::Cluster;
@@ -32,6 +33,11 @@ use whitstone_validate::report::Diagram;
 /// closed form. The frontier is the first value of the parameter at which a renderer's answers are
 /// unusable; "none" is best. The next `report` shows the diagrams.
 ///
+/// With --subject, another renderer gets the families as scenes, from easy to hard, until a pixel
+/// is wrong, and the oracle judges its images; families that no image shows are skipped, with the
+/// reason: docs/subjects.md. Exit code 0 if no pixel is wrong, 1 if one is, 3 if the subject can
+/// render none of them.
+///
 /// With --kernel, another program's ray-triangle kernel is judged instead: docs/subjects.md. Exit
 /// code 0 if it has no holes and no wrong hits, 1 if it has, 3 if it cannot be run.
 ///
@@ -44,7 +50,7 @@ use whitstone_validate::report::Diagram;
 #[derive(Args, Debug)]
 #[command(
     help_template = super::HELP_TEMPLATE,
-    after_help = "Examples:\n  whitstone stress --quick\n  whitstone stress planet --steps\n  whitstone stress --search --seconds 600\n  whitstone stress --list\n  whitstone stress --rays 10000 --kernel python3 subjects/embreex_kernel.py"
+    after_help = "Examples:\n  whitstone stress --quick\n  whitstone stress planet --steps\n  whitstone stress --search --seconds 600\n  whitstone stress planet --subject mytracer\n  whitstone stress --list\n  whitstone stress --rays 10000 --kernel python3 subjects/embreex_kernel.py"
 )]
 pub struct Arguments {
     /// Families of cases to run [default: all]
@@ -99,6 +105,12 @@ pub struct Arguments {
     target: Target,
     #[command(flatten)]
     drivers: Drivers,
+    /// Judge the images of another renderer: the name of a table [subject.NAME], or NAME={...}
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["quick", "rays", "search", "steps", "plots", "page", "list", "kernel", "fresh"])]
+    subject: Option<String>,
+    /// File with the subject's table [default: whitstone.toml in this folder or one above it]
+    #[arg(long, value_name = "FILE", requires = "subject")]
+    config: Option<PathBuf>,
     /// Judge the kernel that this program and its arguments implement, which must come last
     #[arg(long, value_name = "PROGRAM", num_args = 1.., allow_hyphen_values = true, conflicts_with_all = ["families", "quick", "steps", "plots", "page", "list", "cluster"])]
     kernel: Vec<OsString>,
@@ -140,6 +152,9 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
             println!("case {number:<15} {what}: {file}");
         }
         return Ok(Exit::Pass);
+    }
+    if let Some(name) = &arguments.subject {
+        return subject::run(arguments, registry, &families, name);
     }
     if arguments.search {
         return search::run(arguments, &families, registry);

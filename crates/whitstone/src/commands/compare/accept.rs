@@ -2,13 +2,20 @@
 
 use super::{input, variants_of};
 use crate::terminal::Failure;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use whitstone_image::planes::RGB;
 use whitstone_image::{Transfer, atomic};
 use whitstone_metrics::range::Ranges;
 
 /// Replaces a reference by an image under test, atomically; creates it if it does not exist.
 pub(super) fn accept(ours: &Path, reference: &Path) -> Result<(), Failure> {
+    let bytes = acceptable(ours, reference)?;
+    write(reference, &bytes)?;
+    Ok(())
+}
+
+/// The contents of an image under test, if it may become the reference.
+pub(super) fn acceptable(ours: &Path, reference: &Path) -> Result<Vec<u8>, Failure> {
     let refused = |why: String| Failure::usage(format!("{} is not accepted: {why}", ours.display()));
     let extension = |path: &Path| path.extension().map(|extension| extension.to_ascii_lowercase());
     if extension(ours) != extension(reference) {
@@ -30,13 +37,23 @@ pub(super) fn accept(ours: &Path, reference: &Path) -> Result<(), Failure> {
             reference.display()
         )));
     }
-    let read = |error: std::io::Error| Failure::usage(format!("{}: {error}", ours.display()));
-    let bytes = std::fs::read(ours).map_err(read)?;
+    std::fs::read(ours).map_err(|error| Failure::usage(format!("{}: {error}", ours.display())))
+}
+
+/// Writes a reference atomically. Returns the folders that were created for it, the innermost
+/// first.
+pub(super) fn write(reference: &Path, bytes: &[u8]) -> Result<Vec<PathBuf>, Failure> {
+    let mut created = Vec::new();
     if let Some(folder) = reference.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        let missing = folder
+            .ancestors()
+            .take_while(|folder| !folder.as_os_str().is_empty() && !folder.exists());
+        created = missing.map(Path::to_owned).collect();
         let told = |error: std::io::Error| Failure::environment(format!("{}: {error}", folder.display()));
         std::fs::create_dir_all(folder).map_err(told)?;
     }
-    atomic::write_bytes(reference, &bytes).map_err(Failure::environment)
+    atomic::write_bytes(reference, bytes).map_err(Failure::environment)?;
+    Ok(created)
 }
 
 /// Whether a reference records the values that it takes under variations.

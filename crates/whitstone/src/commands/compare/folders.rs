@@ -3,7 +3,7 @@
 use super::super::junit::{self, Case, Outcome};
 use super::accept::accept;
 use super::measure::Comparison;
-use super::{Arguments, Compared, Extra, best, range, write_trio};
+use super::{Arguments, Compared, Files, range, write_trio};
 use crate::terminal::{Exit, Failure, progress, set_message, write_json};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
@@ -18,6 +18,11 @@ struct Row {
     /// Whether ours became the reference, or why it did not.
     accepted: Option<Result<(), String>>,
     json: Value,
+    /// For the review.
+    #[cfg(feature = "view")]
+    seen: super::review::Seen,
+    #[cfg(feature = "view")]
+    files: Files,
 }
 
 impl Row {
@@ -44,54 +49,82 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Failure> {
     for path in all {
         let name = name(path);
         set_message(&bar, &name);
+        let files = files(arguments, path);
+        #[cfg(feature = "view")]
+        let seen = match arguments.review.is_wanted() {
+            true => super::review::Seen::of(&files.ours, files.reference()),
+            false => super::review::Seen::default(),
+        };
         let found = match (ours.contains(path), reference.contains(path)) {
-            (true, true) => compare(arguments, path),
+            (true, true) => compare(arguments, path, &files),
             (true, false) => Err(format!("missing in {}", arguments.reference.display())),
             _ => Err(format!("missing in {}", arguments.ours.display())),
         };
         let differs = (found.as_ref()).map_or(true, |found| !found.comparison.broken.is_empty());
-        let accepted = (arguments.accept && differs && ours.contains(path)).then(|| {
-            let reference = arguments.reference.join(path);
-            accept(&arguments.ours.join(path), &reference).map_err(Failure::problem)
-        });
-        let mut json = match &found {
-            Ok(found) => {
-                let ours = arguments.ours.join(path);
-                found.comparison.json(arguments, &ours, &found.reference)
-            }
+        let accepted = (arguments.accept && differs && ours.contains(path))
+            .then(|| accept(&files.ours, files.reference()).map_err(Failure::problem));
+        let json = match &found {
+            Ok(found) => found.comparison.json(arguments, &files.ours, &found.reference),
             Err(problem) => json!({ "status": "error", "problems": [problem] }),
         };
-        if accepted == Some(Ok(())) {
-            json["status"] = "accepted".into();
-        }
         let found = found.map(|found| found.comparison);
         rows.push(Row {
             name,
             found,
             accepted,
             json,
+            #[cfg(feature = "view")]
+            seen,
+            #[cfg(feature = "view")]
+            files,
         });
         bar.inc(1);
     }
     bar.finish_and_clear();
     print(&rows);
+    #[cfg(feature = "view")]
+    if arguments.review.is_wanted() {
+        let items: Vec<super::review::Item<'_>> = rows.iter().map(item).collect();
+        let accepted = super::review::run(arguments, &items)?;
+        for (row, accepted) in rows.iter_mut().zip(accepted) {
+            row.accepted = accepted.then_some(Ok(()));
+        }
+    }
     write(arguments, &rows)?;
     end(&rows)
 }
 
-fn compare(arguments: &Arguments, path: &Path) -> Result<Compared, String> {
-    let message = Failure::problem;
+#[cfg(feature = "view")]
+fn item(row: &Row) -> super::review::Item<'_> {
+    super::review::Item {
+        name: &row.name,
+        files: row.files.clone(),
+        seen: row.seen,
+        comparable: row.found.is_ok(),
+        problems: match &row.found {
+            Ok(found) => found.broken.clone(),
+            Err(problem) => vec![problem.clone()],
+        },
+    }
+}
+
+/// The files of a comparison at a path below both folders.
+fn files(arguments: &Arguments, path: &Path) -> Files {
     let mut references = vec![arguments.reference.join(path)];
     let others = arguments.or.iter().map(|folder| folder.join(path));
     references.extend(others.filter(|other| other.exists()));
-    let references: Vec<&Path> = references.iter().map(PathBuf::as_path).collect();
     let mask = arguments.mask.as_ref().map(|folder| folder.join(path));
-    let extra = Extra {
+    Files {
+        ours: arguments.ours.join(path),
+        references,
         mask: mask.filter(|mask| mask.exists()),
         range: range(&arguments.reference_range, Some(path)),
-    };
-    let ours = arguments.ours.join(path);
-    let found = best(arguments, &ours, &references, &extra).map_err(message)?;
+    }
+}
+
+fn compare(arguments: &Arguments, path: &Path, files: &Files) -> Result<Compared, String> {
+    let message = Failure::problem;
+    let found = files.compare(arguments).map_err(message)?;
     if let Some(folder) = &arguments.png {
         let picture = folder.join(path).with_extension("png");
         let parent = picture.parent().unwrap_or(folder);
@@ -221,6 +254,9 @@ fn write(arguments: &Arguments, rows: &[Row]) -> Result<(), Failure> {
             .map(|row| {
                 let mut image = row.json.clone();
                 image["name"] = Value::from(row.name.as_str());
+                if row.is_accepted() {
+                    image["status"] = "accepted".into();
+                }
                 image
             })
             .collect();

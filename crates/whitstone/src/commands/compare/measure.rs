@@ -22,6 +22,18 @@ use whitstone_validate::{Variants, counted};
 /// The significance level that is reported if none is given; informational only.
 const LEVEL: f64 = 0.01;
 
+/// The pixels over tolerance of a comparison.
+#[cfg_attr(
+    not(feature = "view"),
+    expect(dead_code, reason = "only the review shows them")
+)]
+pub(super) struct Judged {
+    /// Those that the variation of the reference does not explain.
+    pub(super) over: Mask,
+    /// Those that it does explain; absent if the reference has no variation.
+    pub(super) explained: Option<Mask>,
+}
+
 /// The results of a comparison.
 pub(super) struct Comparison {
     pub(super) not_finite: NotFinite,
@@ -47,7 +59,7 @@ pub(super) struct Comparison {
     /// Whether both images show one colour each.
     vacuous: bool,
     area: Option<Area>,
-    worst: Vec<WorstPixel>,
+    pub(super) worst: Vec<WorstPixel>,
     seconds: f64,
     /// Each limit that was exceeded, with the value.
     pub(super) broken: Vec<String>,
@@ -94,7 +106,7 @@ pub(super) fn measure(
     reference: &Image,
     variants: &Variants,
     codes: Option<CodeDifference>,
-) -> Result<Comparison, Failure> {
+) -> Result<(Comparison, Judged), Failure> {
     let start = Instant::now();
     let tolerance = arguments.tolerance();
     let not_finite = metrics::count_not_finite(ours, reference).map_err(Failure::usage)?;
@@ -181,7 +193,7 @@ pub(super) fn measure(
         ssim,
         significance,
         over: over.count(),
-        explained: explained.map(|mask| mask.count()),
+        explained: explained.as_ref().map(Mask::count),
         ambiguous,
         vacuous: is_vacuous(ours, reference).map_err(Failure::usage)?,
         area: largest(&over),
@@ -196,7 +208,7 @@ pub(super) fn measure(
         comparison.broken.extend(broken);
         comparison.warnings = warnings;
     }
-    Ok(comparison)
+    Ok((comparison, Judged { over, explained }))
 }
 
 /// The largest difference of each pixel over its channels; codes count from 0 to 1.
@@ -290,23 +302,25 @@ impl Comparison {
         broken
     }
 
-    pub(super) fn print(&self, ours: &Image, reference: &Image) {
-        let row = |name: &str, value: &str| println!("{name:<22} {value}");
-        row("size", &format!("{} x {}", ours.width(), ours.height()));
+    /// All figures with their names.
+    pub(super) fn figures(&self, ours: &Image, reference: &Image) -> Vec<(&'static str, String)> {
+        let mut rows = Vec::new();
+        let mut row = |name: &'static str, value: String| rows.push((name, value));
+        row("size", format!("{} x {}", ours.width(), ours.height()));
         let NotFinite {
             ours: in_ours,
             reference: in_reference,
         } = self.not_finite;
         row(
             "not finite",
-            &format!("{in_ours} in ours, {in_reference} in the reference"),
+            format!("{in_ours} in ours, {in_reference} in the reference"),
         );
-        if let Some(metrics) = &self.metrics {
-            self.print_metrics(metrics);
+        for (name, value) in self.metrics.iter().flat_map(|metrics| self.metric_rows(metrics)) {
+            row(name, value);
         }
         if let Some((hdr, ldr)) = self.flip {
             let hdr = hdr.map_or_else(String::new, |hdr| format!("{hdr:.6} over exposures, "));
-            row("flip", &format!("{hdr}{ldr:.6} at exposure 0"));
+            row("flip", format!("{hdr}{ldr:.6} at exposure 0"));
         }
         if let Some(codes) = &self.codes {
             let value = format!(
@@ -316,14 +330,14 @@ impl Comparison {
                 codes.largest,
                 codes.kind
             );
-            row("other codes", &value);
+            row("other codes", value);
         }
         if let Some(ssim) = self.ssim {
             let value = ssim.map_or_else(
                 || "- (the image is smaller than the SSIM window of 11 x 11 pixels)".to_owned(),
                 |ssim| format!("{ssim:.6}"),
             );
-            row("ssim", &value);
+            row("ssim", value);
         }
         if let Some(found) = &self.significance {
             let test = match found.test {
@@ -337,30 +351,30 @@ impl Comparison {
                 found.least_p,
                 found.threshold
             );
-            row("not explained by noise", &value);
+            row("not explained by noise", value);
         }
         row(
             "pixels over tolerance",
-            &format!("{} of {}", self.over, ours.pixel_count()),
+            format!("{} of {}", self.over, ours.pixel_count()),
         );
         if let Some(explained) = self.explained {
             let value = format!(
                 "{} with a value that the reference takes under its own variation; not counted as over tolerance",
                 counted(explained, "pixel")
             );
-            row("explained", &value);
+            row("explained", value);
         }
         if let Some(ambiguous) = self.ambiguous.filter(|count| *count > 0) {
             let value = format!(
                 "{} between values that the reference takes under its own variation; counted as over tolerance",
                 counted(ambiguous, "pixel")
             );
-            row("ambiguous", &value);
+            row("ambiguous", value);
         }
         if self.vacuous {
             row(
                 "vacuous",
-                "each image shows one colour only, so the comparison proves nothing",
+                "each image shows one colour only, so the comparison proves nothing".to_owned(),
             );
         }
         if let Some(Area { pixels, from, to }) = self.area {
@@ -372,13 +386,7 @@ impl Comparison {
                 to[0],
                 to[1]
             );
-            row("largest connected area", &value);
-        }
-        for pixel in &self.worst {
-            println!(
-                "  pixel ({}, {}): ours {:?}, reference {:?}, relative {:.3e}",
-                pixel.x, pixel.y, pixel.ours, pixel.reference, pixel.residual
-            );
+            row("largest connected area", value);
         }
         let others = |image: &Image| -> Vec<String> {
             let names = image.channels().map(|(name, _)| name.to_owned());
@@ -390,7 +398,20 @@ impl Comparison {
         not_compared.sort();
         not_compared.dedup();
         if !not_compared.is_empty() {
-            row("channels not compared", &not_compared.join(", "));
+            row("channels not compared", not_compared.join(", "));
+        }
+        rows
+    }
+
+    pub(super) fn print(&self, ours: &Image, reference: &Image) {
+        for (name, value) in self.figures(ours, reference) {
+            println!("{name:<22} {value}");
+        }
+        for pixel in &self.worst {
+            println!(
+                "  pixel ({}, {}): ours {:?}, reference {:?}, relative {:.3e}",
+                pixel.x, pixel.y, pixel.ours, pixel.reference, pixel.residual
+            );
         }
         for warning in &self.warnings {
             println!("WARNING: {warning}");
@@ -401,10 +422,11 @@ impl Comparison {
         }
     }
 
-    fn print_metrics(&self, metrics: &Metrics) {
-        let row = |name: &str, value: &str| println!("{name:<22} {value}");
+    fn metric_rows(&self, metrics: &Metrics) -> Vec<(&'static str, String)> {
+        let mut rows = Vec::new();
+        let mut row = |name: &'static str, value: String| rows.push((name, value));
         let optional = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.6e}"));
-        row("rmse", &format!("{:.6e}", metrics.rmse));
+        row("rmse", format!("{:.6e}", metrics.rmse));
         let excluded = match (self.excluded, self.explained) {
             (None, None | Some(0)) => "no pixel excluded".to_owned(),
             (Some(count), None | Some(0)) => format!("{} at edges excluded", counted(count, "pixel")),
@@ -416,26 +438,27 @@ impl Comparison {
         };
         row(
             "rel_rmse_interior",
-            &format!("{} ({excluded})", optional(metrics.rel_rmse_interior)),
+            format!("{} ({excluded})", optional(metrics.rel_rmse_interior)),
         );
-        row("relmse", &format!("{:.6e}", metrics.relmse));
-        row("mape", &format!("{:.6e}", metrics.mape));
-        row("smape", &format!("{:.6e}", metrics.smape));
-        row("mae", &format!("{:.6e}", metrics.mae));
-        row("max_abs", &format!("{:.6e}", metrics.max_abs));
-        row("signed_mean", &format!("{:.6e}", metrics.signed_mean));
+        row("relmse", format!("{:.6e}", metrics.relmse));
+        row("mape", format!("{:.6e}", metrics.mape));
+        row("smape", format!("{:.6e}", metrics.smape));
+        row("mae", format!("{:.6e}", metrics.mae));
+        row("max_abs", format!("{:.6e}", metrics.max_abs));
+        row("signed_mean", format!("{:.6e}", metrics.signed_mean));
         let psnr = metrics
             .psnr
             .map_or_else(|| "-".to_owned(), |psnr| format!("{psnr:.2} dB"));
-        row("psnr", &format!("{psnr} (peak {:.6e})", metrics.psnr_peak));
-        row("mean_reference", &format!("{:.6e}", metrics.mean_reference));
+        row("psnr", format!("{psnr} (peak {:.6e})", metrics.psnr_peak));
+        row("mean_reference", format!("{:.6e}", metrics.mean_reference));
         if let Some(block) = &metrics.signed_block_bias {
             let place = format!(
                 "{:.6e} in {} of the block at ({}, {})",
                 block.bias, block.channel, block.x, block.y
             );
-            row("signed_block_bias", &place);
+            row("signed_block_bias", place);
         }
+        rows
     }
 
     pub(super) fn json(&self, arguments: &Arguments, ours: &Path, reference: &Path) -> Value {
