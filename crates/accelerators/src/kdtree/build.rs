@@ -306,7 +306,7 @@ mod tests {
             }
         }
         assert!(
-            dearer > 10,
+            dearer > 0,
             "the range must exclude some of the best ends: {dearer}"
         );
     }
