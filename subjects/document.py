@@ -231,6 +231,8 @@ def read_camera(table, width, height, kinds):
         sides, distance = [-x, x, -y, y], 1.0
     if keys["near"] and keys.get("near_kind", "planar") != "planar":
         skip("a near limit that is not planar")
+    if keys["near"] < 0 and not parallel:
+        skip("a near limit behind a perspective camera")
     return Camera(origin, u, np.cross(w, u), w, *sides, distance, float(keys["near"]), float(np.linalg.norm(backwards)), parallel)
 
 

@@ -84,3 +84,36 @@ fn interpolated_colours_of_flat_triangles_are_those_of_pixels() {
         }
     }
 }
+
+/// A triangle under a light, and a small triangle that hides the light from one of its corners.
+#[test]
+fn shadows_are_interpolated_between_corners() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.toml");
+    let scene = |shadows: &str, interpolation: &str| {
+        let text = format!(
+            "film = {{ width = 9, height = 9 }}\n\
+             [camera]\ntype = \"perspective\"\nfov = 12\nlook_at = {{ origin = [0, 5, 1], target = [1, 0, 0] }}\n\
+             [integrator]\ntype = \"rasterizer\"\nshadows = \"{shadows}\"\ninterpolation = \"{interpolation}\"\n\
+             [[light]]\ntype = \"directional\"\ndirection = [0, -1, 0]\nirradiance = 3\n\
+             [[shape]]\ntype = \"triangle\"\nvertices = [[-3, 0, 0], [3, 0, 3], [3, 0, -3]]\n\
+             [[shape]]\ntype = \"triangle\"\nvertices = [[-3.2, 1, 0], [-2.9, 1, 0.2], [-2.9, 1, -0.2]]\n"
+        );
+        std::fs::write(&path, text).unwrap();
+        let pipeline = load(&path, &[], &whitstone::registry()).unwrap_or_else(|report| panic!("{report}"));
+        pipeline.render(whitstone::render::RenderOptions::default()).rgb
+    };
+    let (lit, sharp) = (scene("none", "gouraud"), scene("opaque", "phong"));
+    // The small triangle hides the light from nothing that is seen.
+    for (a, b) in lit.as_flattened().iter().zip(sharp.as_flattened()) {
+        assert!((a - b).abs() <= 1e-6 * a, "{a} {b}");
+    }
+    // x runs from the dark corner, at -3, to the lit edge, at 3: the colour is (x + 3)/6. In the
+    // middle of the image x is 1.
+    let soft = scene("opaque", "gouraud");
+    let part = |pixel: usize| soft[pixel][1] / lit[pixel][1];
+    assert!((part(40) - 4.0 / 6.0).abs() < 1e-6, "{}", part(40));
+    let row: Vec<f32> = (36..45).map(part).collect();
+    assert!(row.is_sorted() && row[8] - row[0] > 0.1, "{row:?}");
+    assert_eq!(scene("filtered", "gouraud"), soft);
+}

@@ -116,6 +116,28 @@ material = { type = "emissive", radiance = { type = "checker", a = 1, b = 0.2, s
     assert!(agree > 20 && differ == 0, "{agree} agree, {differ} differ");
 }
 
+/// The oracle moves the vertices itself: a change of the height that moves them by a few millionths
+/// of the ball is found.
+#[test]
+fn displaced_meshes_are_known() {
+    let scene = |name: &str| whitstone_tests::root().join(format!("scenes/showcase/{name}.toml"));
+    for name in ["displacement", "height_map", "subdivision"] {
+        let [agree, differ, unknown] = counts(&scene(name), &[]).expect("the oracle knows it");
+        assert!(
+            agree > 30 && differ == 0,
+            "{name}: {agree} agree, {differ} differ, {unknown} are not known"
+        );
+    }
+    let displacement = scene("displacement");
+    for fault in [
+        "shape.ball.displacement.scale=0.160001",
+        "shape.ball.displacement.offset=0.50001",
+    ] {
+        let [agree, differ, _] = counts(&displacement, &[fault.to_owned()]).expect("the oracle knows it");
+        assert!(differ >= 3, "{fault}: {agree} agree, {differ} differ");
+    }
+}
+
 #[test]
 fn the_comparison_bites() {
     let scene = whitstone_tests::root().join("scenes/showcase/classic.toml");

@@ -146,7 +146,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         (PathBuf::from(formats::PAGE), formats::page(registry).into_bytes()),
         (
             PathBuf::from(comparisons::PAGE),
-            comparisons::page(registry)?.into_bytes(),
+            comparisons::page(registry, &stored(comparisons::RESULT)?)?.into_bytes(),
         ),
         (
             PathBuf::from(light_paths::PAGE),
@@ -369,7 +369,12 @@ pub(crate) fn build(registry: &Registry, scene: &Path, overrides: &[String]) -> 
 
 /// A scene that is not in a file; its paths are relative to the root.
 pub(crate) fn of_text(registry: &Registry, text: &str) -> Result<Pipeline, Failure> {
-    let sources = Sources::from_text("scene.toml", text, Path::new("."), &[])
+    of_text_in(registry, text, Path::new("."))
+}
+
+/// A scene whose text names files relative to a folder.
+pub(crate) fn of_text_in(registry: &Registry, text: &str, folder: &Path) -> Result<Pipeline, Failure> {
+    let sources = Sources::from_text("scene.toml", text, folder, &[])
         .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
     let report = |errors| Failure::usage(sources.report(&errors, false));
     Pipeline::load(&sources, registry, BuildOptions::default()).map_err(report)

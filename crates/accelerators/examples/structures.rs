@@ -71,13 +71,19 @@ fn main() {
         )
     }
     let g = &geometry;
-    for text in ["", "split = 'midpoint'", "split = 'median'", "axes = 'longest'"] {
+    for text in [
+        "",
+        "split = 'midpoint'",
+        "split = 'median'",
+        "split = 'between'",
+        "axes = 'longest'",
+    ] {
         let (built, name) = made::<Bvh2>(g, text);
         row(built, &name);
     }
     let (built, name) = made::<Bvh>(g, "");
     row(built, &name);
-    for text in ["", "split = 'midpoint'", "split = 'median'"] {
+    for text in ["", "split = 'midpoint'", "split = 'median'", "split = 'between'"] {
         let (built, name) = made::<KdTree>(g, text);
         row(built, &name);
     }

@@ -92,6 +92,7 @@ mod tests {
             "",
             "max_leaf = 1\nmax_depth = 64",
             "split = \"midpoint\"",
+            "split = \"between\"",
             "split = \"median\"\nmax_leaf = 1",
         ] {
             accelerator_laws::<Bsp>(text);

@@ -32,8 +32,8 @@ use whitstone_core::{
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Maximum number of elements in a leaf. With `split = "sah"`, leaves are smaller where that
-    /// lowers the estimated cost.
+    /// Maximum number of elements in a leaf. With `split` "sah" or "between", leaves are smaller
+    /// where that lowers the estimated cost.
     #[serde(default = "four")]
     max_leaf: NonZeroU32,
     /// How to choose the split position.
@@ -426,6 +426,8 @@ pub(crate) mod tests {
         "split = \"midpoint\"\nmax_leaf = 1",
         "split = \"median\"\naxes = \"longest\"",
         "split = \"median\"",
+        "split = \"between\"",
+        "split = \"between\"\naxes = \"longest\"\nmax_leaf = 1",
         "axes = \"longest\"",
     );
 }

@@ -11,13 +11,15 @@
 //!   cells are visited. Distances to planes are computed from the planes' coordinates, not
 //!   accumulated, so that errors do not grow along the ray.
 //! - An element in several cells is seldom tested twice: `Mailbox`.
-//! - Cost model: a ray through a grid of c³ cells visits at most about 3 c of them, and about c on
-//!   average. Each step takes about half the time of a test. More cells mean fewer tests and more
-//!   steps; the two balance at a few cells per element if the elements are spread evenly. If they
-//!   are not (the teapot in the stadium), one cell holds nearly all of them and nothing is gained.
-//!   A second level fixes one such jump in scale (18,000 tests a ray become 46). Memory: `density`
-//!   cells per element, and at most 16 references per element on average; the cells are enlarged
-//!   otherwise. Build: O(n), the fastest of all.
+//! - Cost model: a ray through a grid of c³ cells visits at most about 3 c of them, and about c
+//!   on average. Each step takes about half the time of a test (`STEP_COST`). A cell of a grid of N
+//!   equal cells is crossed with the probability A_cell / A, the ratio of surface areas, so that a
+//!   ray without a hit costs the sum over all cells of A_cell (0.5 + elements) / A. More cells mean
+//!   fewer tests and more steps; the two balance at a few cells per element if the elements are
+//!   spread evenly. If they are not (the teapot in the stadium), one cell holds nearly all of them
+//!   and nothing is gained. A second level fixes one such jump in scale (18,000 tests a ray become
+//!   46). Memory: `density` cells per element, and at most 16 references per element on average;
+//!   the cells are enlarged otherwise. Build: O(n), the fastest of all.
 //! - If the origin is so far away that the widened ray is half a cell wide (10^11 cell widths), the
 //!   ray visits every cell.
 //!
@@ -62,6 +64,9 @@ const COARSER: f64 = 32.0;
 /// With two levels, cells of at least this many elements get their own grid.
 const CROWD: usize = 8;
 
+/// Cost of a step to the next cell in element tests.
+const STEP_COST: f64 = 0.5;
+
 /// Maximum number of references per element, on average; with two levels, its square root on each.
 const MAX_REFERENCES: usize = 16;
 
@@ -74,6 +79,7 @@ pub struct Grid {
     elements: Vec<Element>,
 }
 
+/// No inner grid.
 const NONE: u32 = u32::MAX;
 
 impl Plugin<Accelerators> for Grid {
@@ -132,6 +138,23 @@ impl Grid {
     }
 }
 
+impl Grid {
+    /// Expected cost of a ray that crosses the grid without a hit, in element tests.
+    fn cost(&self) -> f64 {
+        let own = |cells: &Cells, counts: &dyn Fn(usize) -> bool| {
+            let held = (0..cells.count()).filter(|&cell| counts(cell));
+            let tests: usize = held.map(|cell| cells.held(cell).len()).sum();
+            // All cells have the same area.
+            cells.cell(0).half_area() * (STEP_COST * cells.count() as f64 + tests as f64)
+        };
+        let tested = |cell: usize| self.inner_of.get(cell).is_none_or(|&inner| inner == NONE);
+        let inner = self.inner.iter().map(|inner| own(inner, &|_| true));
+        let all = own(&self.cells, &tested) + inner.sum::<f64>();
+        // Normalized by the area of the whole grid, which may be zero.
+        all / self.cells.bounds().half_area().max(f64::MIN_POSITIVE)
+    }
+}
+
 impl Structure for Grid {
     #[inline]
     fn visit(&self, ray: &WideRay, min: f64, limit: f64, visitor: &mut impl Visitor) -> Option<f64> {
@@ -181,6 +204,7 @@ impl Structure for Grid {
             ("empty_cells", sum(Cells::empty)),
             ("references", sum(Cells::references)),
             ("depth", if self.inner.is_empty() { 1.0 } else { 2.0 }),
+            ("sah_cost", self.cost()),
             ("bytes", own as f64 + sum(Cells::bytes)),
         ])
     }

@@ -53,8 +53,8 @@ use whitstone_simd::{Level, with_lanes};
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Cells of at most this many elements are not split; ignored with `split = "sah"`, which
-    /// decides by cost.
+    /// Cells of at most this many elements are not split; ignored with `split` "sah" or "between",
+    /// which decide by cost.
     #[serde(default = "eight")]
     max_leaf: NonZeroU32,
     /// Maximum depth of the tree.
@@ -242,6 +242,8 @@ mod tests {
             "axes = \"longest\"",
             "split = \"midpoint\"",
             "split = \"midpoint\"\naxes = \"longest\"\nmax_leaf = 1",
+            "split = \"between\"",
+            "split = \"between\"\naxes = \"longest\"",
             "split = \"median\"",
             "split = \"median\"\naxes = \"longest\"\nmax_leaf = 1",
         ] {

@@ -35,8 +35,8 @@ use whitstone_core::{
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Maximum number of elements in a leaf. With `split = "sah"`, leaves are smaller where that
-    /// lowers the estimated cost.
+    /// Maximum number of elements in a leaf. With `split` "sah" or "between", leaves are smaller
+    /// where that lowers the estimated cost.
     #[serde(default = "four")]
     max_leaf: NonZeroU32,
     /// How to choose the split position.
@@ -221,6 +221,7 @@ mod tests {
             "",
             "max_leaf = 1",
             "split = \"midpoint\"\naxes = \"longest\"",
+            "split = \"between\"",
             "split = \"median\"",
         ] {
             accelerator_laws::<ObbBvh>(text);

@@ -42,8 +42,8 @@ pub struct Config {
     #[serde(default)]
     #[schemars(extend("enum" = [6, 14, 26]))]
     planes: Planes,
-    /// Maximum number of elements in a leaf. With `split = "sah"`, leaves are smaller where that
-    /// lowers the estimated cost.
+    /// Maximum number of elements in a leaf. With `split` "sah" or "between", leaves are smaller
+    /// where that lowers the estimated cost.
     #[serde(default = "four")]
     max_leaf: NonZeroU32,
     /// How to choose the split position.
@@ -300,6 +300,7 @@ mod tests {
             "planes = 14",
             "planes = 26\nmax_leaf = 1",
             "planes = 26\nsplit = \"midpoint\"\naxes = \"longest\"",
+            "split = \"between\"",
             "split = \"median\"",
         ] {
             accelerator_laws::<SlabBvh>(text);

@@ -20,20 +20,23 @@ fn make<P: Plugin<Accelerators>>(text: &str, geometry: Arc<Geometry>) -> Box<dyn
     build::<Accelerators, P>(text, geometry).unwrap_or_else(|error| panic!("{}: {error}", P::TYPE))
 }
 
-const CONFIGURATIONS: [(&str, Make, &str); 13] = [
+const CONFIGURATIONS: [(&str, Make, &str); 16] = [
     ("bvh", make::<Bvh>, "quality = \"fast\""),
     ("bvh", make::<Bvh>, "quality = \"balanced\""),
     ("bvh", make::<Bvh>, "quality = \"best\""),
     ("bvh2", make::<Bvh2>, ""),
     ("bvh2", make::<Bvh2>, "split = \"midpoint\""),
+    ("bvh2", make::<Bvh2>, "split = \"between\""),
     ("kdtree", make::<KdTree>, ""),
     ("kdtree", make::<KdTree>, "split = \"median\""),
+    ("kdtree", make::<KdTree>, "split = \"between\""),
     ("grid", make::<Grid>, ""),
     ("grid", make::<Grid>, "levels = 2"),
     ("octree", make::<Octree>, ""),
     ("slab_bvh", make::<SlabBvh>, ""),
     ("obb_bvh", make::<ObbBvh>, ""),
     ("bsp", make::<Bsp>, ""),
+    ("bsp", make::<Bsp>, "split = \"between\""),
 ];
 
 /// Bytes per element: more than any structure needs for any of these inputs.

@@ -27,15 +27,17 @@ fn make<P: Plugin<Accelerators>>(text: &str, geometry: Arc<Geometry>) -> Box<dyn
     build::<Accelerators, P>(text, geometry).unwrap_or_else(|error| panic!("{}: {error}", P::TYPE))
 }
 
-const CONFIGURATIONS: [(&str, Make, &str); 17] = [
+const CONFIGURATIONS: [(&str, Make, &str); 20] = [
     ("bvh", make::<Bvh>, "quality = \"fast\""),
     ("bvh", make::<Bvh>, "quality = \"balanced\""),
     ("bvh", make::<Bvh>, "quality = \"best\""),
     ("bvh2", make::<Bvh2>, ""),
     ("bvh2", make::<Bvh2>, "split = \"median\"\nmax_leaf = 1"),
+    ("bvh2", make::<Bvh2>, "split = \"between\""),
     ("kdtree", make::<KdTree>, ""),
     ("kdtree", make::<KdTree>, "split = \"midpoint\""),
     ("kdtree", make::<KdTree>, "split = \"median\""),
+    ("kdtree", make::<KdTree>, "split = \"between\""),
     ("grid", make::<Grid>, ""),
     ("grid", make::<Grid>, "levels = 2"),
     ("octree", make::<Octree>, ""),
@@ -45,6 +47,7 @@ const CONFIGURATIONS: [(&str, Make, &str); 17] = [
     ("obb_bvh", make::<ObbBvh>, ""),
     ("bsp", make::<Bsp>, ""),
     ("bsp", make::<Bsp>, "split = \"median\""),
+    ("bsp", make::<Bsp>, "split = \"between\""),
 ];
 
 /// Number of scenes; they differ in the number, size, position and mixture of shapes.

@@ -13,7 +13,7 @@ use crate::support::view::{Frame, LookAt};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use toml::Spanned;
-use whitstone_core::config::{Finite, NonNegative};
+use whitstone_core::config::Finite;
 use whitstone_core::stream::{GROUP, Lanes, RayStream, groups};
 use whitstone_core::{Camera, Cameras, Context, DMat4, DVec2, FilmSize, Plugin, Ray, SceneErrors, simd};
 
@@ -36,10 +36,12 @@ pub struct Config {
     #[serde(default)]
     #[schemars(extend("x-default" = "none"), with = "Window")]
     window: Option<Spanned<Window>>,
-    /// Near limit: distance from the camera, in metres. Nearer surfaces are invisible.
+    /// Near limit: distance from the camera, in metres. Nearer surfaces are invisible. A negative
+    /// limit lies behind the camera: surfaces between it and the camera are seen through the
+    /// camera's position, upside down and mirrored.
     #[serde(default)]
-    #[schemars(extend("default" = 0), with = "NonNegative")]
-    near: Option<Spanned<NonNegative>>,
+    #[schemars(extend("default" = 0), with = "Finite")]
+    near: Option<Spanned<Finite>>,
     /// Shape of the near limit: "planar" (perpendicular to the view axis) or "spherical" (around
     /// the camera).
     #[serde(default)]
@@ -123,7 +125,7 @@ mod tests {
     whitstone_testkit::camera_laws!(
         Perspective,
         "look_at = { origin = [1, 2, 3], target = [0, 0, 0] }\nfov = 1.0..170",
-        "look_at = { origin = [0, 0, 5], target = [0, -2.0..2, 0] }\nnear = 0.0..9",
+        "look_at = { origin = [0, 0, 5], target = [0, -2.0..2, 0] }\nnear = -9.0..9",
     );
 
     fn camera(text: &str, width: u32, height: u32) -> Result<Box<dyn Camera>, SceneErrors> {
@@ -147,6 +149,8 @@ mod tests {
             "window = { l = -3, r = 1, b = 0, t = 1e-3, d = 2 }",
             "near = 3",
             "near = 0.5\nnear_kind = \"spherical\"\nfov = 150",
+            "near = -0.5\nnear_kind = \"spherical\"\nfov = 150",
+            "near = -3",
             "near = 7\nwindow = { l = -3, r = 1, b = 0, t = 1e-3, d = 2 }",
         ] {
             let camera = camera(text, 31, 47).unwrap();
@@ -249,13 +253,33 @@ mod tests {
         }
     }
 
+    /// The start `c + n r` of the lecture notes, with a negative distance n.
+    #[test]
+    fn rays_may_start_behind_the_camera_and_pass_through_it() {
+        let window = "window = { l = -6, r = 6, b = -4, t = 4, d = 4 }";
+        let at = |text: &str, raster| camera(&format!("{window}\n{text}"), 2, 2).unwrap().ray(raster);
+        for raster in [DVec2::ZERO, DVec2::new(0.3, 1.7), DVec2::ONE] {
+            let from_eye = at("", raster);
+            let planar = at("near = -2", raster);
+            assert_eq!((planar.direction, planar.origin.z), (from_eye.direction, 2.0));
+            assert!(planar.at(planar.origin.length()).length() < 1e-14, "{planar:?}");
+            let spherical = at("near = -2\nnear_kind = \"spherical\"", raster);
+            assert_eq!(spherical.origin, -2.0 * from_eye.direction);
+            let distance = camera(&format!("{window}\nnear = -2"), 2, 2)
+                .unwrap()
+                .near(raster);
+            assert!((distance + planar.origin.length()).abs() < 1e-15);
+        }
+    }
+
     #[test]
     fn a_limit_beyond_all_numbers_is_refused_at_its_place() {
         let text = "window = { l = -1, r = 1, b = -1, t = 1, d = 1e-200 }\nnear = 1e200";
         let errors = camera(text, 2, 2).err().unwrap();
         let text = format!("{LOOK}\n{text}");
         assert_eq!(&text[errors.0[0].span.clone().unwrap()], "1e200");
-        assert!(camera("near = -1e-9", 2, 2).is_err());
+        let behind = "window = { l = -1, r = 1, b = -1, t = 1, d = 1e-200 }\nnear = -1e200";
+        assert!(camera(behind, 2, 2).is_err());
         assert!(camera("near_kind = \"round\"", 2, 2).is_err());
     }
 

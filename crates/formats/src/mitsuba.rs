@@ -88,6 +88,7 @@ const FEATURES: &[Feature] = features! {
     Dropped "[film] layers": "The image has no additional channels.";
     Dropped "[camera] environment": "Mitsuba has no panoramic sensor, and uses a default one.";
     Approximated "[camera] near_kind": "The near limit is a plane.";
+    Dropped "[camera] negative near": "Rays start at a perspective camera, not behind it.";
     Approximated "[camera] pixels that are not square": "They are square; the width of the view is kept.";
     Approximated "[camera] window of a lens": "The view is centred.";
     Approximated "[sampler]": "independent with as many samples, at least 16: their positions are random.";

@@ -20,7 +20,6 @@ use bins::Bins;
 use fill::{Depths, Projected, project};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use toml::Spanned;
 use whitstone_core::config::NonNegative;
 use whitstone_core::stream::{Colors, HitStream, Lanes, RayStream};
 use whitstone_core::{
@@ -42,11 +41,10 @@ pub struct Config {
     /// below this in every channel, in W/m².
     #[serde(default = "zero")]
     light_cutoff: NonNegative,
-    /// Interpolation over a triangle: "phong" interpolates normals; "gouraud" interpolates colours
-    /// and requires `shadows = "none"`.
+    /// Interpolation over a triangle: "phong" interpolates normals; "gouraud" interpolates colours,
+    /// which are computed at the vertices, with shadow rays from there.
     #[serde(default)]
-    #[schemars(extend("default" = "phong"), with = "Interpolation")]
-    interpolation: Option<Spanned<Interpolation>>,
+    interpolation: Interpolation,
 }
 
 /// The quantity that is interpolated over a triangle.
@@ -104,22 +102,13 @@ impl Plugin<Integrators> for Rasterizer {
     type Config = Config;
 
     fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Box<dyn Integrator>, SceneErrors> {
-        let interpolation = config.interpolation.as_ref();
-        let rasterizer = Self {
+        Ok(Box::new(Self {
             lighting: DirectLighting {
                 shadows: config.shadows,
                 light_cutoff: config.light_cutoff.get(),
             },
-            interpolation: interpolation.map_or(Interpolation::Phong, |found| *found.get_ref()),
-        };
-        if let Some(place) = interpolation
-            && rasterizer.interpolation == Interpolation::Gouraud
-            && config.shadows != ShadowMode::None
-        {
-            let error = SceneError::at(place.span(), "shadows cannot be interpolated between vertices");
-            return Err(error.with_help("add shadows = \"none\"").into());
-        }
-        Ok(Box::new(rasterizer))
+            interpolation: config.interpolation,
+        }))
     }
 }
 
@@ -179,10 +168,16 @@ impl Integrator for Rasterizer {
                 help,
             )
         })?;
+        let parallel = to_image.row(3).truncate() == DVec3::ZERO;
+        let near = view.camera.near(DVec2::ZERO);
+        if !parallel && near < 0.0 {
+            let help = "use `near` >= 0, or the integrator \"appel\"";
+            let message = "surfaces behind a perspective camera cannot be projected to its image";
+            return Err(refuse(None, message, help));
+        }
         if self.interpolation == Interpolation::Gouraud {
             // Vertex colours are computed for one viewer position, the origin of all camera rays.
-            let parallel = to_image.row(3).truncate() == DVec3::ZERO;
-            let limited = view.camera.near(DVec2::ZERO) != 0.0;
+            let limited = near != 0.0;
             if parallel || limited {
                 let help = "use the camera \"perspective\" without `near`, or interpolation = \"phong\"";
                 let message = "interpolated colours need camera rays that start at one point";
@@ -257,21 +252,11 @@ mod tests {
         for (text, shadows) in [
             ("", true),
             ("shadows = \"none\"", false),
+            ("interpolation = \"gouraud\"", true),
             ("shadows = \"none\"\ninterpolation = \"gouraud\"", false),
         ] {
             integrator_laws(&*build::<Integrators, Rasterizer>(text, ()).unwrap(), shadows);
         }
-    }
-
-    #[test]
-    fn interpolated_colours_have_no_shadows() {
-        let text = "interpolation = \"gouraud\"";
-        let error = build::<Integrators, Rasterizer>(text, ())
-            .err()
-            .unwrap()
-            .0
-            .remove(0);
-        assert_eq!(error.span, Some(16..text.len()));
     }
 
     /// A camera with a given projection, if any, and number of lens points.

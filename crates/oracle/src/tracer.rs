@@ -118,6 +118,8 @@ pub(crate) enum Unsure {
 
 /// Upper bound on the rays of a tree.
 const MAX_RAYS: u32 = 20_000;
+/// Shadow rays from the corner of a triangle start this part of the way to its middle.
+const INWARDS: f64 = 1.0 / (1u64 << 30) as f64;
 /// Upper bound on the bounces of a path; each is a nested call.
 const MAX_BOUNCES: u32 = 500;
 
@@ -474,7 +476,7 @@ impl Tracer {
         let point = walk.jitter.point(hit.point);
         let viewer = -arriving.ray.direction;
         if self.rules.at_corners {
-            return self.at_corners(&hit, &arriving.ray, walk.nudge);
+            return self.at_corners(&hit, &arriving.ray, walk);
         }
         let material = match &arriving.differential {
             None => self.scene.material(&hit, viewer, walk.nudge),
@@ -527,12 +529,20 @@ impl Tracer {
     }
 
     /// Gouraud shading: section 6 of the model.
-    fn at_corners(&self, hit: &Hit, ray: &Ray, nudge: f64) -> Result<Rgb, Unsure> {
+    fn at_corners(&self, hit: &Hit, ray: &Ray, walk: &Walk) -> Result<Rgb, Unsure> {
+        let (deadline, nudge) = (walk.deadline, walk.nudge);
         let mut sum = Rgb::splat(0.0);
-        for (weight, p, material) in self.scene.corners(hit, ray.origin, nudge) {
+        let corners = self.scene.corners(hit, ray.origin, nudge);
+        let middle = corners.iter().map(|(_, p, _)| *p).sum::<DVec3>() / corners.len().max(1) as f64;
+        for (weight, p, material) in corners {
+            // Next to the corner: at it, shadow rays would touch all triangles that share it.
+            let start = p + INWARDS * (middle - p);
             let viewer = (ray.origin - p).normalize();
-            let lit = |_, _| Ok(Rgb::splat(1.0));
-            sum += self.local_illumination(&material, hit.normal, p, viewer, &lit)? * weight;
+            let shadow = |l, distance| {
+                in_time(deadline)?;
+                self.shadow_transmittance(hit, start, l, distance, MediumState::default(), nudge)
+            };
+            sum += self.local_illumination(&material, hit.normal, p, viewer, &shadow)? * weight;
         }
         Ok(sum)
     }

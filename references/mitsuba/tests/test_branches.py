@@ -75,7 +75,13 @@ class Mirrors(Case):
         self.near(self.value(scene + shape + kinds.format("phong")), [local(middle)] * 3)
         expected = np.mean([local(corner) for corner in corners])
         self.near(self.value(scene + shape + kinds.format("gouraud")), [expected] * 3, rel=1e-5)
-        self.refuse(scene + shape + kinds.format("gouraud").replace("none", "opaque"), "scene", "interpolation")
+        # With shadows: a small triangle half way between the lamp and the first corner.
+        half, across = (corners[0] + lamp) / 2, 0.05 * np.array([[-0.25, 2, 0], [-0.25, -1, 2], [-0.25, -1, -2]])
+        blocker = f'[[shape]]\ntype = "triangle"\nvertices = {(half + across).tolist()}\n'
+        expected = (local(corners[1]) + local(corners[2])) / 3
+        for shadows in ("opaque", "filtered"):
+            text = scene + shape + blocker + kinds.format("gouraud").replace("none", shadows)
+            self.near(self.value(text), [expected] * 3, rel=1e-5)
 
     def test_appel_traces_no_specular_rays(self):
         scene = HEAD + '[integrator]\ntype = "appel"\n' + SKY + FLOOR + 'material = { type = "mirror" }\n'

@@ -19,7 +19,7 @@ class Documents(Case):
             HEAD.replace("up = [0, 0, -1]", "up = [0, 1, 0]"): ("parallel",),
             HEAD.replace("target = [0, 0, 0]", "target = [0, 5, 0]"): ("differ",),
             HEAD.replace("fov = 90", "fov = nan"): ("camera.fov",),
-            HEAD.replace("fov = 90", "near = -1"): ("camera.near", ">= 0"),
+            HEAD.replace("fov = 90", "near = nan"): ("camera.near",),
             HEAD.replace("fov = 90", 'near_kind = "round"'): ("camera.near_kind",),
             HEAD.replace("perspective", "thin_lens"): ("camera.aperture", "camera.focus_distance"),
             HEAD.replace("perspective", "environment"): ("camera.fov", "unknown key"),

@@ -213,10 +213,9 @@ def read(table: Any, width: int, height: int, errors: List[str], unsupported: Li
     look.close()
     window = _window(fields, kind, width, height) if kind != "environment" else (-1.0, 1.0, -1.0, 1.0, 1.0)
     near, spherical, lens = 0.0, False, None
-    if kind == "orthographic":
+    if kind in ("perspective", "orthographic"):
         near = fields.number("near", 0.0)
     if kind == "perspective":
-        near = fields.number("near", 0.0, lambda metres: metres >= 0, "a distance >= 0 in metres")
         spherical = fields.choice("near_kind", "planar", ("planar", "spherical")) == "spherical"
     if kind == "thin_lens":
         lens = Lens(

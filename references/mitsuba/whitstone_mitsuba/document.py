@@ -187,8 +187,6 @@ def _integrator(table: Any, errors: List[str], unsupported: List[str]) -> Option
         cut = fields.number("min_contribution", 0.0, lambda value: value >= 0, "a number >= 0")
         limit = fields.choice("at_max_depth", "background", ("background", "black")) == "background"
     gouraud = kind == "rasterizer" and fields.choice("interpolation", "phong", ("phong", "gouraud")) == "gouraud"
-    if gouraud and shadows:
-        fields.error("interpolation", 'Gouraud shading has no shadows: add `shadows = "none"`')
     fields.close()
     return Integrator(kind == "whitted", depth, cut, limit, shadows, gouraud, filtered, faintest)
 

@@ -3,7 +3,7 @@
 use super::Config;
 use super::tree::Partition;
 use crate::support::elements::{Elements, Item, MARGIN, bounds};
-use crate::support::partition::{Choice, Cutter, Tree, bonus, cost};
+use crate::support::partition::{Choice, Cutter, Tree, bonus, cheaper, cost};
 use crate::support::polyhedron::{Plane, Polyhedron, cut_polygon};
 use crate::support::principal::{COORDINATE_AXES, principal_axes};
 use crate::support::split::Split;
@@ -21,6 +21,9 @@ const FEW: usize = 64;
 
 /// Maximum number of triangle planes that are tried.
 const ASKEW: usize = 4;
+
+/// Steps from the median to the midpoint with `split = "between"`.
+const BETWEEN: usize = 8;
 
 /// An element, or its part inside a cell.
 struct Fragment {
@@ -85,7 +88,7 @@ impl Cutter for Builder {
     }
 
     fn asks_cost(&self) -> bool {
-        self.split == Split::Sah
+        self.split.asks_cost()
     }
 
     fn leaf_cost(count: usize) -> f64 {
@@ -97,8 +100,27 @@ impl Cutter for Builder {
     }
 
     fn choose(&self, fragments: &[Fragment], cell: &Polyhedron) -> Option<Choice<Plane>> {
+        let half_area = cell.half_area();
+        if self.split == Split::Between {
+            let [median, midpoint] = self.across(fragments);
+            let planes = (0..=BETWEEN).map(|i| {
+                let share = i as f64 / BETWEEN as f64;
+                Plane {
+                    normal: median.normal,
+                    at: (1.0 - share) * median.at + share * midpoint.at,
+                }
+            });
+            let judged =
+                planes.filter_map(|plane| self.judge(fragments, cell, half_area, &plane, f64::INFINITY));
+            return judged.reduce(cheaper);
+        }
         if self.split != Split::Sah {
-            let plane = self.across(fragments);
+            let [median, midpoint] = self.across(fragments);
+            let plane = if self.split == Split::Median {
+                median
+            } else {
+                midpoint
+            };
             let (_, flat_side) = self.counts(fragments, &plane);
             return Some(Choice {
                 cut: plane,
@@ -121,7 +143,6 @@ impl Cutter for Builder {
         let few = if fragments.len() <= FEW { fragments } else { &[] };
         let stride = few.len().div_ceil(ASKEW).max(1);
         let askew = few.iter().step_by(stride).filter_map(plane_of);
-        let half_area = cell.half_area();
         let mut best: Option<Choice<Plane>> = None;
         for plane in straight.chain(askew) {
             let limit = best.as_ref().map_or(f64::INFINITY, |best| best.cost);
@@ -179,8 +200,8 @@ impl Builder {
         (counts, flat_side)
     }
 
-    /// The plane perpendicular to the principal axis, at the spatial midpoint or at the median.
-    fn across(&self, fragments: &[Fragment]) -> Plane {
+    /// The planes perpendicular to the principal axis, at the median and at the spatial midpoint.
+    fn across(&self, fragments: &[Fragment]) -> [Plane; 2] {
         let normal = principal_axes(&points(fragments).collect::<Vec<_>>())[0];
         let ground = Plane { normal, at: 0.0 };
         let mut middles: Vec<f64> = fragments
@@ -188,15 +209,11 @@ impl Builder {
             .map(|fragment| fragment.heights(&ground))
             .map(|(low, high)| 0.5 * low + 0.5 * high)
             .collect();
-        let at = if self.split == Split::Median {
-            let half = middles.len() / 2;
-            *middles.select_nth_unstable_by(half, f64::total_cmp).1
-        } else {
-            let low = middles.iter().copied().fold(f64::INFINITY, f64::min);
-            let high = middles.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-            0.5 * low + 0.5 * high
-        };
-        Plane { normal, at }
+        let low = middles.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = middles.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let half = middles.len() / 2;
+        let median = *middles.select_nth_unstable_by(half, f64::total_cmp).1;
+        [median, 0.5 * low + 0.5 * high].map(|at| Plane { normal, at })
     }
 
     /// A cut with its cost; `None` if its cost is certainly not below `limit`, or if the plane does

@@ -76,7 +76,7 @@ impl Cutter for Builder {
     }
 
     fn asks_cost(&self) -> bool {
-        self.split == Split::Sah
+        self.split.asks_cost()
     }
 
     fn leaf_cost(count: usize) -> f64 {
@@ -91,9 +91,8 @@ impl Cutter for Builder {
         let extent = (cell.max - cell.min).truncate();
         let axes = self.axes.of(extent.as_dvec3().to_array());
         let cuts = axes.filter_map(|axis| match self.split {
-            Split::Sah if items.len() <= SWEEP => sweep(items, cell, axis),
-            Split::Sah => binned(items, cell, axis, 1..BINS),
-            Split::Midpoint => binned(items, cell, axis, BINS / 2..BINS / 2 + 1),
+            Split::Sah | Split::Between if items.len() <= SWEEP => sweep(items, cell, axis, self.split),
+            Split::Sah | Split::Between | Split::Midpoint => binned(items, cell, axis, self.split),
             Split::Median => median(items, cell, axis),
         });
         cuts.reduce(cheaper)
@@ -152,15 +151,18 @@ fn keep(best: &mut Option<Choice<AxisCut>>, cut: Option<Choice<AxisCut>>) {
     *best = best.take().into_iter().chain(cut).reduce(cheaper);
 }
 
-/// The best cut at an end of any box. The ends are swept in order, and the elements on both sides
-/// are counted.
-fn sweep(items: &[Item], cell: &Box4, axis: usize) -> Option<Choice<AxisCut>> {
+/// The best cut at an end of any box; with `Split::Between` of those between the median of the ends
+/// and the midpoint of the cell, and at the midpoint itself. The ends are swept in order, and the
+/// elements on both sides are counted.
+fn sweep(items: &[Item], cell: &Box4, axis: usize, split: Split) -> Option<Choice<AxisCut>> {
     /// Kinds of box ends, in the order in which they count at the same coordinate.
     #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
     enum Kind {
         Ends,
         Flat,
         Begins,
+        /// No end: the midpoint of the cell.
+        Midpoint,
     }
     let mut events = Vec::with_capacity(2 * items.len());
     for item in items {
@@ -172,7 +174,16 @@ fn sweep(items: &[Item], cell: &Box4, axis: usize) -> Option<Choice<AxisCut>> {
             events.extend([(min, Kind::Begins), (max, Kind::Ends)]);
         }
     }
-    events.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let order = |a: &(f32, Kind), b: &(f32, Kind)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
+    events.sort_unstable_by(order);
+    let mut tried = [f32::NEG_INFINITY, f32::INFINITY];
+    if split == Split::Between {
+        let median = events[events.len() / 2].0;
+        let midpoint = 0.5 * cell.min[axis] + 0.5 * cell.max[axis];
+        tried = [median.min(midpoint), median.max(midpoint)];
+        events.push((midpoint, Kind::Midpoint));
+        events.sort_unstable_by(order);
+    }
     let costs = Costs { cell: *cell, axis };
     let (mut below, mut above) = (0, items.len());
     let mut best = None;
@@ -180,20 +191,18 @@ fn sweep(items: &[Item], cell: &Box4, axis: usize) -> Option<Choice<AxisCut>> {
         let count = |kind| at_place.iter().filter(|event| event.1 == kind).count();
         let (ends, flat, begins) = (count(Kind::Ends), count(Kind::Flat), count(Kind::Begins));
         above -= ends + flat;
-        keep(&mut best, costs.cut(at_place[0].0, below, flat, above));
+        let plane = at_place[0].0;
+        if tried[0] <= plane && plane <= tried[1] {
+            keep(&mut best, costs.cut(plane, below, flat, above));
+        }
         below += begins + flat;
     }
     best
 }
 
-/// The best cut at a lower border of the bins in `before`. The bins divide the cell evenly and
+/// The best cut at a lower border of a bin that `split` tries. The bins divide the cell evenly and
 /// count how many boxes begin and how many end in them.
-fn binned(
-    items: &[Item],
-    cell: &Box4,
-    axis: usize,
-    before: std::ops::Range<usize>,
-) -> Option<Choice<AxisCut>> {
+fn binned(items: &[Item], cell: &Box4, axis: usize, split: Split) -> Option<Choice<AxisCut>> {
     let (start, extent) = (cell.min[axis], cell.max[axis] - cell.min[axis]);
     let scale = BINS as f32 / extent;
     if !scale.is_finite() {
@@ -207,6 +216,12 @@ fn binned(
         begin[bin(aabb.min[axis])] += 1;
         end[bin(aabb.max[axis])] += 1;
     }
+    let mut ends = 0;
+    let median = (0..BINS).find(|&i| {
+        ends += begin[i] + end[i];
+        ends > items.len()
+    });
+    let before = split.borders(BINS, median.unwrap_or(BINS - 1));
     let costs = Costs { cell: *cell, axis };
     let (mut below, mut above) = (0, items.len());
     let mut best = None;
@@ -233,4 +248,66 @@ fn median(items: &[Item], cell: &Box4, axis: usize) -> Option<Choice<AxisCut>> {
     let flat = |r: &&Item| r.aabb().min[axis] == plane && r.aabb().max[axis] == plane;
     let flat = items.iter().filter(flat).count();
     Costs { cell: *cell, axis }.cut(plane, below, flat, above)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::support::leaves::items::Items;
+    use whitstone_core::{DVec3, Geometry, LoweredShape, TriangleMesh};
+    use whitstone_testkit::Random;
+
+    #[test]
+    fn the_best_end_between_the_median_and_the_midpoint_is_chosen() {
+        let mut random = Random::new(32);
+        let mut dearer = 0;
+        for count in 1..60 {
+            let mut mesh = TriangleMesh {
+                orientation: 1.0,
+                ..TriangleMesh::default()
+            };
+            for i in 0..count {
+                // They crowd towards the origin.
+                let at = DVec3::from_array([(); 3].map(|()| random.unit().powi(4)));
+                mesh.positions.extend([(); 3].map(|()| at + 0.02 * random.cube()));
+                mesh.triangles.push([3 * i, 3 * i + 1, 3 * i + 2]);
+            }
+            let geometry = Geometry::new(vec![LoweredShape::Triangles(mesh)]);
+            let items = Items::new(&geometry);
+            let items = items.each(|number| items.item(number));
+            let cell = items
+                .iter()
+                .fold(Box4::EMPTY, |cell, item| cell.union(item.aabb()));
+            for axis in 0..3 {
+                let side = |of: fn(&Box4, usize) -> f32| items.iter().map(move |item| of(&item.aabb(), axis));
+                let mut ends: Vec<f32> = side(|aabb, axis| aabb.min[axis])
+                    .chain(side(|aabb, axis| aabb.max[axis]))
+                    .collect();
+                ends.sort_by(f32::total_cmp);
+                let median = ends[ends.len() / 2];
+                let middle = 0.5 * cell.min[axis] + 0.5 * cell.max[axis];
+                let costs = Costs { cell, axis };
+                let cost = |plane: f32| {
+                    let below = items.iter().filter(|item| item.aabb().min[axis] < plane).count();
+                    let above = items.iter().filter(|item| item.aabb().max[axis] > plane).count();
+                    costs.cut(plane, below, 0, above).map(|cut| cut.cost)
+                };
+                let planes = ends.iter().copied().chain([middle]);
+                let between =
+                    planes.filter(|plane| median.min(middle) <= *plane && *plane <= median.max(middle));
+                let best = between.filter_map(cost).reduce(f64::min);
+                let found = sweep(&items, &cell, axis, Split::Between).map(|cut| cut.cost);
+                assert_eq!(found, best, "{count} triangles");
+                let sah = sweep(&items, &cell, axis, Split::Sah).map(|cut| cut.cost);
+                dearer += u32::from(sah < found);
+                let midpoint = binned(&items, &cell, axis, Split::Midpoint).map(|cut| cut.cost);
+                let coarse = binned(&items, &cell, axis, Split::Between).map(|cut| cut.cost);
+                assert!(midpoint.is_none() || coarse <= midpoint, "{count} triangles");
+            }
+        }
+        assert!(
+            dearer > 0,
+            "the range must exclude some of the best ends: {dearer}"
+        );
+    }
 }

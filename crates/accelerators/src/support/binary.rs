@@ -5,6 +5,9 @@
 //!   bounding volume hierarchies*, 2007), or by a full sweep for small nodes.
 //! - `split = "midpoint"`: the middle of the box of all centers. `split = "median"`: half of the
 //!   elements on each side.
+//! - `split = "between"`: as `"sah"`, but only the splits between the median and the midpoint are
+//!   tried (MacDonald and Booth, *Heuristics for ray tracing using space subdivision*, 1990:
+//!   the best plane of a kd-tree lies between them).
 //! - `axes = "longest"` tries the axis with the largest extent of the centers; `"all"` tries all
 //!   three and takes the cheapest.
 
@@ -96,7 +99,7 @@ impl Builder {
         };
         if n <= self.max_leaf {
             let area = bounds(items).half_area();
-            let worth = self.split == Split::Sah
+            let worth = self.split.asks_cost()
                 && cut
                     .as_ref()
                     .is_some_and(|cut| self.step_cost * area + cut.cost < n as f64 * area);
@@ -143,9 +146,9 @@ impl Builder {
     fn choose(&self, items: &mut [Item], centers: &Aabb) -> Option<Cut> {
         let axes = self.axes.of(centers.extent().to_array());
         match self.split {
-            Split::Sah if items.len() <= SWEEP => sweep(items, axes),
-            Split::Sah => binned(items, centers, axes, 1..BINS),
-            Split::Midpoint => binned(items, centers, axes, BINS / 2..BINS / 2 + 1),
+            Split::Sah if items.len() <= SWEEP => sweep(items, axes, |items, _| 1..items.len()),
+            Split::Between if items.len() <= SWEEP => sweep(items, axes, between),
+            Split::Sah | Split::Between | Split::Midpoint => binned(items, centers, axes, self.split),
             Split::Median => {
                 let cuts = axes.map(|axis| {
                     let middle = halve(items, axis);
@@ -196,8 +199,23 @@ fn partition(items: &mut [Item], goes_left: impl Fn(&Item) -> bool) -> usize {
     middle
 }
 
-/// The best of all splits of a few items along some axes; `None` if there is no split.
-fn sweep(items: &mut [Item], axes: impl Iterator<Item = usize>) -> Option<Cut> {
+/// The numbers of lower items that lie between the median and the midpoint of items that are sorted
+/// along an axis.
+fn between(items: &[Item], axis: usize) -> Range<usize> {
+    let n = items.len();
+    let (low, high) = (items[0].center[axis], items[n - 1].center[axis]);
+    let middle = 0.5 * low + 0.5 * high;
+    let below = items.partition_point(|item| item.center[axis] < middle);
+    (n / 2).min(below).max(1)..(n / 2).max(below).min(n - 1) + 1
+}
+
+/// The best split of a few items along some axes, among the numbers of lower items that `tried`
+/// gives for sorted items and their axis; `None` if there is no split.
+fn sweep(
+    items: &mut [Item],
+    axes: impl Iterator<Item = usize>,
+    tried: impl Fn(&[Item], usize) -> Range<usize>,
+) -> Option<Cut> {
     let n = items.len();
     let mut best: Option<Cut> = None;
     let mut right_areas = [0.0; SWEEP];
@@ -208,9 +226,13 @@ fn sweep(items: &mut [Item], axes: impl Iterator<Item = usize>) -> Option<Cut> {
             right = right.union(items[i].aabb);
             right_areas[i] = right.half_area();
         }
+        let tried = tried(items, axis);
         let mut left = Aabb::EMPTY;
         for i in 1..n {
             left = left.union(items[i - 1].aabb);
+            if !tried.contains(&i) {
+                continue;
+            }
             let cost = left.half_area() * i as f64 + right_areas[i] * (n - i) as f64;
             if best.as_ref().is_none_or(|best| cost < best.cost) {
                 best = Some(Cut {
@@ -247,13 +269,9 @@ impl ToBin {
     }
 }
 
-/// The best split at a lower border of the bins in `before`; `None` if each leaves one side empty.
-fn binned(
-    items: &[Item],
-    centers: &Aabb,
-    axes: impl Iterator<Item = usize>,
-    before: Range<usize>,
-) -> Option<Cut> {
+/// The best split at a lower border of a bin that `split` tries; `None` if each leaves one side
+/// empty.
+fn binned(items: &[Item], centers: &Aabb, axes: impl Iterator<Item = usize>, split: Split) -> Option<Cut> {
     let mut best: Option<Cut> = None;
     for axis in axes {
         let to_bin = ToBin::new(centers, axis);
@@ -266,6 +284,12 @@ fn binned(
             *aabb = aabb.union(item.aabb);
             *count += 1;
         }
+        let mut below = 0;
+        let median = bins.iter().position(|(_, count)| {
+            below += count;
+            below > items.len() / 2
+        });
+        let before = split.borders(BINS, median.unwrap_or(BINS - 1));
         let mut right_of = [(0.0, 0usize); BINS];
         let (mut right, mut count) = (Aabb::EMPTY, 0);
         for i in (1..BINS).rev() {
@@ -292,4 +316,97 @@ fn binned(
         }
     }
     best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_core::{DVec3, Element};
+    use whitstone_testkit::Random;
+
+    /// Small boxes that crowd towards the origin along each axis.
+    fn crowd(random: &mut Random, count: u32) -> Vec<Item> {
+        let item = |number| {
+            let center = DVec3::from_array([(); 3].map(|()| random.unit().powi(4)));
+            let half = 0.01 * random.cube().abs();
+            Item {
+                aabb: Aabb {
+                    min: center - half,
+                    max: center + half,
+                },
+                center,
+                element: Element::Triangle {
+                    shape: 0,
+                    triangle: number,
+                },
+                number,
+                sliver: false,
+            }
+        };
+        (0..count).map(item).collect()
+    }
+
+    /// The cost of the chosen split, and the number of items below it.
+    fn chosen(items: &[Item], split: Split) -> (f64, usize) {
+        let builder = Builder {
+            max_leaf: 1,
+            split,
+            axes: Axes::Longest,
+            step_cost: STEP_COST,
+        };
+        let mut items = items.to_vec();
+        let centers = Aabb::around(items.iter().map(|item| item.center));
+        let cut = builder.choose(&mut items, &centers).expect("there is a split");
+        let below = match cut.at {
+            At::Count(count) => count,
+            At::Bin(bin) => {
+                let to_bin = ToBin::new(&centers, cut.axis);
+                items.iter().filter(|item| to_bin.bin(item) < bin).count()
+            }
+        };
+        (cut.cost, below)
+    }
+
+    #[test]
+    fn the_best_split_between_the_median_and_the_midpoint_is_chosen() {
+        let (mut random, mut dearer) = (Random::new(32), 0);
+        for case in 0..100 {
+            let n = if case < 50 { 2 + case % 23 } else { 200 };
+            let items = crowd(&mut random, n);
+            let centers = Aabb::around(items.iter().map(|item| item.center));
+            let axis = Axes::Longest.of(centers.extent().to_array()).next().unwrap();
+            let mut sorted = items.clone();
+            sort(&mut sorted, axis);
+            let middle = centers.center()[axis];
+            let below = sorted.iter().filter(|item| item.center[axis] < middle).count();
+            let half = sorted.len() / 2;
+            let cost = |count: usize| {
+                let (left, right) = sorted.split_at(count);
+                bounds(left).half_area() * left.len() as f64 + bounds(right).half_area() * right.len() as f64
+            };
+            let best = (half.min(below)..=half.max(below))
+                .map(cost)
+                .fold(f64::INFINITY, f64::min);
+            let (found, count) = chosen(&items, Split::Between);
+            assert!((cost(count) / found - 1.0).abs() < 1e-12);
+            let (sah, _) = chosen(&items, Split::Sah);
+            assert!(sah <= found, "more splits to choose from cost no more");
+            dearer += u32::from(sah < found);
+            if sorted.len() <= SWEEP {
+                assert_eq!(found, best, "{n} items");
+            } else {
+                // Bins are coarser than items: one bin on either side of the range.
+                let width = centers.extent()[axis] / BINS as f64;
+                let at = sorted[count].center[axis];
+                let [low, high] = [half.min(below), half.max(below)].map(|i| sorted[i].center[axis]);
+                assert!(low - width <= at && at <= high + width, "{low} {at} {high}");
+                let (midpoint, _) = chosen(&items, Split::Midpoint);
+                assert!(found <= midpoint);
+            }
+        }
+        assert!(
+            dearer > 0,
+            "the range must exclude some of the best splits: {dearer}"
+        );
+    }
 }

@@ -2,6 +2,7 @@
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// How to choose the split position.
 #[derive(Clone, Copy, Debug, Default, Deserialize, Serialize, JsonSchema, PartialEq, Eq)]
@@ -14,6 +15,26 @@ pub(crate) enum Split {
     /// Where the expected cost is least, by the surface area heuristic.
     #[default]
     Sah,
+    /// As "sah", but only between the median and the midpoint.
+    Between,
+}
+
+impl Split {
+    /// Whether the expected cost decides where to split and whether to split at all.
+    pub(crate) fn asks_cost(self) -> bool {
+        matches!(self, Self::Sah | Self::Between)
+    }
+
+    /// Which lower borders of `bins` equal bins to try; `median` is the bin that holds the median.
+    pub(crate) fn borders(self, bins: usize, median: usize) -> Range<usize> {
+        let middle = bins / 2;
+        match self {
+            Self::Midpoint => middle..middle + 1,
+            // The borders of the bin of the median enclose it. The outermost are no splits.
+            Self::Between => median.min(middle).max(1)..(median + 1).max(middle).min(bins - 1) + 1,
+            Self::Sah | Self::Median => 1..bins,
+        }
+    }
 }
 
 /// Which axes to try.
@@ -37,5 +58,19 @@ impl Axes {
             },
         );
         (0..3).filter(move |&axis| self == Self::All || axis == longest)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn borders_between_the_median_and_the_midpoint_include_both() {
+        for (median, borders) in [(0, 1..5), (2, 2..5), (3, 3..5), (4, 4..6), (5, 4..7), (7, 4..8)] {
+            assert_eq!(Split::Between.borders(8, median), borders);
+        }
+        assert_eq!(Split::Midpoint.borders(8, 0), 4..5);
+        assert_eq!(Split::Sah.borders(8, 0), 1..8);
     }
 }

@@ -5,7 +5,7 @@ use crate::support::view::Frame;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use toml::Spanned;
-use whitstone_core::config::NonNegative;
+use whitstone_core::config::Finite;
 use whitstone_core::simd::select;
 use whitstone_core::{DVec2, DVec3, SceneError, SceneErrors};
 
@@ -32,7 +32,7 @@ pub(crate) struct Near {
 impl Near {
     /// The limit at `near` metres.
     pub(crate) fn new(
-        near: Option<&Spanned<NonNegative>>,
+        near: Option<&Spanned<Finite>>,
         kind: NearKind,
         frame: &Frame,
         pinhole: &Pinhole,
@@ -77,7 +77,7 @@ impl Near {
         frame.origin + self.factor * along
     }
 
-    /// Distance of that start from the camera.
+    /// Distance of that start along the ray from the camera; negative behind it.
     pub(crate) fn distance(&self, through: DVec3) -> f64 {
         if self.spherical {
             self.factor

@@ -48,6 +48,7 @@ pub(crate) const FEATURES: &[Feature] = features! {
     Approximated "[[shape]] mesh with displacement": "Other programs show it without; it is kept for Whitstone.";
     Approximated "[camera] thin_lens": "Other programs see a pinhole camera; it is kept for Whitstone.";
     Approximated "[camera] near_kind": "Other programs have a plane as near limit; it is kept for Whitstone.";
+    Approximated "[camera] negative near": "Other programs see from the perspective camera on; it is kept for Whitstone.";
     Approximated "[camera] window that is not centred": "Other programs see a centred window of the same size; it is kept for Whitstone.";
     Approximated "[[light]] falloff none": "In other programs lights fall off with the squared distance; it is kept for Whitstone.";
     Approximated "[[light]] image of a spot": "Other programs see the light without it; it is kept for Whitstone.";

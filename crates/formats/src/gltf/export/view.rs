@@ -59,6 +59,9 @@ impl<'a> Exporter<'a> {
                 if kind == "thin_lens" {
                     self.note("[camera] thin_lens", "camera");
                 }
+                if near < 0.0 {
+                    self.note("[camera] negative near", "camera");
+                }
                 if table::text(camera, "near_kind") == Some("spherical") {
                     self.note("[camera] near_kind", "camera");
                 }

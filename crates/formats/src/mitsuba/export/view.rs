@@ -163,6 +163,9 @@ impl<'a> Exporter<'a> {
             if !square {
                 self.note("[camera] pixels that are not square", "camera");
             }
+            if near < 0.0 {
+                self.note("[camera] negative near", "camera");
+            }
             let lens = kind == "thin_lens" && aperture > 0.0;
             let near = if lens || near <= 0.0 { NEAR } else { near };
             let fov = 2.0 * ((r - l) / 2.0 / d).atan().to_degrees();
