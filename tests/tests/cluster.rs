@@ -251,7 +251,7 @@ fn lost_late_and_foreign_workers_change_nothing() {
     let _late = cluster.worker(good);
     let told = cluster.succeeds(rendering, &whole);
     assert!(told.contains("is not used: it needs whitstone"), "{told}");
-    // The jobs of the killed workers have ended by themselves; that of the stopped one ends with it.
+    // The jobs of killed workers have ended by themselves; that of the stopped one ends with it.
     drop(stopped);
     wait_until("end of the jobs of lost workers", || !cluster.runs_jobs());
 }

@@ -388,8 +388,10 @@ fn scheduler_table(text: &mut String, result: &Value) {
         "\n{}\n\n| workers | tasks | time of a task | result | scheduler, for each task | client, for each \
          task | all tasks | as the model says |\n|---:|---:|---:|---:|---:|---:|---:|---:|\n",
         wrapped(
-            "The scheduler alone, with workers that only wait, all in one process on the same machine. Its \
-             processor time for each task limits how many jobs start in a second:"
+            "The scheduler alone, with workers that only wait. All of these workers are in one process, \
+             which shares the cores with the scheduler and the client, so that many tasks at a time take \
+             longer than the model says. The scheduler's processor time for each task limits how many \
+             jobs start in a second:"
         )
     );
     for tasks in result["tasks"].as_array().into_iter().flatten() {

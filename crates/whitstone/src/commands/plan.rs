@@ -16,9 +16,9 @@ use whitstone_scene::{Description, Plan, Sources};
 ///
 /// A job is a tile of an image, or with --validate the comparison of a scene with the reference. It
 /// names everything that its result depends on: the program and the input files by their hashes, the
-/// overrides, and the tile. `run-job` runs one job, on any machine that has the same program and the
-/// files. `merge` makes the images from the results, with the bytes that `render` writes, or the
-/// report of the validation.
+/// overrides, and the tile. `run-job` runs one job, on any machine that has the same program and
+/// the files. `merge` makes the images from the results, with the bytes that `render` writes, or
+/// the report of the validation.
 #[derive(Args, Debug)]
 #[command(
     help_template = super::HELP_TEMPLATE,
@@ -177,7 +177,7 @@ pub(super) fn files_of(
     Ok(found)
 }
 
-/// A path relative to the working folder, so that it leads to the same file in a copy of the inputs.
+/// A path relative to the working folder: it leads to the same file in a copy of the inputs.
 pub(super) fn from_here(path: &Path) -> Result<String, Failure> {
     let mut found = PathBuf::from(path);
     if path.is_absolute() {

@@ -316,8 +316,8 @@ fn command(
     results.write(job, &bytes, start.elapsed().as_secs_f64(), None)
 }
 
-/// The command of a job. Whatever the job says, it writes no file but `json` and those in `scratch`,
-/// and starts no program but the reference.
+/// The command of a job. Whatever the job says, it writes no file but `json` and those in
+/// `scratch`, and starts no program but the reference.
 fn parse(
     words: &[String],
     json: &Path,
@@ -392,6 +392,7 @@ mod tests {
             &["--page", "/x"],
             &["--target", "/x"],
             &["--kernel", "rm"],
+            &["--subject", "x={command='rm'}"],
             &["--cluster", "local"],
         ] {
             assert!(parse(more).is_some(), "{more:?}");

@@ -106,7 +106,7 @@ pub struct Arguments {
     #[command(flatten)]
     drivers: Drivers,
     /// Judge the images of another renderer: the name of a table [subject.NAME], or NAME={...}
-    #[arg(long, value_name = "NAME", conflicts_with_all = ["quick", "rays", "search", "steps", "plots", "page", "list", "kernel", "fresh"])]
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["quick", "rays", "search", "steps", "plots", "page", "list", "kernel", "fresh", "cluster"])]
     subject: Option<String>,
     /// File with the subject's table [default: whitstone.toml in this folder or one above it]
     #[arg(long, value_name = "FILE", requires = "subject")]
@@ -128,6 +128,7 @@ impl Arguments {
             && self.plots.is_none()
             && self.page.is_empty()
             && self.kernel.is_empty()
+            && self.subject.is_none()
             && self.cluster.cluster.is_none()
     }
 
