@@ -9,7 +9,8 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use whitstone_image::{Image, exr_io};
 
-/// Merge the results of jobs into the images of their scenes, or into the report of their validation
+/// Merge the results of jobs into the images of their scenes, or into the report of their
+/// validation
 ///
 /// An image has the bytes that `render` writes of the same scene with the same options, for any
 /// tile size and any number of workers. Results are checked by their hashes. Only the tiles of some

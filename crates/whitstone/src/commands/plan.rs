@@ -15,10 +15,10 @@ use whitstone_scene::{Description, Plan, Sources};
 /// file
 ///
 /// A job is a tile of an image, or with --validate the comparison of a scene with the reference. It
-/// names everything that its result depends on: the program and the input files by their hashes, the
-/// overrides, and the tile. `run-job` runs one job, on any machine that has the same program and
-/// the files. `merge` makes the images from the results, with the bytes that `render` writes, or
-/// the report of the validation.
+/// names everything that its result depends on: the program and the input files by their hashes,
+/// the overrides, and the tile. `run-job` runs one job, on any machine that has the same program
+/// and the files. `merge` makes the images from the results, with the bytes that `render` writes,
+/// or the report of the validation.
 #[derive(Args, Debug)]
 #[command(
     help_template = super::HELP_TEMPLATE,
