@@ -410,6 +410,15 @@ fn scheduler_table(text: &mut String, result: &Value) {
             of("/elapsed_s"),
         );
     }
+    let first = &result["tasks"][0];
+    let _ = write!(
+        text,
+        "\n{}\n",
+        wrapped(&format!(
+            "So a task that starts no process costs {:.1} ms in all, on one worker.",
+            1e3 * number(first, "/elapsed_s") / number(first, "/tasks")
+        ))
+    );
 }
 
 fn files_table(text: &mut String, result: &Value) {
@@ -470,7 +479,8 @@ fn model_table(text: &mut String, result: &Value) {
              p) / w, n c) + m. Here, the start of a local cluster is {:.1} s, p = {:.0} ms (process of a \
              job), c = {:.2} ms (scheduler, the largest of the table above), and m is the time to merge: \
              {:.0} ns a pixel. The scheduler is the limit where t + p < w c. So choose tiles that take more \
-             than 10 p and more than w c; and where a scene has gigabytes, a shared file system.",
+             than 10 p and more than w c, or `--chunk k`, which divides c by k; and where a scene has \
+             gigabytes, a shared file system.",
             model.start,
             model.process * 1e3,
             model.scheduler * 1e3,

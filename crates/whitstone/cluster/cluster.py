@@ -45,7 +45,7 @@ LONGEST_LOG = 1 << 20
 LEAST_SPACE = 1 << 20
 
 
-# On the workers. These functions travel with the tasks, so they use no other name of this file.
+# On the workers. These functions travel with the tasks, so they use no value of this file.
 
 
 def file_contents(data: bytes) -> bytes:
@@ -185,6 +185,16 @@ def run_job(line: str, contents: list[bytes], settings: dict[str, Any]) -> dict[
         return {"failed": where + (text or f"exit code {code}"), "final": code == 2, "log": whole}
 
 
+def run_jobs(jobs: list[tuple[str, list[bytes], dict[str, Any]]]) -> list[dict[str, Any]]:
+    """Runs jobs one after another; returns their outcomes, up to that of a refusal."""
+    outcomes: list[dict[str, Any]] = []
+    for line, contents, settings in jobs:
+        outcomes.append(run_job(line, contents, settings))
+        if "refused" in outcomes[-1]:
+            break
+    return outcomes
+
+
 # On this side.
 
 
@@ -244,10 +254,11 @@ class Run:
         self.results = Path(request["results"])
         self.allowed: int = request["retries"]
         self.priority: int = request["priority"]
+        self.chunk: int = request["chunk"]
         self.lines: dict[str, str] = {json.loads(line)["id"]: line for line in request["jobs"]}
         self.ended: queue.SimpleQueue[Future] = queue.SimpleQueue()
-        # The job of each task, and the workers that a task is limited to.
-        self.tasks: dict[str, tuple[Future, str, set[str]]] = {}
+        # The jobs of each task, and the workers that a task is limited to.
+        self.tasks: dict[str, tuple[Future, list[str], set[str]]] = {}
         self.failures: dict[str, int] = {}
         self.refused: dict[str, str] = {}
         # Jobs for which there is no usable worker.
@@ -287,39 +298,46 @@ class Run:
         except (OSError, TimeoutError) as error:
             raise Stopped("the scheduler is gone") from error
 
-    def start(self, id: str) -> None:
+    def start(self, ids: list[str]) -> None:
+        """Starts jobs as one task."""
         limited: set[str] = set()
         if self.refused:
             limited = self.workers() - set(self.refused)
             if not limited:
-                self.waiting.append(id)
+                self.waiting += ids
                 return
         self.number += 1
-        key = f"whitstone-{id[:12]}-{self.token}-{self.number}"
-        files, closure = self.inputs[id]
+        key = f"whitstone-{ids[0][:12]}-{self.token}-{self.number}"
+        jobs = []
+        for id in ids:
+            files, closure = self.inputs[id]
+            jobs.append((self.lines[id], files, {**self.settings, "closure": closure, "key": key}))
         future = self.client.submit(
-            run_job,
-            self.lines[id],
-            files,
-            {**self.settings, "closure": closure, "key": key},
-            key=key,
-            workers=list(limited) or None,
-            priority=self.priority,
+            run_jobs, jobs, key=key, workers=list(limited) or None, priority=self.priority
         )
-        self.tasks[future.key] = (future, id, limited)
+        self.tasks[future.key] = (future, ids, limited)
         future.add_done_callback(self.ended.put)
 
     def finish(self, future: Future) -> None:
-        _, id, _ = self.tasks.pop(future.key)
+        _, ids, _ = self.tasks.pop(future.key)
         if self.client.status != "running":
             raise Stopped("the scheduler is gone")
         try:
-            outcome = future.result(timeout=60)
+            outcomes = future.result(timeout=60)
         except Exception as error:
             # The worker was lost, with this and other tasks, more often than the scheduler allows.
-            outcome = {"failed": f"{type(error).__name__}: {error}", "final": False}
+            # Which of several jobs did it, if one did, shows when each runs alone.
+            failed = {"failed": f"{type(error).__name__}: {error}", "final": False}
+            outcomes = [failed] if len(ids) == 1 else []
         finally:
             future.release()
+        for id, outcome in zip(ids, outcomes):
+            self.judge(id, outcome)
+        for id in ids[len(outcomes) :]:
+            self.start([id])
+
+    def judge(self, id: str, outcome: dict[str, Any]) -> None:
+        """Takes the outcome of a job, and starts it again if there is no result."""
         if "files" in outcome:
             # The record is the last one.
             for name, data in outcome["files"].items():
@@ -329,7 +347,7 @@ class Run:
             if outcome["worker"] not in self.refused:
                 self.refused[outcome["worker"]] = outcome["refused"]
                 tell("refused", worker=outcome["worker"], reason=outcome["refused"])
-            self.start(id)
+            self.start([id])
         else:
             self.failures[id] = self.failures.get(id, 0) + 1
             if outcome["final"] or self.failures[id] > self.allowed:
@@ -337,7 +355,7 @@ class Run:
                     write(self.results / f"{id}.log", log)
                 tell("failed", id=id, reason=outcome["failed"])
             else:
-                self.start(id)
+                self.start([id])
 
     def look(self) -> bool:
         """Restarts what cannot run where it was sent; returns whether a usable worker is there."""
@@ -346,18 +364,19 @@ class Run:
         usable = self.workers() - set(self.refused)
         if usable:
             again, self.waiting = self.waiting, []
-            for key, (future, id, limited) in list(self.tasks.items()):
+            for key, (future, ids, limited) in list(self.tasks.items()):
                 if limited and not limited & usable:
                     del self.tasks[key]
                     future.cancel()
-                    again.append(id)
+                    again += ids
             for id in again:
-                self.start(id)
+                self.start([id])
         return bool(usable)
 
     def run(self) -> None:
-        for id in self.lines:
-            self.start(id)
+        all = list(self.lines)
+        for first in range(0, len(all), self.chunk):
+            self.start(all[first : first + self.chunk])
         usable = looked = time.monotonic()
         while self.tasks or self.waiting:
             with contextlib.suppress(queue.Empty):

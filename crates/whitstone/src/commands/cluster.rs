@@ -7,7 +7,7 @@ use crate::terminal::{self, Failure, progress};
 use clap::Args;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::fs::{self, File};
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -26,8 +26,8 @@ const REQUIREMENTS: &str = include_str!("../../cluster/requirements.txt");
 #[group(skip)]
 pub struct Cluster {
     /// Run in parts on a Dask cluster: the address of its scheduler, such as tcp://10.0.0.1:8786,
-    /// or local for processes of this machine. Finished parts are kept until all are finished, so
-    /// that the same command continues
+    /// or local for processes of this machine. A part uses one thread, unless --threads says
+    /// otherwise. Finished parts are kept until all are finished, so that the same command continues
     #[arg(long, value_name = "SCHEDULER")]
     pub(super) cluster: Option<String>,
     /// Number of worker processes of --cluster local; 0 means one per core
@@ -48,6 +48,10 @@ pub struct Cluster {
         allow_negative_numbers = true
     )]
     priority: i32,
+    /// Number of jobs that a worker takes at a time. More of them are less work for the scheduler,
+    /// but results arrive, and are kept, only when all of them are finished
+    #[arg(long, value_name = "COUNT", default_value_t = 1, requires = "cluster", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    chunk: u32,
     /// Python with an installed Dask, to be used in place of the private environment
     #[arg(long, value_name = "PYTHON", requires = "cluster")]
     dask: Option<PathBuf>,
@@ -166,6 +170,7 @@ impl Cluster {
             "retries": self.retries,
             "time_limit": self.job_time,
             "priority": self.priority,
+            "chunk": self.chunk,
             "exclusive": batch.exclusive,
             "threads": match (batch.threads, batch.exclusive) {
                 (0, false) => 1,
@@ -289,6 +294,7 @@ impl Told {
     fn listen(events: &mpsc::Receiver<String>, total: u64, batch: &mut Batch<'_>) -> Self {
         let mut told = Self::default();
         let doing = batch.doing;
+        let by_id: HashMap<&str, &Job> = batch.jobs.iter().map(|job| (job.id.as_str(), job)).collect();
         let bar = progress(total, doing);
         let watching = interrupt::Watching::new();
         let mut start = Instant::now();
@@ -311,7 +317,7 @@ impl Told {
                         told.usage.busy_s += seconds;
                         told.usage.seconds = start.elapsed().as_secs_f64();
                         bar.inc(1);
-                        if let Some(job) = batch.jobs.iter().find(|job| job.id == id) {
+                        if let Some(job) = by_id.get(id.as_str()) {
                             bar.suspend(|| (batch.finished)(job));
                         }
                     }

@@ -28,13 +28,22 @@ pub(crate) fn plan(
     let all = &arguments.scenes;
     all.drivers.check_built_in()?;
     let identity = Program::this()?;
-    let mut planned = Vec::new();
-    for scene in scenes {
+    let job = |scene: &PathBuf| {
         let mut files = plan::files_of(scene, &all.overrides, registry)?;
         if all.reference.parts().1 != Mode::Live {
             files.extend(stored(scene, Path::new(SCENES), &all.references)?);
         }
-        planned.push(plan::command(&identity, &files, words(arguments, scene)?)?);
+        plan::command(&identity, &files, words(arguments, scene)?)
+    };
+    let (mut planned, mut problems) = (Vec::new(), Vec::new());
+    for scene in scenes {
+        match job(scene) {
+            Ok(job) => planned.push(job),
+            Err(problem) => problems.push(problem.problem()),
+        }
+    }
+    if !problems.is_empty() {
+        return Err(Failure::usage(problems.join("\n")));
     }
     let outputs: Vec<&Path> = arguments.json.iter().map(PathBuf::as_path).collect();
     check_apart(&outputs, &jobs::input_paths(&planned))?;
