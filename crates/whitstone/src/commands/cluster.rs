@@ -27,7 +27,8 @@ const REQUIREMENTS: &str = include_str!("../../cluster/requirements.txt");
 pub struct Cluster {
     /// Run in parts on a Dask cluster: the address of its scheduler, such as tcp://10.0.0.1:8786,
     /// or local for processes of this machine. A part uses one thread, unless --threads says
-    /// otherwise. Finished parts are kept until all are finished, so that the same command continues
+    /// otherwise. Finished parts are kept until all are finished, so that the same command
+    /// continues
     #[arg(long, value_name = "SCHEDULER")]
     pub(super) cluster: Option<String>,
     /// Number of worker processes of --cluster local; 0 means one per core
