@@ -1,6 +1,7 @@
 //! The commands, one file each.
 
 pub mod bake;
+#[cfg(feature = "cluster")]
 pub mod cluster;
 pub mod compare;
 pub mod completions;
@@ -10,21 +11,25 @@ pub mod converge;
 pub mod convert;
 pub mod doctor;
 pub mod explain;
+#[cfg(feature = "cluster")]
 mod farm;
 pub mod init;
 mod junit;
 pub mod list;
+#[cfg(feature = "cluster")]
 pub mod merge;
 mod names;
 pub mod new_plugin;
 #[cfg(any(feature = "converge", feature = "stress"))]
 mod page;
 mod pixel;
+#[cfg(feature = "cluster")]
 pub mod plan;
 pub mod reduce;
 pub mod reference;
 pub mod render;
 pub mod report;
+#[cfg(feature = "cluster")]
 pub mod run_job;
 pub mod schema;
 pub mod sensitivity;
@@ -69,8 +74,11 @@ pub const HELP_TEMPLATE: &str = "{about-with-newline}\n{usage-heading} {usage}{a
 pub enum Command {
     Render(render::Arguments),
     Validate(validate::Arguments),
+    #[cfg(feature = "cluster")]
     Plan(plan::Arguments),
+    #[cfg(feature = "cluster")]
     RunJob(run_job::Arguments),
+    #[cfg(feature = "cluster")]
     Merge(merge::Arguments),
     Reduce(reduce::Arguments),
     Report(report::Arguments),
@@ -103,8 +111,11 @@ impl Command {
             Self::Render(arguments) => render::run(arguments, registry),
             Self::Validate(arguments) => validate::run(arguments, registry, program),
             Self::Reduce(arguments) => reduce::run(arguments, registry, program),
+            #[cfg(feature = "cluster")]
             Self::Plan(arguments) => plan::run(arguments, registry, program),
+            #[cfg(feature = "cluster")]
             Self::RunJob(arguments) => run_job::run(arguments, registry, program),
+            #[cfg(feature = "cluster")]
             Self::Merge(arguments) => merge::run(arguments),
             Self::Report(arguments) => report::run(arguments, program),
             Self::Compare(arguments) => compare::run(arguments),
@@ -158,7 +169,10 @@ impl Cli {
     /// interpreter. Jobs are identified by the hash of `library`, and run by `python -m whitstone`.
     #[must_use]
     pub fn in_python(self, library: PathBuf, python: PathBuf) -> Self {
+        #[cfg(feature = "cluster")]
         crate::jobs::set_python(library, python);
+        #[cfg(not(feature = "cluster"))]
+        let _ = (library, python);
         self
     }
 
@@ -286,6 +300,7 @@ impl Target {
     }
 
     /// Sets the folder of a part of a command; returns false if the command line names one.
+    #[cfg(feature = "cluster")]
     fn be_part(&mut self, scratch: &Path) -> bool {
         self.scratch = Some(scratch.to_owned());
         self.target.is_none()
@@ -311,6 +326,7 @@ pub struct Drivers {
 
 impl Drivers {
     /// Sets the Python of a part of a command; returns false if the command line names drivers.
+    #[cfg(feature = "cluster")]
     fn be_part(&mut self, mitsuba: Option<&Path>) -> bool {
         let is_plain = self.mitsuba.is_none() && self.drivers.is_none();
         self.mitsuba = mitsuba.map(Path::to_owned);
@@ -318,6 +334,7 @@ impl Drivers {
     }
 
     /// Refuses a folder with drivers, which workers do not have.
+    #[cfg(feature = "cluster")]
     fn check_built_in(&self) -> Result<(), Failure> {
         match self.drivers {
             None => Ok(()),

@@ -11,7 +11,7 @@ mod terminal;
 pub mod commands;
 #[cfg(feature = "cli")]
 mod interrupt;
-#[cfg(feature = "cli")]
+#[cfg(feature = "cluster")]
 mod jobs;
 mod library;
 #[cfg(feature = "cli")]

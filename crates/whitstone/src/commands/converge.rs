@@ -1,7 +1,9 @@
 //! `converge`: error against run time.
 
+#[cfg(feature = "cluster")]
 mod parts;
 
+#[cfg(feature = "cluster")]
 use super::cluster::Cluster;
 use super::page::{self, Marks};
 use super::{Drivers, Target};
@@ -97,6 +99,7 @@ pub struct Arguments {
     /// Write the tables into this Markdown file, between its marker comments; can be repeated
     #[arg(long, value_name = "FILE")]
     page: Vec<PathBuf>,
+    #[cfg(feature = "cluster")]
     #[command(flatten)]
     cluster: Cluster,
     #[command(flatten)]
@@ -111,6 +114,7 @@ pub struct Arguments {
 impl Arguments {
     /// Makes this a part of another command, with its files in a folder; returns false if it would
     /// write other files or start other programs.
+    #[cfg(feature = "cluster")]
     pub(super) fn be_part(&mut self, scratch: &Path, mitsuba: Option<&Path>) -> bool {
         self.target.be_part(scratch)
             && self.drivers.be_part(mitsuba)
@@ -134,13 +138,17 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         }
         return Ok(Exit::Pass);
     }
-    let reports = match arguments.cluster.cluster {
-        Some(_) => parts::measure(arguments, &studies, registry)?,
-        None => {
-            let studies = studies.into_iter().map(|(_, study)| study).collect();
-            measure(arguments, studies, registry, program)?
-        }
+    let here = |studies: Vec<(PathBuf, Study)>| {
+        let studies = studies.into_iter().map(|(_, study)| study).collect();
+        measure(arguments, studies, registry, program)
     };
+    #[cfg(feature = "cluster")]
+    let reports = match arguments.cluster.is_named() {
+        true => parts::measure(arguments, &studies, registry)?,
+        false => here(studies)?,
+    };
+    #[cfg(not(feature = "cluster"))]
+    let reports = here(studies)?;
     super::report::keep_studies(arguments.target.folder(), &reports)?;
     for page in &arguments.page {
         write_page(page, &reports)?;

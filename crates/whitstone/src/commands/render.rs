@@ -1,8 +1,12 @@
 //! `render`: renders a scene to an image file.
 
+#[cfg(feature = "cluster")]
 use super::cluster::{self, Batch, Cluster};
-use super::{SceneArguments, build_with, merge, plan};
+use super::{SceneArguments, build_with};
+#[cfg(feature = "cluster")]
+use super::{merge, plan};
 use crate::interrupt;
+#[cfg(feature = "cluster")]
 use crate::jobs::{self, Program};
 use crate::picture::{Quality, View};
 use crate::slim;
@@ -12,7 +16,7 @@ use serde_json::json;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use whitstone_core::Registry;
-use whitstone_image::{Limits, atomic, exr_io};
+use whitstone_image::{atomic, exr_io};
 use whitstone_render::RenderOptions;
 use whitstone_scene::Plan;
 
@@ -46,10 +50,13 @@ pub struct Arguments {
     threads: usize,
     /// Disable all scene-specific specialisation, to measure how much time it saves; the image is
     /// bit-identical
-    #[arg(long = "no-specialization", conflicts_with = "cluster")]
+    #[arg(long = "no-specialization")]
+    #[cfg_attr(feature = "cluster", arg(conflicts_with = "cluster"))]
     without_specialization: bool,
+    #[cfg(feature = "cluster")]
     #[command(flatten)]
     cluster: Cluster,
+    #[cfg(feature = "cluster")]
     #[command(flatten)]
     tile: plan::TileSize,
     /// Write the image size, times and ray counts to this file as JSON; - means standard output
@@ -86,12 +93,14 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     if let Some(quality) = arguments.quality {
         scene.overrides.insert(0, quality.sampler().to_owned());
     }
-    if arguments.cluster.cluster.is_some() {
+    #[cfg(feature = "cluster")]
+    if arguments.cluster.is_named() {
         let exr = exr.ok_or_else(|| {
             Failure::usage("--cluster writes an EXR file: give -o FILE.exr, and --png for a preview")
         })?;
         return on_cluster(arguments, &scene, exr, picture.as_deref(), &outputs, registry);
     }
+    #[cfg(feature = "cluster")]
     if arguments.tile.tile_size.is_some() {
         return Err(Failure::usage(
             "--tile-size needs --cluster: one process renders no tiles of its own",
@@ -159,6 +168,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
 }
 
 /// Renders the tiles on a cluster and merges them.
+#[cfg(feature = "cluster")]
 fn on_cluster(
     arguments: &Arguments,
     scene: &SceneArguments,
@@ -192,7 +202,7 @@ fn on_cluster(
     results.remove(&jobs);
     println!("{}", sums.line(exr, image));
     if picture.is_some() || arguments.view.preview {
-        let image = exr_io::read(exr, Limits::IMAGE).map_err(Failure::environment)?;
+        let image = exr_io::read(exr, whitstone_image::Limits::IMAGE).map_err(Failure::environment)?;
         arguments.view.show(&image, picture)?;
     }
     if let Some(path) = &arguments.json {

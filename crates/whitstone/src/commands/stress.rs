@@ -1,11 +1,13 @@
 //! `stress`: parameter sweeps over ill-conditioned and extreme cases.
 
 mod kernel;
+#[cfg(feature = "cluster")]
 mod parts;
 mod search;
 mod subject;
 mod unfinished;
 
+#[cfg(feature = "cluster")]
 use super::cluster::Cluster;
 use super::page::{self, Marks};
 use super::report;
@@ -75,7 +77,8 @@ pub struct Arguments {
     /// Instead of the steps, search for the worst case of each family: random values of its
     /// parameter and random rays, and small changes of the worst ones so far. Only Whitstone and
     /// the oracle take part
-    #[arg(long, conflicts_with_all = ["steps", "json", "plots", "page", "rays", "cluster"])]
+    #[arg(long, conflicts_with_all = ["steps", "json", "plots", "page", "rays"])]
+    #[cfg_attr(feature = "cluster", arg(conflicts_with = "cluster"))]
     search: bool,
     /// Number of questions of a search, over all families
     #[arg(long, default_value_t = 100_000, value_name = "COUNT", requires = "search", value_parser = clap::value_parser!(u64).range(1..))]
@@ -99,6 +102,7 @@ pub struct Arguments {
     /// repeated
     #[arg(long, value_name = "FILE")]
     page: Vec<PathBuf>,
+    #[cfg(feature = "cluster")]
     #[command(flatten)]
     cluster: Cluster,
     #[command(flatten)]
@@ -106,13 +110,15 @@ pub struct Arguments {
     #[command(flatten)]
     drivers: Drivers,
     /// Judge the images of another renderer: the name of a table [subject.NAME], or NAME={...}
-    #[arg(long, value_name = "NAME", conflicts_with_all = ["quick", "rays", "search", "steps", "plots", "page", "list", "kernel", "fresh", "cluster"])]
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["quick", "rays", "search", "steps", "plots", "page", "list", "kernel", "fresh"])]
+    #[cfg_attr(feature = "cluster", arg(conflicts_with = "cluster"))]
     subject: Option<String>,
     /// File with the subject's table [default: whitstone.toml in this folder or one above it]
     #[arg(long, value_name = "FILE", requires = "subject")]
     config: Option<PathBuf>,
     /// Judge the kernel that this program and its arguments implement, which must come last
-    #[arg(long, value_name = "PROGRAM", num_args = 1.., allow_hyphen_values = true, conflicts_with_all = ["families", "quick", "steps", "plots", "page", "list", "cluster"])]
+    #[arg(long, value_name = "PROGRAM", num_args = 1.., allow_hyphen_values = true, conflicts_with_all = ["families", "quick", "steps", "plots", "page", "list"])]
+    #[cfg_attr(feature = "cluster", arg(conflicts_with = "cluster"))]
     kernel: Vec<OsString>,
     /// Time limit for one step of Mitsuba or one answer of a kernel, in seconds
     #[arg(long, default_value_t = 120, value_name = "SECONDS")]
@@ -122,6 +128,7 @@ pub struct Arguments {
 impl Arguments {
     /// Makes this a part of another command, with its files in a folder; returns false if it would
     /// write other files or start other programs.
+    #[cfg(feature = "cluster")]
     pub(super) fn be_part(&mut self, scratch: &Path, mitsuba: Option<&Path>) -> bool {
         self.target.be_part(scratch)
             && self.drivers.be_part(mitsuba)
@@ -160,10 +167,13 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     if arguments.search {
         return search::run(arguments, &families, registry);
     }
-    let reports = match arguments.cluster.cluster {
-        Some(_) => parts::measure(arguments, &families, registry)?,
-        None => measure(arguments, &families, registry)?,
+    #[cfg(feature = "cluster")]
+    let reports = match arguments.cluster.is_named() {
+        true => parts::measure(arguments, &families, registry)?,
+        false => measure(arguments, &families, registry)?,
     };
+    #[cfg(not(feature = "cluster"))]
+    let reports = measure(arguments, &families, registry)?;
     report::keep_stress(arguments.target.folder(), reports.iter().map(diagram).collect())?;
     if let Some(path) = &arguments.json {
         write_json(path, &json!({ "families": reports }))?;

@@ -1,16 +1,21 @@
 //! `validate`: compares scenes with a reference and writes a report.
 
+#[cfg(feature = "cluster")]
 pub mod parts;
 mod several;
 
+#[cfg(feature = "cluster")]
 use super::cluster::Cluster;
 use super::junit::{self, Case, Outcome};
 use super::report;
 use super::{Drivers, Target};
 use crate::interrupt;
+#[cfg(feature = "cluster")]
 use crate::jobs::Job;
 use crate::terminal::{self, Exit, Failure, keep_moving, progress, set_message, verdict_word};
-use clap::{Args, Parser, ValueEnum};
+#[cfg(feature = "cluster")]
+use clap::Parser;
+use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use whitstone_core::{ImportOptions, Registry};
@@ -88,6 +93,7 @@ pub struct Arguments {
     /// Treat confirmed as a failure: the reference itself must agree
     #[arg(long)]
     strict: bool,
+    #[cfg(feature = "cluster")]
     #[command(flatten)]
     cluster: Cluster,
     /// Also write the results to this file as JSON; - means standard output
@@ -272,6 +278,7 @@ impl Scenes {
 impl Arguments {
     /// Makes this a part of another command, with its files in a folder; returns false if it would
     /// write other files or start other programs.
+    #[cfg(feature = "cluster")]
     pub(super) fn be_part(&mut self, scratch: &Path, mitsuba: Option<&Path>) -> bool {
         self.scenes.target.be_part(scratch)
             && self.scenes.drivers.be_part(mitsuba)
@@ -283,7 +290,8 @@ impl Arguments {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<Exit, Failure> {
-    if arguments.cluster.cluster.is_some() && !arguments.subject.is_empty() {
+    #[cfg(feature = "cluster")]
+    if arguments.cluster.is_named() && !arguments.subject.is_empty() {
         return Err(Failure::usage(
             "--cluster does not run subjects: their commands run only where they are named",
         ));
@@ -298,10 +306,14 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     )?;
     let subject = arguments.subject.first();
     let subject = subject.map(|name| find(arguments, name, registry)).transpose()?;
-    let done = match arguments.cluster.cluster {
-        Some(_) => parts::validate(arguments, registry, &scenes)?,
-        None => validate(arguments, registry, program, &scenes, subject, &|_, _| ())?,
+    let here = |subject| validate(arguments, registry, program, &scenes, subject, &|_, _| ());
+    #[cfg(feature = "cluster")]
+    let done = match arguments.cluster.is_named() {
+        true => parts::validate(arguments, registry, &scenes)?,
+        false => here(subject)?,
     };
+    #[cfg(not(feature = "cluster"))]
+    let done = here(subject)?;
     let results = &done.results;
     report::write(
         results,
@@ -319,6 +331,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
 }
 
 /// A job for each scene that the paths name.
+#[cfg(feature = "cluster")]
 pub(super) fn plan(
     paths: &[PathBuf],
     overrides: &[String],
