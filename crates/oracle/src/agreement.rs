@@ -4,6 +4,7 @@ use crate::naive::{Textbook, textbook};
 use crate::{Nearest, Oracle};
 use std::fmt;
 use std::path::Path;
+use twofloat::TwoFloat;
 use whitstone_core::{Aabb, DVec3, Interval, Ray, Registry, SceneErrors};
 use whitstone_render::{BuildOptions, Pipeline};
 use whitstone_scene::{Description, Plan, Sources};
@@ -26,6 +27,8 @@ pub struct Subject {
     pub textbook_f32: Box<dyn Textbook<f32>>,
     /// Textbook formulas in double precision.
     pub textbook_f64: Box<dyn Textbook<f64>>,
+    /// Textbook formulas in double-double precision.
+    pub textbook_double_double: Box<dyn Textbook<TwoFloat>>,
 }
 
 impl Subject {
@@ -49,6 +52,7 @@ impl Subject {
             oracle: Oracle::new(&description, 0).map_err(report)?,
             textbook_f32: textbook(&description, 0).map_err(report)?,
             textbook_f64: textbook(&description, 0).map_err(report)?,
+            textbook_double_double: textbook(&description, 0).map_err(report)?,
         })
     }
 }

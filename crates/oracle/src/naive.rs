@@ -1,5 +1,5 @@
-//! Textbook intersection formulas in single or double precision, deliberately without care for
-//! rounding errors.
+//! Textbook intersection formulas in single, double or double-double precision, deliberately
+//! without care for rounding errors.
 //!
 //! Sources: Glassner (ed.), *An Introduction to Ray Tracing* (1989), ch. 2 and 3, and those named
 //! in the files. Benchmarks use them as the baseline. Every accuracy test must find them
@@ -21,11 +21,12 @@ use crate::shapes::{paraboloid, patch as exact_patch, polygon, quadric, sphere, 
 use conic::Conic;
 use smallvec::SmallVec;
 use std::ops::{Add, Div, Mul, Neg, Sub};
+use twofloat::TwoFloat;
 use whitstone_core::config::{GroupRef, decode};
 use whitstone_core::{DAffine3, DVec3, SceneError, SceneErrors};
 use whitstone_scene::{Description, PluginTable};
 
-/// `f32` or `f64`.
+/// `f32`, `f64`, or the sum of two `f64`.
 pub trait Real:
     Copy
     + PartialOrd
@@ -40,7 +41,9 @@ pub trait Real:
 {
     /// The nearest number of this precision.
     fn of(x: f64) -> Self;
-    /// The same number as a double, exact.
+    /// The nearest number of this precision.
+    fn of_wide(x: TwoFloat) -> Self;
+    /// The nearest double.
     fn to_f64(self) -> f64;
     /// Square root.
     fn sqrt(self) -> Self;
@@ -62,6 +65,10 @@ macro_rules! real {
             #[inline]
             fn of(x: f64) -> Self {
                 x as Self
+            }
+            #[inline]
+            fn of_wide(x: TwoFloat) -> Self {
+                x.hi() as Self
             }
             #[inline]
             fn to_f64(self) -> f64 {
@@ -96,6 +103,37 @@ macro_rules! real {
 }
 
 real!(f32 f64);
+
+/// About 106 bits.
+impl Real for TwoFloat {
+    fn of(x: f64) -> Self {
+        Self::from(x)
+    }
+    fn of_wide(x: TwoFloat) -> Self {
+        x
+    }
+    fn to_f64(self) -> f64 {
+        self.hi()
+    }
+    fn sqrt(self) -> Self {
+        self.sqrt()
+    }
+    fn abs(self) -> Self {
+        self.abs()
+    }
+    fn cbrt(self) -> Self {
+        self.cbrt()
+    }
+    fn cos(self) -> Self {
+        self.cos()
+    }
+    fn tan(self) -> Self {
+        self.tan()
+    }
+    fn acos(self) -> Self {
+        self.acos()
+    }
+}
 
 /// A point or a direction.
 pub type Vector<R> = [R; 3];
@@ -165,13 +203,34 @@ fn first_positive<R: Real>(first: R, second: R) -> Option<R> {
 /// The matrix from world space to object space by rows, with its translation, rounded.
 struct IntoObject<R>([[R; 4]; 3]);
 
+/// The rows of the inverse, from that in double precision by one step of Newton's method.
+fn inverse(map: &DAffine3) -> [[TwoFloat; 4]; 3] {
+    let axes = [0, 1, 2];
+    let near = map.matrix3.inverse();
+    let near = axes.map(|i| near.row(i).to_array());
+    // The negative of the product of both, which is almost the identity.
+    let rest = near.map(|row| {
+        axes.map(|j| {
+            let column = map.matrix3.col(j).to_array();
+            axes.iter().fold(TwoFloat::from(0.0), |sum, &k| {
+                sum - TwoFloat::new_mul(row[k], column[k])
+            })
+        })
+    });
+    axes.map(|i| {
+        let row = axes.map(|j| {
+            let own = TwoFloat::from(2.0 * near[i][j]);
+            let product = |k: usize| rest[i][k] * near[k][j];
+            own + product(0) + product(1) + product(2)
+        });
+        let moved = |k: usize| row[k] * map.translation[k];
+        [row[0], row[1], row[2], -(moved(0) + moved(1) + moved(2))]
+    })
+}
+
 impl<R: Real> IntoObject<R> {
     fn new(world_from_object: &DAffine3) -> Self {
-        let inverse = world_from_object.inverse();
-        Self([0, 1, 2].map(|i| {
-            let row = inverse.matrix3.row(i);
-            [row.x, row.y, row.z, inverse.translation[i]].map(R::of)
-        }))
+        Self(inverse(world_from_object).map(|row| row.map(R::of_wide)))
     }
 
     #[inline]

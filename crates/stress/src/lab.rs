@@ -1,6 +1,6 @@
 //! The test environment of the families: plugins, the oracle, and Mitsuba if it is available.
 
-use crate::Engine;
+use crate::{Answer, Engine, Sample};
 use serde_json::{Value, json};
 use std::path::Path;
 use std::sync::Mutex;
@@ -15,8 +15,13 @@ use whitstone_validate::driver::{Driver, DriverError};
 const CAMERA: &str =
     "camera = { type = \"perspective\", look_at = { origin = [0, 0, 9], target = [0, 0, 0] } }\n";
 
-/// The accelerator that traces in single precision; its crate is optional.
-const EMBREE: &str = "embree";
+/// Accelerators that trace triangles in single precision, with their settings; their crate is
+/// optional.
+const BACKENDS: [(Engine, &str, &str); 3] = [
+    (Engine::Embree, "embree", ", robust = true"),
+    (Engine::EmbreeNotRobust, "embree", ", robust = false"),
+    (Engine::Obvhs, "obvhs", ""),
+];
 
 /// The engines, ready for queries.
 pub struct Lab<'a> {
@@ -47,28 +52,20 @@ impl<'a> Lab<'a> {
         self.mitsuba.and_then(|driver| driver.into_inner().ok())
     }
 
-    /// The engines that take part in at least one family: Embree only if the program includes it.
+    /// The engines that take part in at least one family: backends only if the program includes
+    /// them.
     pub fn engines(&self) -> impl Iterator<Item = Engine> + use<> {
         Self::engines_of(self.registry)
     }
 
     /// Like [`Self::engines`], for a registry.
     pub fn engines_of(registry: &Registry) -> impl Iterator<Item = Engine> + use<> {
-        let has_embree = registry.get(FamilyName::Accelerator, EMBREE).is_ok();
-        Engine::ALL
-            .into_iter()
-            .filter(move |engine| *engine != Engine::Embree || has_embree)
-    }
-
-    fn has_embree(&self) -> bool {
-        self.registry.get(FamilyName::Accelerator, EMBREE).is_ok()
-    }
-
-    /// A scene of triangles with Embree at its highest precision; `None` if the program was built
-    /// without it.
-    pub(crate) fn embree(&self, scene: &str) -> Option<Result<Pipeline, String>> {
-        let scene = format!("accelerator = {{ type = \"{EMBREE}\", robust = true }}\n{scene}");
-        self.has_embree().then(|| self.pipeline(&scene))
+        let missing = |(_, name, _): &&(Engine, &str, &str)| {
+            registry.get(FamilyName::Accelerator, name).is_err()
+        };
+        let missing: Vec<Engine> = BACKENDS.iter().filter(missing).map(|backend| backend.0).collect();
+        let is_here = move |engine: &Engine| !missing.contains(engine);
+        Engine::ALL.into_iter().filter(is_here)
     }
 
     /// All accelerators that promise exact answers, which third-party ones do not.
@@ -128,9 +125,12 @@ impl<'a> Lab<'a> {
         &self,
         scene: &str,
         rays: &[Ray],
+        robust: bool,
     ) -> Result<(Vec<Option<f64>>, f64), String> {
-        let answer =
-            self.mitsuba(json!({ "op": "closest", "threads": 1, "scene": scene, "rays": rows(rays) }))?;
+        let setting = json!({ "robust": robust });
+        let answer = self.mitsuba(
+            json!({ "op": "closest", "threads": 1, "scene": scene, "rays": rows(rays), "setting": setting }),
+        )?;
         let distances = answer["t"].as_array().ok_or("no distances")?;
         // "nan" counts as an answer; "inf" is a miss.
         let found = distances.iter().map(|t| match t.as_str() {
@@ -146,6 +146,41 @@ impl<'a> Lab<'a> {
             ));
         }
         Ok((found, answer["ns_per_ray"].as_f64().unwrap_or(f64::NAN)))
+    }
+}
+
+/// Answers of the backends that the program includes, over one or several scenes of triangles.
+#[derive(Default)]
+pub(crate) struct Backends(Vec<(Engine, Answer)>);
+
+impl Backends {
+    /// Adds the answers to the questions about a scene.
+    pub(crate) fn ask(&mut self, lab: &Lab<'_>, scene: &str, judge: &dyn Fn(&Pipeline) -> Sample) {
+        for (engine, name, settings) in BACKENDS {
+            if lab.registry.get(FamilyName::Accelerator, name).is_err() {
+                continue;
+            }
+            let scene = format!("accelerator = {{ type = \"{name}\"{settings} }}\n{scene}");
+            let answer = lab.pipeline(&scene).map(|pipeline| judge(&pipeline));
+            match self.0.iter_mut().find(|(known, _)| *known == engine) {
+                None => self.0.push((engine, answer)),
+                Some((_, known)) => join(known, answer),
+            }
+        }
+    }
+
+    /// An answer for each.
+    pub(crate) fn into_answers(self) -> Vec<(Engine, Answer)> {
+        self.0
+    }
+}
+
+/// Merges the answers of an engine to two parts of a step; it takes part only if it answers both.
+pub(crate) fn join(known: &mut Answer, answer: Answer) {
+    match (known, answer) {
+        (Ok(sample), Ok(more)) => sample.join(&more),
+        (known, Err(why)) => *known = Err(why),
+        (Err(_), Ok(_)) => {}
     }
 }
 

@@ -45,13 +45,27 @@ pub enum Engine {
     /// Whitstone's plugins, as a scene uses them.
     #[serde(rename = "whitstone")]
     Whitstone,
-    /// Mitsuba's own functions, in single precision.
+    /// Mitsuba's own functions, in single precision, with robust intersections.
     #[serde(rename = "mitsuba")]
     Mitsuba,
-    /// Embree on the same triangles, in single precision, inside Whitstone; only if the program was
-    /// built with it.
+    /// The same without robust intersections, which is Mitsuba's default.
+    #[serde(rename = "mitsuba not robust")]
+    MitsubaNotRobust,
+    /// Embree on the same triangles, in single precision, inside Whitstone, with its robust flag;
+    /// only if the program was built with it.
     #[serde(rename = "embree")]
     Embree,
+    /// The same without its robust flag.
+    #[serde(rename = "embree not robust")]
+    EmbreeNotRobust,
+    /// The crate obvhs on the same triangles, in single precision, inside Whitstone; only if the
+    /// program was built with it.
+    #[serde(rename = "obvhs")]
+    Obvhs,
+    /// Textbook formulas with numbers of 106 bits, whose results are rounded to double precision: a
+    /// yardstick, which is too slow for pictures.
+    #[serde(rename = "naive double-double")]
+    NaiveDoubleDouble,
     /// Textbook formulas in double precision.
     #[serde(rename = "naive f64")]
     NaiveF64,
@@ -62,10 +76,14 @@ pub enum Engine {
 
 impl Engine {
     /// All engines, in the order of tables.
-    pub const ALL: [Self; 5] = [
+    pub const ALL: [Self; 9] = [
         Self::Whitstone,
         Self::Mitsuba,
+        Self::MitsubaNotRobust,
         Self::Embree,
+        Self::EmbreeNotRobust,
+        Self::Obvhs,
+        Self::NaiveDoubleDouble,
         Self::NaiveF64,
         Self::NaiveF32,
     ];
@@ -75,7 +93,11 @@ impl Engine {
         match self {
             Self::Whitstone => "whitstone",
             Self::Mitsuba => "mitsuba",
+            Self::MitsubaNotRobust => "mitsuba not robust",
             Self::Embree => "embree",
+            Self::EmbreeNotRobust => "embree not robust",
+            Self::Obvhs => "obvhs",
+            Self::NaiveDoubleDouble => "naive double-double",
             Self::NaiveF64 => "naive f64",
             Self::NaiveF32 => "naive f32",
         }
@@ -157,6 +179,8 @@ pub struct Sample {
     /// Largest error of the others, in units in the last place of the engine's own format; and the
     /// same divided by the condition number. `None` if it is not measured.
     pub own_ulps: Option<[f64; 2]>,
+    /// Largest condition number of the questions that hit, if it is measured.
+    pub condition: Option<f64>,
     /// Answers that are infinite or NaN.
     pub nonfinite: u64,
     /// Nanoseconds per operation, if it was timed.
@@ -192,10 +216,9 @@ impl Sample {
             (one, other) => one.or(other),
         };
         self.nonfinite += other.nonfinite;
-        self.ns_per_op = [self.ns_per_op, other.ns_per_op]
-            .into_iter()
-            .flatten()
-            .reduce(f64::max);
+        let larger = |one: Option<f64>, other| one.into_iter().chain(other).reduce(f64::max);
+        self.condition = larger(self.condition, other.condition);
+        self.ns_per_op = larger(self.ns_per_op, other.ns_per_op);
     }
 }
 

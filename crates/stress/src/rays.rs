@@ -1,9 +1,10 @@
 //! Families that query the nearest hit of rays with one shape; the oracle gives the truth.
 
-use crate::lab::single;
+use crate::lab::{Backends, join, single};
 use crate::{About, Answer, Engine, Family, Judged, Lab, Sample, view};
 use std::hint::black_box;
 use std::time::Instant;
+use twofloat::TwoFloat;
 use whitstone_core::{Aabb, DVec3, Interval, LoweredShape, Ray, SelfHitFilter};
 use whitstone_oracle::agreement::{Agreement, Error, is_class_excused};
 use whitstone_oracle::{Nearest, Oracle};
@@ -118,14 +119,28 @@ impl Family for RayFamily {
         });
         let mut naive_f32 = judge(&found, single_spacing);
         naive_f32.ns_per_op = Some(ns);
-        let mitsuba = lab.mitsuba_closest(&scene, &rays).map(|(found, ns)| {
-            let mut sample = judge(&found, single_spacing);
-            sample.ns_per_op = Some(ns);
-            sample
+        let doubles: Vec<_> = rays
+            .iter()
+            .map(|ray| [ray.origin, ray.direction].map(|v| v.to_array().map(TwoFloat::from)))
+            .collect();
+        let (found, ns) = timed(&doubles, |[o, d]| {
+            let found = subject.textbook_double_double.intersect(*o, *d);
+            found.map(|t| t.hi())
         });
+        let mut double_double = judge(&found, double_spacing);
+        double_double.ns_per_op = Some(ns);
+        let mitsuba = |robust| {
+            let answer = lab.mitsuba_closest(&scene, &rays, robust);
+            answer.map(|(found, ns)| {
+                let mut sample = judge(&found, single_spacing);
+                sample.ns_per_op = Some(ns);
+                sample
+            })
+        };
         let mut answers = vec![
             (Engine::Whitstone, Ok(whitstone)),
-            (Engine::Mitsuba, mitsuba),
+            (Engine::Mitsuba, mitsuba(true)),
+            (Engine::NaiveDoubleDouble, Ok(double_double)),
             (Engine::NaiveF64, Ok(naive_f64)),
             (Engine::NaiveF32, Ok(naive_f32)),
         ];
@@ -133,14 +148,16 @@ impl Family for RayFamily {
         let of_triangles = shapes
             .iter()
             .all(|shape| matches!(shape, LoweredShape::Triangles(_)));
-        if of_triangles && let Some(built) = lab.embree(&scene) {
-            let embree = built.map(|pipeline| {
-                let (found, ns) = traced(&pipeline, &rays);
+        if of_triangles {
+            answers.push((Engine::MitsubaNotRobust, mitsuba(false)));
+            let mut backends = Backends::default();
+            backends.ask(lab, &scene, &|pipeline| {
+                let (found, ns) = traced(pipeline, &rays);
                 let mut sample = judge(&found, single_spacing);
                 sample.ns_per_op = Some(ns);
                 sample
             });
-            answers.push((Engine::Embree, embree));
+            answers.extend(backends.into_answers());
         }
         Ok(answers)
     }
@@ -221,7 +238,7 @@ impl RayFamily {
             truths,
         } = *questions;
         let mut sample = Sample::default();
-        let mut own = [0.0_f64; 2];
+        let (mut own, mut worst) = ([0.0_f64; 2], 1.0_f64);
         for ((ray, truth), found) in rays.iter().zip(truths).zip(found) {
             match (truth, found) {
                 (Nearest::Unknown, _) | (Nearest::Miss, None) => {}
@@ -229,6 +246,7 @@ impl RayFamily {
                     let error = t.farthest(*found) / (self.unit)(parameter, t.nearest());
                     let ulps = t.farthest(*found) / (spacing * t.nearest());
                     own = [own[0].max(ulps), own[1].max(ulps / condition)];
+                    worst = worst.max(*condition);
                     sample.error = sample.error.max(error);
                     let ulps = Error::of(truth, Some(*found)).map_or(0.0, |error| error.by_condition);
                     sample.strict = sample.strict.max(if self.one_measure { error } else { ulps });
@@ -246,12 +264,13 @@ impl RayFamily {
             }
         }
         sample.own_ulps = Some(own);
+        sample.condition = Some(worst);
         sample
     }
 }
 
 /// Several families with one shape each, reported as one: the worst shape counts. An engine takes
-/// part if it supports all shapes; Embree gets those of triangles.
+/// part if it supports all shapes; backends get those of triangles.
 pub(crate) struct Several(pub(crate) &'static [RayFamily]);
 
 impl Family for Several {
@@ -269,11 +288,7 @@ impl Family for Several {
             for (engine, answer) in family.step(parameter, lab)? {
                 match all.iter_mut().find(|(known, _)| *known == engine) {
                     None => all.push((engine, answer)),
-                    Some((_, known)) => match (known, answer) {
-                        (Ok(sample), Ok(more)) => sample.join(&more),
-                        (known, Err(why)) => *known = Err(why),
-                        (Err(_), Ok(_)) => {}
-                    },
+                    Some((_, known)) => join(known, answer),
                 }
             }
         }

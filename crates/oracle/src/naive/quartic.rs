@@ -39,10 +39,10 @@ pub(super) fn quartic<R: Real>([c0, c1, c2, c3, c4]: [R; 5]) -> Roots<R> {
 /// The largest root of `c0 + c1 x + c2 x² + c3 x³`, by Cardano's formula.
 #[inline]
 fn cubic<R: Real>([c0, c1, c2, c3]: [R; 4]) -> R {
-    let (third, zero) = (R::of(1.0 / 3.0), R::of(0.0));
+    let (third, zero) = (R::of(1.0) / R::of(3.0), R::of(0.0));
     let [a, b, c] = [c2 / c3, c1 / c3, c0 / c3];
     let p = third * (b - third * a * a);
-    let q = R::of(0.5) * (R::of(2.0 / 27.0) * a * a * a - third * a * b + c);
+    let q = R::of(0.5) * (R::of(2.0) / R::of(27.0) * a * a * a - third * a * b + c);
     let discriminant = q * q + p * p * p;
     let y = if discriminant < zero {
         let angle = third * (-q / (-p * p * p).sqrt()).acos();

@@ -94,8 +94,12 @@ impl Family for Coincident {
                 (single(origin, towards), from_above)
             })
             .collect();
+        let counted = |failures: u64| Sample {
+            failures,
+            ..Sample::default()
+        };
         let [mut ours, mut double, mut single_precision] = [0; 3];
-        let mut embree: Option<Result<u64, String>> = None;
+        let mut backends = Backends::default();
         let mut theirs = Ok(0);
         for is_upper_first in [true, false] {
             let sheets = Sheets {
@@ -117,29 +121,21 @@ impl Family for Coincident {
             let textbook = both::<f32>(&scene)?;
             single_precision += wrong(LEVEL, &|ray| of(nearer(&textbook, ray)));
             // The triangles reach 6 m from the origin.
-            if let Some(built) = lab.embree(&sheets.triangles()) {
-                let before = embree.unwrap_or(Ok(0));
-                embree = Some(before.and_then(|before| {
-                    let pipeline = built?;
-                    Ok(before + wrong(6.0, &|ray| shown(&pipeline, ray)))
-                }));
-            }
+            backends.ask(lab, &sheets.triangles(), &|pipeline| {
+                counted(wrong(6.0, &|ray| shown(pipeline, ray)))
+            });
             for from_above in [true, false] {
                 theirs =
                     theirs.and_then(|before| Ok(before + Self::mitsuba(lab, &sheets, &scene, from_above)?));
             }
         }
-        let counted = |failures: u64| Sample {
-            failures,
-            ..Sample::default()
-        };
         let mut answers = vec![
             (Engine::Whitstone, Ok(counted(ours))),
             (Engine::Mitsuba, theirs.map(counted)),
             (Engine::NaiveF64, Ok(counted(double))),
             (Engine::NaiveF32, Ok(counted(single_precision))),
         ];
-        answers.extend(embree.map(|answer| (Engine::Embree, answer.map(counted))));
+        answers.extend(backends.into_answers());
         Ok(answers)
     }
 }

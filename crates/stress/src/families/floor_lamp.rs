@@ -72,7 +72,7 @@ impl Family for LightOnSurface {
             })
             .collect();
         let [mut ours, mut double, mut single_precision] = [Sample::default(); 3];
-        let mut embree: Option<Answer> = None;
+        let mut backends = Backends::default();
         for side in [1.0, -1.0] {
             let lamp = DVec3::splat(1.0 + side * height / 3f64.sqrt());
             // The height of the lamp as rounded.
@@ -101,13 +101,7 @@ impl Family for LightOnSurface {
             };
             let lit = |pipeline: &Pipeline| judge(&mut |ray| radiance(pipeline, ray).r);
             ours.join(&lit(&lab.pipeline(&scene)?));
-            if let Some(built) = lab.embree(&scene) {
-                let before = embree.unwrap_or_else(|| Ok(Sample::default()));
-                embree = Some(before.and_then(|mut sample| {
-                    sample.join(&lit(&built?));
-                    Ok(sample)
-                }));
-            }
+            backends.ask(lab, &scene, &lit);
             double.join(&textbook::<f64>(&scene, lamp, judge)?);
             single_precision.join(&textbook::<f32>(&scene, lamp, judge)?);
         }
@@ -120,7 +114,7 @@ impl Family for LightOnSurface {
             (Engine::NaiveF64, Ok(double)),
             (Engine::NaiveF32, Ok(single_precision)),
         ];
-        answers.extend(embree.map(|answer| (Engine::Embree, answer)));
+        answers.extend(backends.into_answers());
         Ok(answers)
     }
 }

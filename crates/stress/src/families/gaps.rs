@@ -94,7 +94,7 @@ impl Family for ShadowGap {
         let mut ours = Sample::default();
         let mut naive = [Sample::default(); 2];
         let mut theirs: Answer = Ok(Sample::default());
-        let mut embree: Option<Answer> = None;
+        let mut backends = Backends::default();
         for (begins, dark) in &questions {
             let scene = &Self::scene(gap, *begins);
             let is_wrong = |pipeline: &Pipeline| {
@@ -102,13 +102,10 @@ impl Family for ShadowGap {
                 u64::from((value == 0.0) != *dark)
             };
             ours.failures += is_wrong(&lab.pipeline(scene)?);
-            if let Some(built) = lab.embree(&Self::scene_of_triangles(gap, *begins)) {
-                let before = embree.unwrap_or_else(|| Ok(Sample::default()));
-                embree = Some(before.and_then(|mut sample| {
-                    sample.failures += is_wrong(&built?);
-                    Ok(sample)
-                }));
-            }
+            backends.ask(lab, &Self::scene_of_triangles(gap, *begins), &|pipeline| Sample {
+                failures: is_wrong(pipeline),
+                ..Sample::default()
+            });
             let place = DVec3::new(0.5 * gap, 0.0, 0.0);
             naive[0].failures += u64::from(shaded::<f64>(&*textbook_of(scene, 1)?, place) != *dark);
             naive[1].failures += u64::from(shaded::<f32>(&*textbook_of(scene, 1)?, place) != *dark);
@@ -125,7 +122,7 @@ impl Family for ShadowGap {
             (Engine::NaiveF64, Ok(naive[0])),
             (Engine::NaiveF32, Ok(naive[1])),
         ];
-        answers.extend(embree.map(|answer| (Engine::Embree, answer)));
+        answers.extend(backends.into_answers());
         Ok(answers)
     }
 }
@@ -178,8 +175,8 @@ impl Family for ThinPane {
         let ray = Ray::new(DVec3::new(0.125, 0.25, 2.0), DVec3::NEG_Z);
         let ours = Self::passed(&lab.pipeline(&scene)?, &ray);
         let faces = [sheet(half, true, glass), sheet(-half, false, glass)].concat();
-        let embree = lab.embree(&format!("{integrator}{faces}"));
-        let embree = embree.map(|built| Ok(Self::passed(&built?, &ray)));
+        let mut backends = Backends::default();
+        backends.ask(lab, &format!("{integrator}{faces}"), &|pipeline| Self::passed(pipeline, &ray));
         let counted = |count: u64| Sample {
             failures: u64::from(count != 2),
             ..Sample::default()
@@ -201,7 +198,7 @@ impl Family for ThinPane {
                 Ok(counted(faces_met::<f32>(&*textbook_of(&scene, 0)?, &ray))),
             ),
         ];
-        answers.extend(embree.map(|answer| (Engine::Embree, answer)));
+        answers.extend(backends.into_answers());
         Ok(answers)
     }
 }
@@ -284,8 +281,8 @@ impl Family for ParallelMirrors {
         };
         let ours = reflected(&lab.pipeline(&scene)?);
         let mirrors = [sheet(0.0, true, &material), sheet(spacing, false, &material)].concat();
-        let embree = lab.embree(&format!("{around}{mirrors}"));
-        let embree = embree.map(|built| Ok(reflected(&built?)));
+        let mut backends = Backends::default();
+        backends.ask(lab, &format!("{around}{mirrors}"), &reflected);
         // A ray that escapes brings the background, attenuated by the mirrors that it met.
         let counted = |count: u64| {
             let mut sample = Sample::new((power(REFLECTANCE, count as u32) / expected - 1.0).abs());
@@ -302,7 +299,7 @@ impl Family for ParallelMirrors {
             (Engine::NaiveF64, Ok(counted(reflections::<f64>(&scene, &ray)?))),
             (Engine::NaiveF32, Ok(counted(reflections::<f32>(&scene, &ray)?))),
         ];
-        answers.extend(embree.map(|answer| (Engine::Embree, answer)));
+        answers.extend(backends.into_answers());
         Ok(answers)
     }
 }
@@ -413,14 +410,14 @@ impl Family for Leaks {
             failures: found.filter(|hit| !hit).count() as u64,
             ..Sample::default()
         };
-        let theirs = lab.mitsuba_closest(&mesh, &aimed);
-        let theirs = theirs.map(|(found, _)| lost(&mut found.iter().map(Option::is_some)));
-        let embree = lab.embree(&mesh).map(|built| {
-            let failures = leaks(&built?, &aimed);
-            Ok(Sample {
-                failures,
-                ..Sample::default()
-            })
+        let theirs = |robust| {
+            let answer = lab.mitsuba_closest(&mesh, &aimed, robust);
+            answer.map(|(found, _)| lost(&mut found.iter().map(Option::is_some)))
+        };
+        let mut backends = Backends::default();
+        backends.ask(lab, &mesh, &|pipeline| Sample {
+            failures: leaks(pipeline, &aimed),
+            ..Sample::default()
         });
         let few = &aimed[..aimed.len().min(2000)];
         let (double, single) = (textbook_of::<f64>(&mesh, 0)?, textbook_of::<f32>(&mesh, 0)?);
@@ -430,7 +427,8 @@ impl Family for Leaks {
         let of_single = |[o, d]: [[f64; 3]; 2]| single.intersect(to_single(o), to_single(d)).is_some();
         let mut answers = vec![
             (Engine::Whitstone, Ok(ours)),
-            (Engine::Mitsuba, theirs),
+            (Engine::Mitsuba, theirs(true)),
+            (Engine::MitsubaNotRobust, theirs(false)),
             (
                 Engine::NaiveF64,
                 Ok(lost(&mut few.iter().map(numbers).map(of_double))),
@@ -440,7 +438,7 @@ impl Family for Leaks {
                 Ok(lost(&mut few.iter().map(numbers).map(of_single))),
             ),
         ];
-        answers.extend(embree.map(|answer| (Engine::Embree, answer)));
+        answers.extend(backends.into_answers());
         Ok(answers)
     }
 }
