@@ -303,7 +303,9 @@ impl<'a> Lab<'a> {
                 let shot = self.shoot_stock(&exported)?;
                 Ok((Ready::StockMitsuba(exported), shot))
             }
-            Engine::NaiveF64 | Engine::NaiveF32 => Err("textbook formulas cannot render scenes".to_owned()),
+            Engine::NaiveDoubleDouble | Engine::NaiveF64 | Engine::NaiveF32 => {
+                Err("textbook formulas cannot render scenes".to_owned())
+            }
         }
     }
 

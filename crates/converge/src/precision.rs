@@ -36,7 +36,7 @@ impl Lab<'_> {
         let report = FamilyReport::measure(*family, &lab, &|parameter| progress(&format!("{parameter:e}")));
         self.mitsuba = lab.into_driver();
         let report = report?;
-        let series = report.engines.iter().map(|engine| {
+        let series = report.engines.iter().filter_map(|engine| {
             let command = format!("{} stress {} --steps", self.options.program, about.name);
             let points = engine.steps.iter().map(|step| {
                 let setting = Setting {
@@ -53,19 +53,19 @@ impl Lab<'_> {
             });
             let of = Series {
                 name: about.name.to_owned(),
-                engine: engine_of(engine.engine),
+                engine: engine_of(engine.engine)?,
                 subject: None,
                 set: Vec::new(),
                 settings: Vec::new(),
                 slope: None,
             };
-            SeriesReport::new(
+            Some(SeriesReport::new(
                 &of,
                 points.collect(),
                 FLOOR,
                 study.against,
                 engine.absent.as_deref(),
-            )
+            ))
         });
         let truth = TruthReport {
             engine: Engine::Whitstone,
@@ -81,12 +81,18 @@ impl Lab<'_> {
     }
 }
 
-fn engine_of(engine: whitstone_stress::Engine) -> Engine {
-    match engine {
+/// `None` for those that studies leave out: the same programs without their robust flag.
+fn engine_of(engine: whitstone_stress::Engine) -> Option<Engine> {
+    Some(match engine {
+        whitstone_stress::Engine::MitsubaNotRobust | whitstone_stress::Engine::EmbreeNotRobust => {
+            return None;
+        }
+        whitstone_stress::Engine::Obvhs => Engine::Obvhs,
+        whitstone_stress::Engine::NaiveDoubleDouble => Engine::NaiveDoubleDouble,
         whitstone_stress::Engine::Whitstone => Engine::Whitstone,
         whitstone_stress::Engine::Mitsuba => Engine::Mitsuba,
         whitstone_stress::Engine::Embree => Engine::Embree,
         whitstone_stress::Engine::NaiveF64 => Engine::NaiveF64,
         whitstone_stress::Engine::NaiveF32 => Engine::NaiveF32,
-    }
+    })
 }

@@ -33,6 +33,9 @@ pub enum Engine {
     Embree,
     /// The hierarchies of the crate obvhs, likewise.
     Obvhs,
+    /// Textbook formulas with numbers of 106 bits; only in studies of stress families.
+    #[serde(rename = "naive double-double")]
+    NaiveDoubleDouble,
     /// Textbook formulas in double precision; only in studies of stress families.
     #[serde(rename = "naive f64")]
     NaiveF64,
@@ -89,6 +92,7 @@ impl Engine {
             Self::Command => "whole command",
             Self::Embree => "embree",
             Self::Obvhs => "obvhs",
+            Self::NaiveDoubleDouble => "naive double-double",
             Self::NaiveF64 => "naive f64",
             Self::NaiveF32 => "naive f32",
         }

@@ -1,10 +1,9 @@
 //! Compares ray-shape intersections with the oracle.
 
-use crate::naive::{Textbook, textbook};
+use crate::naive::{DoubleDouble, Textbook, textbook};
 use crate::{Nearest, Oracle};
 use std::fmt;
 use std::path::Path;
-use twofloat::TwoFloat;
 use whitstone_core::{Aabb, DVec3, Interval, Ray, Registry, SceneErrors};
 use whitstone_render::{BuildOptions, Pipeline};
 use whitstone_scene::{Description, Plan, Sources};
@@ -28,7 +27,7 @@ pub struct Subject {
     /// Textbook formulas in double precision.
     pub textbook_f64: Box<dyn Textbook<f64>>,
     /// Textbook formulas in double-double precision.
-    pub textbook_double_double: Box<dyn Textbook<TwoFloat>>,
+    pub textbook_double_double: Box<dyn Textbook<DoubleDouble>>,
 }
 
 impl Subject {

@@ -7,6 +7,7 @@
 
 mod conic;
 mod csg;
+mod double_double;
 mod flat;
 mod march;
 pub mod notes;
@@ -19,14 +20,14 @@ use crate::shapes::level::{fractal, implicit, isosurface};
 use crate::shapes::{cone, csg as exact_csg, cylinder, ellipsoid, heightfield, hyperboloid, mesh};
 use crate::shapes::{paraboloid, patch as exact_patch, polygon, quadric, sphere, torus, triangle};
 use conic::Conic;
+pub use double_double::DoubleDouble;
 use smallvec::SmallVec;
 use std::ops::{Add, Div, Mul, Neg, Sub};
-use twofloat::TwoFloat;
 use whitstone_core::config::{GroupRef, decode};
 use whitstone_core::{DAffine3, DVec3, SceneError, SceneErrors};
 use whitstone_scene::{Description, PluginTable};
 
-/// `f32`, `f64`, or the sum of two `f64`.
+/// `f32`, `f64` or [`DoubleDouble`].
 pub trait Real:
     Copy
     + PartialOrd
@@ -39,10 +40,12 @@ pub trait Real:
     + Mul<Output = Self>
     + Div<Output = Self>
 {
+    /// Twice the largest relative error of a rounding.
+    const EPSILON: f64;
     /// The nearest number of this precision.
     fn of(x: f64) -> Self;
     /// The nearest number of this precision.
-    fn of_wide(x: TwoFloat) -> Self;
+    fn of_wide(x: DoubleDouble) -> Self;
     /// The nearest double.
     fn to_f64(self) -> f64;
     /// Square root.
@@ -62,13 +65,14 @@ pub trait Real:
 macro_rules! real {
     ($($float:ident)*) => { $(
         impl Real for $float {
+            const EPSILON: f64 = $float::EPSILON as f64;
             #[inline]
             fn of(x: f64) -> Self {
                 x as Self
             }
             #[inline]
-            fn of_wide(x: TwoFloat) -> Self {
-                x.hi() as Self
+            fn of_wide(x: DoubleDouble) -> Self {
+                x.to_f64() as Self
             }
             #[inline]
             fn to_f64(self) -> f64 {
@@ -103,37 +107,6 @@ macro_rules! real {
 }
 
 real!(f32 f64);
-
-/// About 106 bits.
-impl Real for TwoFloat {
-    fn of(x: f64) -> Self {
-        Self::from(x)
-    }
-    fn of_wide(x: TwoFloat) -> Self {
-        x
-    }
-    fn to_f64(self) -> f64 {
-        self.hi()
-    }
-    fn sqrt(self) -> Self {
-        self.sqrt()
-    }
-    fn abs(self) -> Self {
-        self.abs()
-    }
-    fn cbrt(self) -> Self {
-        self.cbrt()
-    }
-    fn cos(self) -> Self {
-        self.cos()
-    }
-    fn tan(self) -> Self {
-        self.tan()
-    }
-    fn acos(self) -> Self {
-        self.acos()
-    }
-}
 
 /// A point or a direction.
 pub type Vector<R> = [R; 3];
@@ -204,7 +177,7 @@ fn first_positive<R: Real>(first: R, second: R) -> Option<R> {
 struct IntoObject<R>([[R; 4]; 3]);
 
 /// The rows of the inverse, from that in double precision by one step of Newton's method.
-fn inverse(map: &DAffine3) -> [[TwoFloat; 4]; 3] {
+fn inverse(map: &DAffine3) -> [[DoubleDouble; 4]; 3] {
     let axes = [0, 1, 2];
     let near = map.matrix3.inverse();
     let near = axes.map(|i| near.row(i).to_array());
@@ -212,18 +185,18 @@ fn inverse(map: &DAffine3) -> [[TwoFloat; 4]; 3] {
     let rest = near.map(|row| {
         axes.map(|j| {
             let column = map.matrix3.col(j).to_array();
-            axes.iter().fold(TwoFloat::from(0.0), |sum, &k| {
-                sum - TwoFloat::new_mul(row[k], column[k])
+            axes.iter().fold(DoubleDouble::of(0.0), |sum, &k| {
+                sum - DoubleDouble::product(row[k], column[k])
             })
         })
     });
     axes.map(|i| {
         let row = axes.map(|j| {
-            let own = TwoFloat::from(2.0 * near[i][j]);
-            let product = |k: usize| rest[i][k] * near[k][j];
+            let own = DoubleDouble::of(2.0 * near[i][j]);
+            let product = |k: usize| rest[i][k] * DoubleDouble::of(near[k][j]);
             own + product(0) + product(1) + product(2)
         });
-        let moved = |k: usize| row[k] * map.translation[k];
+        let moved = |k: usize| row[k] * DoubleDouble::of(map.translation[k]);
         [row[0], row[1], row[2], -(moved(0) + moved(1) + moved(2))]
     })
 }

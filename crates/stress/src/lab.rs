@@ -60,9 +60,8 @@ impl<'a> Lab<'a> {
 
     /// Like [`Self::engines`], for a registry.
     pub fn engines_of(registry: &Registry) -> impl Iterator<Item = Engine> + use<> {
-        let missing = |(_, name, _): &&(Engine, &str, &str)| {
-            registry.get(FamilyName::Accelerator, name).is_err()
-        };
+        let missing =
+            |(_, name, _): &&(Engine, &str, &str)| registry.get(FamilyName::Accelerator, name).is_err();
         let missing: Vec<Engine> = BACKENDS.iter().filter(missing).map(|backend| backend.0).collect();
         let is_here = move |engine: &Engine| !missing.contains(engine);
         Engine::ALL.into_iter().filter(is_here)

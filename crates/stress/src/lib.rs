@@ -32,7 +32,7 @@ mod view;
 pub use families::{ELSEWHERE, FAMILIES};
 pub use kernel::{KernelReport, judge_kernel};
 pub use lab::Lab;
-pub use report::{EngineReport, FamilyReport, Step, Verdict, headline, price, table};
+pub use report::{EngineReport, FamilyReport, Step, Verdict, headline, precision, price, table, triangles};
 pub use subject::{Pixels, SubjectReport, SubjectRuns, SubjectStep, judge_subject};
 
 use serde::{Deserialize, Serialize};
@@ -87,6 +87,12 @@ impl Engine {
         Self::NaiveF64,
         Self::NaiveF32,
     ];
+
+    /// Whether it is a backend, which a program may lack, and which may refuse a scene: its
+    /// frontier is then there.
+    pub fn is_backend(self) -> bool {
+        matches!(self, Self::Embree | Self::EmbreeNotRobust | Self::Obvhs)
+    }
 
     /// The name for people.
     pub fn name(self) -> &'static str {

@@ -10,11 +10,18 @@ const IN_A_LINE: usize = 4;
 fn color(engine: Engine) -> &'static str {
     COLORS[match engine {
         Engine::Whitstone => 0,
-        Engine::Mitsuba => 1,
+        Engine::Mitsuba | Engine::MitsubaNotRobust => 1,
         Engine::NaiveF64 => 2,
         Engine::NaiveF32 => 3,
-        Engine::Embree => 4,
+        Engine::Embree | Engine::EmbreeNotRobust => 4,
+        Engine::Obvhs => 5,
+        Engine::NaiveDoubleDouble => 6,
     }]
+}
+
+/// Engines without their robust flag have the colour of those with it.
+fn is_dashed(engine: Engine) -> bool {
+    matches!(engine, Engine::MitsubaNotRobust | Engine::EmbreeNotRobust)
 }
 
 /// The plot as an SVG file.
@@ -49,7 +56,7 @@ pub fn svg(report: &FamilyReport) -> String {
     for (number, engine) in engines.iter().enumerate() {
         let ink = color(engine.engine);
         let at = |step: &crate::Step| [parameters.at(step.parameter), errors.at(step.error)];
-        figure.polyline(ink, false, engine.steps.iter().map(at));
+        figure.polyline(ink, is_dashed(engine.engine), engine.steps.iter().map(at));
         for step in &engine.steps {
             let label = format!(
                 "{} at {:.0e}: error {:.1e}, wrong {}",

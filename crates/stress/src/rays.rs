@@ -4,9 +4,9 @@ use crate::lab::{Backends, join, single};
 use crate::{About, Answer, Engine, Family, Judged, Lab, Sample, view};
 use std::hint::black_box;
 use std::time::Instant;
-use twofloat::TwoFloat;
 use whitstone_core::{Aabb, DVec3, Interval, LoweredShape, Ray, SelfHitFilter};
 use whitstone_oracle::agreement::{Agreement, Error, is_class_excused};
+use whitstone_oracle::naive::{DoubleDouble, Real};
 use whitstone_oracle::{Nearest, Oracle};
 use whitstone_render::Pipeline;
 use whitstone_testkit::Random;
@@ -121,11 +121,11 @@ impl Family for RayFamily {
         naive_f32.ns_per_op = Some(ns);
         let doubles: Vec<_> = rays
             .iter()
-            .map(|ray| [ray.origin, ray.direction].map(|v| v.to_array().map(TwoFloat::from)))
+            .map(|ray| [ray.origin, ray.direction].map(|v| v.to_array().map(DoubleDouble::of)))
             .collect();
         let (found, ns) = timed(&doubles, |[o, d]| {
             let found = subject.textbook_double_double.intersect(*o, *d);
-            found.map(|t| t.hi())
+            found.map(Real::to_f64)
         });
         let mut double_double = judge(&found, double_spacing);
         double_double.ns_per_op = Some(ns);

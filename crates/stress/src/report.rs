@@ -20,6 +20,9 @@ pub struct Step {
     /// Largest error in units in the last place of the engine's own format; and the same divided by
     /// the condition number.
     pub own_ulps: Option<[f64; 2]>,
+    /// Largest condition number of the questions that hit, if it is measured.
+    #[serde(default)]
+    pub condition: Option<f64>,
     /// Answers that are infinite or NaN.
     pub nonfinite: u64,
     /// Nanoseconds per operation, if it was timed.
@@ -135,10 +138,16 @@ impl FamilyReport {
                     engines.push(EngineReport::new(engine));
                     engines.len() - 1
                 });
+                let report = &mut engines[place];
                 match answer {
-                    Ok(sample) => engines[place].steps.push(Step::new(*parameter, sample, &about)),
+                    Ok(_) if report.limit == Some(Limit::Refused) => {}
+                    Ok(sample) => report.steps.push(Step::new(*parameter, sample, &about)),
+                    Err(_) if engine.is_backend() && !report.steps.is_empty() => {
+                        report.frontier.get_or_insert(*parameter);
+                        report.limit = Some(Limit::Refused);
+                    }
                     Err(why) => {
-                        engines[place].absent.get_or_insert(why);
+                        report.absent.get_or_insert(why);
                     }
                 }
             }
@@ -179,7 +188,10 @@ impl FamilyReport {
                 .filter(takes_part)
                 .is_some_and(|report| report.usable_steps < within);
         let ours = of(Engine::Whitstone);
-        let others = engines.iter().filter(|report| report.engine != Engine::Whitstone);
+        // More digits than anyone's are a yardstick, not a competitor.
+        let is_other =
+            |report: &&EngineReport| ![Engine::Whitstone, Engine::NaiveDoubleDouble].contains(&report.engine);
+        let others = engines.iter().filter(is_other);
         let farthest = others.filter(takes_part).map(|report| report.usable_steps).max();
         let worse_at = ours
             .zip(of(Engine::NaiveF64))
@@ -330,6 +342,7 @@ impl Step {
             parameter,
             excused: sample.excused,
             own_ulps: sample.own_ulps,
+            condition: sample.condition,
             error: sample.error,
             strict: sample.strict,
             failures: sample.failures,
@@ -372,18 +385,21 @@ impl Engine {
         match self {
             Self::Whitstone => "Whitstone",
             Self::Mitsuba => "Mitsuba",
+            Self::MitsubaNotRobust => "Mitsuba, not robust",
             Self::Embree => "Embree",
+            Self::EmbreeNotRobust => "Embree, not robust",
+            Self::Obvhs => "obvhs",
+            Self::NaiveDoubleDouble => "textbook double-double",
             Self::NaiveF64 => "textbook f64",
             Self::NaiveF32 => "textbook f32",
         }
     }
 }
 
-/// Filters engines for a table: Embree, which is optional, appears only if it took part in a
-/// family.
+/// Filters engines for a table: those that are optional appear only if they took part in a family.
 fn shown<const N: usize>(engines: [Engine; N], reports: &[FamilyReport]) -> Vec<Engine> {
     let asked = |engine| reports.iter().any(|report| report.takes_part(engine));
-    let is_shown = |engine: &Engine| *engine != Engine::Embree || asked(*engine);
+    let is_shown = |engine: &Engine| !engine.is_backend() || asked(*engine);
     engines.into_iter().filter(is_shown).collect()
 }
 
@@ -400,7 +416,17 @@ fn rule(columns: usize) -> String {
 
 /// The frontiers of all families as a Markdown table.
 pub fn table(reports: &[FamilyReport]) -> String {
-    let engines = shown(Engine::ALL, reports);
+    let engines = shown(
+        [
+            Engine::Whitstone,
+            Engine::Mitsuba,
+            Engine::Embree,
+            Engine::NaiveDoubleDouble,
+            Engine::NaiveF64,
+            Engine::NaiveF32,
+        ],
+        reports,
+    );
     let around = |first: [&str; 2], cells: Vec<String>, last: &str| {
         let first = first.map(str::to_owned).into_iter();
         row(first.chain(cells).chain([last.to_owned()]))
@@ -448,11 +474,98 @@ pub fn headline(reports: &[FamilyReport]) -> String {
     text
 }
 
-/// The price of each method: time per ray of Whitstone and of the textbook formula in double
-/// precision, each the median of the steps up to the reach, and their quotient. A family with
-/// several shapes has the longest time of them.
+/// Frontiers of the engines that intersect triangles, in the families that have only these; empty
+/// if the program includes no backend.
+pub fn triangles(reports: &[FamilyReport]) -> String {
+    let all = [
+        Engine::Whitstone,
+        Engine::Mitsuba,
+        Engine::MitsubaNotRobust,
+        Engine::Embree,
+        Engine::EmbreeNotRobust,
+        Engine::Obvhs,
+    ];
+    let engines = shown(all, reports);
+    let is_asked = |report: &&FamilyReport| {
+        let mut backends = engines.iter().filter(|engine| engine.is_backend());
+        backends.any(|engine| report.takes_part(*engine))
+    };
+    let mut asked = reports.iter().filter(is_asked).peekable();
+    if asked.peek().is_none() {
+        return String::new();
+    }
+    let titles = engines.iter().map(|engine| engine.title().to_owned());
+    let mut text = row(["family".to_owned()].into_iter().chain(titles)) + &rule(engines.len() + 1);
+    for report in asked {
+        let frontiers = engines.iter().map(|engine| report.frontier(*engine));
+        text += &row([report.family.clone()].into_iter().chain(frontiers));
+    }
+    text
+}
+
+/// Work and precision at the reach of each family whose answers have a condition number: the
+/// forward error in units in the last place of each format, and the backward error, which is the
+/// forward error over the condition number.
+pub fn precision(reports: &[FamilyReport]) -> String {
+    let engines = [
+        Engine::NaiveF32,
+        Engine::NaiveF64,
+        Engine::NaiveDoubleDouble,
+        Engine::Whitstone,
+    ];
+    let titles = engines.iter().map(|engine| engine.title().to_owned());
+    let first = ["family", "at", "condition"].map(str::to_owned).into_iter();
+    let mut text = row(first.chain(titles)) + &rule(engines.len() + 3);
+    for report in reports {
+        let step = |engine| {
+            let found = report.engines.iter().find(|known| known.engine == engine)?;
+            let mut steps = found.steps.iter();
+            steps.find(|step| is_close(step.parameter, report.reach))
+        };
+        let Some(condition) = step(Engine::Whitstone).and_then(|step| step.condition) else {
+            continue;
+        };
+        let cells = engines.iter().map(|engine| match step(*engine) {
+            Some(step) if step.failures > step.excused || step.nonfinite > 0 => "wrong class".to_owned(),
+            Some(Step {
+                own_ulps: Some([forward, backward]),
+                ..
+            }) => format!("{}; {}", ulps(*forward), ulps(*backward)),
+            _ => "–".to_owned(),
+        });
+        let first = [
+            report.family.clone(),
+            format!("{:.0e}", report.reach),
+            ulps(condition),
+        ];
+        text += &row(first.into_iter().chain(cells));
+    }
+    text
+}
+
+/// A number with two significant digits.
+fn ulps(number: f64) -> String {
+    match number {
+        0.0 => "0".to_owned(),
+        small if small < 0.095 => format!("{number:.0e}"),
+        small if small < 9.95 => format!("{number:.1}"),
+        middle if middle < 1e4 => format!("{number:.0}"),
+        _ => format!("{number:.0e}"),
+    }
+}
+
+/// The price of each method: time per ray of Whitstone and of the textbook formula in each
+/// precision, each the median of the steps up to the reach, and the quotient of the first and that
+/// in double precision. A family with several shapes has the longest time of them.
 pub fn price(reports: &[FamilyReport]) -> String {
-    let titles = ["family", "Whitstone, ns", "textbook f64, ns", "factor"];
+    let titles = [
+        "family",
+        "Whitstone, ns",
+        "textbook f64, ns",
+        "factor",
+        "textbook f32, ns",
+        "textbook double-double, ns",
+    ];
     let mut text = row(titles.map(str::to_owned)) + &rule(titles.len());
     for report in reports {
         let median = |engine| {
@@ -467,9 +580,16 @@ pub fn price(reports: &[FamilyReport]) -> String {
             times.get(times.len() / 2).copied()
         };
         if let (Some(ours), Some(textbook)) = (median(Engine::Whitstone), median(Engine::NaiveF64)) {
-            let numbers = [ours, textbook].map(|ns| format!("{ns:.0}"));
-            let factor = format!("{:.1}", ours / textbook);
-            text += &row([report.family.clone()].into_iter().chain(numbers).chain([factor]));
+            let written = |ns: f64| format!("{ns:.0}");
+            let others = [Engine::NaiveF32, Engine::NaiveDoubleDouble];
+            let others = others.map(|engine| median(engine).map_or("–".to_owned(), written));
+            let first = [
+                report.family.clone(),
+                written(ours),
+                written(textbook),
+                format!("{:.1}", ours / textbook),
+            ];
+            text += &row(first.into_iter().chain(others));
         }
     }
     text

@@ -3,7 +3,7 @@
 use crate::lab::{textbook_of, tree};
 use crate::{About, Answer, Engine, Family, Lab, Sample, decades};
 use whitstone_core::{DVec3, Ray};
-use whitstone_oracle::naive::{Real, Textbook};
+use whitstone_oracle::naive::{DoubleDouble, Real, Textbook};
 
 /// Repeated total internal reflection; every chord is 0.8 radii from the centre.
 pub(crate) struct InsideBall;
@@ -57,6 +57,15 @@ impl Family for InsideBall {
             (
                 Engine::Mitsuba,
                 Err("the driver computes the reflections, not Mitsuba".to_owned()),
+            ),
+            (
+                Engine::NaiveDoubleDouble,
+                naive(walk::<DoubleDouble>(
+                    &*textbook_of(&scene, 0)?,
+                    DVec3::ZERO,
+                    &ray,
+                    bounces as u32,
+                )),
             ),
             (
                 Engine::NaiveF64,
@@ -123,7 +132,7 @@ impl Family for GrazingGallery {
         let ray = Ray::new(-depth * DVec3::Y, DVec3::X);
         // Half of the angle that a chord subtends at the centre: 2 sin²(half / 2) is its depth.
         let half = 2.0 * (0.5 * depth).sqrt().asin();
-        let [mut ours, mut double, mut single] = [Sample::default(); 3];
+        let [mut ours, mut double_double, mut double, mut single] = [Sample::default(); 4];
         for bounces in GALLERY {
             let scene = format!(
                 "integrator = {{ type = \"whitted\", max_depth = {bounces} }}\n\
@@ -148,6 +157,8 @@ impl Family for GrazingGallery {
                 Some(node) if met.len() as u32 == bounces + 1 => add(&mut ours, node.position),
                 _ => ours.failures += 1,
             }
+            let place = walk::<DoubleDouble>(&*textbook_of(&scene, 0)?, center, &ray, bounces);
+            add(&mut double_double, DVec3::from_array(place));
             let place = walk::<f64>(&*textbook_of(&scene, 0)?, center, &ray, bounces);
             add(&mut double, DVec3::from_array(place));
             let place = walk::<f32>(&*textbook_of(&scene, 0)?, center, &ray, bounces);
@@ -159,6 +170,7 @@ impl Family for GrazingGallery {
                 Engine::Mitsuba,
                 Err("the driver computes the reflections, not Mitsuba".to_owned()),
             ),
+            (Engine::NaiveDoubleDouble, Ok(double_double)),
             (Engine::NaiveF64, Ok(double)),
             (Engine::NaiveF32, Ok(single)),
         ])

@@ -1,10 +1,10 @@
 //! Two sheets that almost coincide.
 
 use crate::families::gaps::sheet;
-use crate::lab::{radiance, single, textbook_of};
+use crate::lab::{Backends, radiance, single, textbook_of};
 use crate::{About, Answer, Engine, Family, Lab, Sample, decades};
 use whitstone_core::{DVec3, Ray};
-use whitstone_oracle::naive::{Real, Textbook};
+use whitstone_oracle::naive::{DoubleDouble, Real, Textbook};
 use whitstone_render::Pipeline;
 use whitstone_testkit::Random;
 
@@ -98,7 +98,7 @@ impl Family for Coincident {
             failures,
             ..Sample::default()
         };
-        let [mut ours, mut double, mut single_precision] = [0; 3];
+        let [mut ours, mut double_double, mut double, mut single_precision] = [0; 4];
         let mut backends = Backends::default();
         let mut theirs = Ok(0);
         for is_upper_first in [true, false] {
@@ -116,6 +116,8 @@ impl Family for Coincident {
             let pipeline = lab.pipeline(&scene)?;
             ours += wrong(LEVEL, &|ray| shown(&pipeline, ray));
             let of = |number| SHOWN[usize::from((number == 0) == is_upper_first)];
+            let textbook = both::<DoubleDouble>(&scene)?;
+            double_double += wrong(LEVEL, &|ray| of(nearer(&textbook, ray)));
             let textbook = both::<f64>(&scene)?;
             double += wrong(LEVEL, &|ray| of(nearer(&textbook, ray)));
             let textbook = both::<f32>(&scene)?;
@@ -132,6 +134,7 @@ impl Family for Coincident {
         let mut answers = vec![
             (Engine::Whitstone, Ok(counted(ours))),
             (Engine::Mitsuba, theirs.map(counted)),
+            (Engine::NaiveDoubleDouble, Ok(counted(double_double))),
             (Engine::NaiveF64, Ok(counted(double))),
             (Engine::NaiveF32, Ok(counted(single_precision))),
         ];

@@ -1,11 +1,11 @@
 //! A lamp that almost touches the surface that it lights.
 
 use crate::families::gaps::offset;
-use crate::lab::{radiance, single, textbook_of};
+use crate::lab::{Backends, radiance, single, textbook_of};
 use crate::{About, Answer, Engine, Family, Lab, Limit, Sample, decades, view};
 use std::f64::consts::PI;
 use whitstone_core::{DVec3, Ray};
-use whitstone_oracle::naive::{Real, Textbook};
+use whitstone_oracle::naive::{DoubleDouble, Real, Textbook};
 use whitstone_render::Pipeline;
 use whitstone_testkit::Random;
 
@@ -71,7 +71,7 @@ impl Family for LightOnSurface {
                 single(origin, target - origin)
             })
             .collect();
-        let [mut ours, mut double, mut single_precision] = [Sample::default(); 3];
+        let [mut ours, mut double_double, mut double, mut single_precision] = [Sample::default(); 4];
         let mut backends = Backends::default();
         for side in [1.0, -1.0] {
             let lamp = DVec3::splat(1.0 + side * height / 3f64.sqrt());
@@ -102,6 +102,7 @@ impl Family for LightOnSurface {
             let lit = |pipeline: &Pipeline| judge(&mut |ray| radiance(pipeline, ray).r);
             ours.join(&lit(&lab.pipeline(&scene)?));
             backends.ask(lab, &scene, &lit);
+            double_double.join(&textbook::<DoubleDouble>(&scene, lamp, judge)?);
             double.join(&textbook::<f64>(&scene, lamp, judge)?);
             single_precision.join(&textbook::<f32>(&scene, lamp, judge)?);
         }
@@ -111,6 +112,7 @@ impl Family for LightOnSurface {
                 Engine::Mitsuba,
                 Err("the driver computes direct lighting, not Mitsuba".to_owned()),
             ),
+            (Engine::NaiveDoubleDouble, Ok(double_double)),
             (Engine::NaiveF64, Ok(double)),
             (Engine::NaiveF32, Ok(single_precision)),
         ];

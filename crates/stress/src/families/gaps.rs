@@ -1,13 +1,13 @@
 //! Rays that leave surfaces: shadows of almost touching objects, thin panes, almost touching
 //! mirrors, leaks of closed meshes.
 
-use crate::lab::{rows, single, textbook_of, tree};
+use crate::lab::{Backends, rows, single, textbook_of, tree};
 use crate::rays::bounds_of;
 use crate::{About, Answer, Engine, Family, Lab, Limit, Sample, decades, view};
 use rayon::prelude::*;
 use serde_json::json;
 use whitstone_core::{DVec3, Interval, LoweredShape, Ray, SelfHitFilter};
-use whitstone_oracle::naive::{Real, Textbook};
+use whitstone_oracle::naive::{DoubleDouble, Real, Textbook};
 use whitstone_oracle::optics::power;
 use whitstone_render::Pipeline;
 use whitstone_testkit::Random;
@@ -15,13 +15,7 @@ use whitstone_testkit::Random;
 /// Textbook spawn offset along the direction of a ray, for scenes of about a metre: a thousand
 /// units in the last place. In single precision this is the usual 1e-4.
 pub(crate) fn offset<R: Real>() -> R {
-    let is_single = R::of(1.0 + f64::EPSILON).to_f64() == 1.0;
-    let spacing = if is_single {
-        f64::from(f32::EPSILON)
-    } else {
-        f64::EPSILON
-    };
-    R::of(1024.0 * spacing)
+    R::of(1024.0 * R::EPSILON)
 }
 
 /// A rectangle that almost lies on another: its shadow must exist, and must end at the right place.
@@ -92,7 +86,7 @@ impl Family for ShadowGap {
         let questions = [(0.0, true), (gap, false)];
         let ray = Self::ray(gap);
         let mut ours = Sample::default();
-        let mut naive = [Sample::default(); 2];
+        let mut naive = [Sample::default(); 3];
         let mut theirs: Answer = Ok(Sample::default());
         let mut backends = Backends::default();
         for (begins, dark) in &questions {
@@ -109,6 +103,7 @@ impl Family for ShadowGap {
             let place = DVec3::new(0.5 * gap, 0.0, 0.0);
             naive[0].failures += u64::from(shaded::<f64>(&*textbook_of(scene, 1)?, place) != *dark);
             naive[1].failures += u64::from(shaded::<f32>(&*textbook_of(scene, 1)?, place) != *dark);
+            naive[2].failures += u64::from(shaded::<DoubleDouble>(&*textbook_of(scene, 1)?, place) != *dark);
             let request = json!({ "op": "occluded", "scene": scene, "rays": rows(&[ray]), "target": [0.5 * gap, 0.0, 1.0] });
             theirs = theirs.and_then(|mut sample| {
                 let answer = lab.mitsuba(request)?;
@@ -119,6 +114,7 @@ impl Family for ShadowGap {
         let mut answers = vec![
             (Engine::Whitstone, Ok(ours)),
             (Engine::Mitsuba, theirs),
+            (Engine::NaiveDoubleDouble, Ok(naive[2])),
             (Engine::NaiveF64, Ok(naive[0])),
             (Engine::NaiveF32, Ok(naive[1])),
         ];
@@ -129,7 +125,8 @@ impl Family for ShadowGap {
 
 /// Whether a ray straight up from `place`, with a constant offset, hits the blocker.
 fn shaded<R: Real>(blocker: &dyn Textbook<R>, place: DVec3) -> bool {
-    let origin = (place + offset::<R>().to_f64() * DVec3::Z).to_array().map(R::of);
+    let [x, y, z] = place.to_array().map(R::of);
+    let origin = [x, y, z + offset::<R>()];
     blocker.intersect(origin, [0.0, 0.0, 1.0].map(R::of)).is_some()
 }
 
@@ -176,7 +173,9 @@ impl Family for ThinPane {
         let ours = Self::passed(&lab.pipeline(&scene)?, &ray);
         let faces = [sheet(half, true, glass), sheet(-half, false, glass)].concat();
         let mut backends = Backends::default();
-        backends.ask(lab, &format!("{integrator}{faces}"), &|pipeline| Self::passed(pipeline, &ray));
+        backends.ask(lab, &format!("{integrator}{faces}"), &|pipeline| {
+            Self::passed(pipeline, &ray)
+        });
         let counted = |count: u64| Sample {
             failures: u64::from(count != 2),
             ..Sample::default()
@@ -189,6 +188,13 @@ impl Family for ThinPane {
         let mut answers = vec![
             (Engine::Whitstone, Ok(ours)),
             (Engine::Mitsuba, theirs),
+            (
+                Engine::NaiveDoubleDouble,
+                Ok(counted(faces_met::<DoubleDouble>(
+                    &*textbook_of(&scene, 0)?,
+                    &ray,
+                ))),
+            ),
             (
                 Engine::NaiveF64,
                 Ok(counted(faces_met::<f64>(&*textbook_of(&scene, 0)?, &ray))),
@@ -296,6 +302,10 @@ impl Family for ParallelMirrors {
         let mut answers = vec![
             (Engine::Whitstone, Ok(ours)),
             (Engine::Mitsuba, theirs),
+            (
+                Engine::NaiveDoubleDouble,
+                Ok(counted(reflections::<DoubleDouble>(&scene, &ray)?)),
+            ),
             (Engine::NaiveF64, Ok(counted(reflections::<f64>(&scene, &ray)?))),
             (Engine::NaiveF32, Ok(counted(reflections::<f32>(&scene, &ray)?))),
         ];
@@ -422,6 +432,11 @@ impl Family for Leaks {
         let few = &aimed[..aimed.len().min(2000)];
         let (double, single) = (textbook_of::<f64>(&mesh, 0)?, textbook_of::<f32>(&mesh, 0)?);
         let numbers = |ray: &Ray| [ray.origin, ray.direction].map(|v| v.to_array());
+        let wide = textbook_of::<DoubleDouble>(&mesh, 0)?;
+        let of_wide = |ray: [[f64; 3]; 2]| {
+            let [o, d] = ray.map(|v| v.map(DoubleDouble::of));
+            wide.intersect(o, d).is_some()
+        };
         let of_double = |[o, d]: [[f64; 3]; 2]| double.intersect(o, d).is_some();
         let to_single = |v: [f64; 3]| v.map(|x| x as f32);
         let of_single = |[o, d]: [[f64; 3]; 2]| single.intersect(to_single(o), to_single(d)).is_some();
@@ -429,6 +444,10 @@ impl Family for Leaks {
             (Engine::Whitstone, Ok(ours)),
             (Engine::Mitsuba, theirs(true)),
             (Engine::MitsubaNotRobust, theirs(false)),
+            (
+                Engine::NaiveDoubleDouble,
+                Ok(lost(&mut few.iter().map(numbers).map(of_wide))),
+            ),
             (
                 Engine::NaiveF64,
                 Ok(lost(&mut few.iter().map(numbers).map(of_double))),

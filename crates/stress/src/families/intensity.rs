@@ -4,7 +4,7 @@ use crate::lab::radiance;
 use crate::{About, Answer, Engine, Family, Lab, Limit, Sample, decades};
 use std::f64::consts::PI;
 use whitstone_core::{DVec3, Ray, Scratch};
-use whitstone_oracle::naive::Real;
+use whitstone_oracle::naive::{DoubleDouble, Real};
 use whitstone_testkit::Random;
 
 /// Number of faint lamps.
@@ -72,7 +72,7 @@ impl Family for IntensityRange {
     }
 
     fn step(&self, bright: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
-        let [mut ours, mut double, mut single] = [Sample::default(); 3];
+        let [mut ours, mut double_double, mut double, mut single] = [Sample::default(); 4];
         // `found` is the sum of the faint part and of the bright one.
         let add = |sample: &mut Sample, found: f64, bright: f64, faint: f64| {
             let error = ((found - bright) - faint).abs() / faint;
@@ -92,6 +92,12 @@ impl Family for IntensityRange {
                 &Ray::new(DVec3::new(1.0, 0.0, 1.0), DVec3::new(-1.0, 0.0, -1.0)),
             );
             add(&mut ours, found.r * PI, bright, faint);
+            add(
+                &mut double_double,
+                summed::<DoubleDouble>(lamps.iter().copied()),
+                bright,
+                faint,
+            );
             add(&mut double, summed::<f64>(lamps.iter().copied()), bright, faint);
             add(&mut single, summed::<f32>(lamps.iter().copied()), bright, faint);
         }
@@ -106,6 +112,8 @@ impl Family for IntensityRange {
             let is_bright = (row / square + column / square) % 2 == 1;
             if is_bright { bright } else { 1.0 }
         });
+        let wide = summed::<DoubleDouble>(samples.clone());
+        add(&mut double_double, wide, half * bright, half);
         add(&mut double, summed::<f64>(samples.clone()), half * bright, half);
         add(&mut single, summed::<f32>(samples), half * bright, half);
         Ok(vec![
@@ -114,6 +122,7 @@ impl Family for IntensityRange {
                 Engine::Mitsuba,
                 Err("the driver adds lights and samples, not Mitsuba".to_owned()),
             ),
+            (Engine::NaiveDoubleDouble, Ok(double_double)),
             (Engine::NaiveF64, Ok(double)),
             (Engine::NaiveF32, Ok(single)),
         ])

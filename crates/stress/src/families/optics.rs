@@ -6,7 +6,7 @@ use crate::lab::{radiance, tree};
 use crate::{About, Answer, Engine, Family, Lab, Limit, Sample, decades, view};
 use serde_json::json;
 use whitstone_core::{DVec3, Ray};
-use whitstone_oracle::naive::Real;
+use whitstone_oracle::naive::{DoubleDouble, Real};
 use whitstone_oracle::optics::{decay, lobe, refract};
 use whitstone_testkit::Random;
 
@@ -97,11 +97,13 @@ impl Family for IndexNearOne {
         let cosines: Vec<f64> = directions.iter().map(|direction| -direction.z).collect();
         let theirs = mitsuba(lab, &cosines, ior)
             .map(|all| judged(&mut |number| all[number].map(|[reflectance, _]| reflectance)));
+        let wide = judged(&mut |number| fresnel::<DoubleDouble>(cosines[number], ior).map(|[r, _]| r));
         let double = judged(&mut |number| fresnel::<f64>(cosines[number], ior).map(|[r, _]| r));
         let single = judged(&mut |number| fresnel::<f32>(cosines[number], ior).map(|[r, _]| r));
         Ok(vec![
             (Engine::Whitstone, Ok(ours)),
             (Engine::Mitsuba, theirs),
+            (Engine::NaiveDoubleDouble, Ok(wide)),
             (Engine::NaiveF64, Ok(double)),
             (Engine::NaiveF32, Ok(single)),
         ])
@@ -177,11 +179,14 @@ impl Family for CriticalAngle {
         let cosines: Vec<f64> = directions.iter().map(|direction| direction.z).collect();
         let theirs = mitsuba(lab, &cosines, 0.5)
             .map(|all| judged(&mut |number| all[number].map(|[_, cosine]| cosine)));
+        let wide =
+            judged(&mut |number| fresnel::<DoubleDouble>(cosines[number], 0.5).map(|[_, cosine]| cosine));
         let double = judged(&mut |number| fresnel::<f64>(cosines[number], 0.5).map(|[_, cosine]| cosine));
         let single = judged(&mut |number| fresnel::<f32>(cosines[number], 0.5).map(|[_, cosine]| cosine));
         Ok(vec![
             (Engine::Whitstone, Ok(ours)),
             (Engine::Mitsuba, theirs),
+            (Engine::NaiveDoubleDouble, Ok(wide)),
             (Engine::NaiveF64, Ok(double)),
             (Engine::NaiveF32, Ok(single)),
         ])
@@ -374,16 +379,18 @@ impl Family for NearLamp {
         let ray = Ray::new(DVec3::new(-1.0, 0.0, level + 1.0), DVec3::new(slope, 0.0, -slope));
         let value = radiance(&pipeline, &ray).r * std::f64::consts::PI * exact * exact;
         let naive = [
+            naive_lamp::<DoubleDouble>(&ray, lamp, level),
             naive_lamp::<f64>(&ray, lamp, level),
             naive_lamp::<f32>(&ray, lamp, level),
         ];
-        let [double, single] = naive.map(|light| Sample::new((light * exact * exact - 1.0).abs()));
+        let [wide, double, single] = naive.map(|light| Sample::new((light * exact * exact - 1.0).abs()));
         Ok(vec![
             (Engine::Whitstone, Ok(Sample::new((value - 1.0).abs()))),
             (
                 Engine::Mitsuba,
                 Err("the driver computes direct lighting, not Mitsuba".to_owned()),
             ),
+            (Engine::NaiveDoubleDouble, Ok(wide)),
             (Engine::NaiveF64, Ok(double)),
             (Engine::NaiveF32, Ok(single)),
         ])

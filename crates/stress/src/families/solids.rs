@@ -4,6 +4,7 @@ use crate::families::gaps::faces_met;
 use crate::lab::{single, textbook_of};
 use crate::{About, Answer, Engine, Family, Lab, Limit, Sample, decades};
 use whitstone_core::{DVec3, Interval, Ray, SelfHitFilter};
+use whitstone_oracle::naive::DoubleDouble;
 use whitstone_render::Pipeline;
 use whitstone_testkit::Random;
 
@@ -42,8 +43,9 @@ impl Family for Shell {
         );
         let pipeline = lab.pipeline(&scene)?;
         let (double, single_precision) = (textbook_of::<f64>(&scene, 0)?, textbook_of::<f32>(&scene, 0)?);
+        let double_double = textbook_of::<DoubleDouble>(&scene, 0)?;
         let mut random = Random::new(thickness.to_bits());
-        let [mut ours, mut naive_f64, mut naive_f32] = [Sample::default(); 3];
+        let [mut ours, mut wide, mut naive_f64, mut naive_f32] = [Sample::default(); 4];
         for _ in 0..lab.rays {
             let target = 0.5 * random.cube();
             let origin = 3.0 * random.direction();
@@ -51,6 +53,7 @@ impl Family for Shell {
             let found = faces(&pipeline, &ray);
             ours.failures += u64::from(found != 4);
             ours.excused += u64::from(found != 4 && found.is_multiple_of(2) && thickness < THINNEST);
+            wide.failures += u64::from(faces_met::<DoubleDouble>(&*double_double, &ray) != 4);
             naive_f64.failures += u64::from(faces_met::<f64>(&*double, &ray) != 4);
             naive_f32.failures += u64::from(faces_met::<f32>(&*single_precision, &ray) != 4);
         }
@@ -60,6 +63,7 @@ impl Family for Shell {
                 Engine::Mitsuba,
                 Err("no twin: the driver combines the solids, not Mitsuba".to_owned()),
             ),
+            (Engine::NaiveDoubleDouble, Ok(wide)),
             (Engine::NaiveF64, Ok(naive_f64)),
             (Engine::NaiveF32, Ok(naive_f32)),
         ])

@@ -22,7 +22,8 @@ use unfinished::Unfinished;
 use whitstone_core::Registry;
 use whitstone_image::atomic;
 use whitstone_stress::{
-    ELSEWHERE, Engine, FAMILIES, Family, FamilyReport, Lab, Verdict, headline, plot, price, table,
+    ELSEWHERE, Engine, FAMILIES, Family, FamilyReport, Lab, Verdict, headline, plot, precision, price, table,
+    triangles,
 };
 use whitstone_validate::driver::Driver;
 use whitstone_validate::environment::Environment;
@@ -31,7 +32,7 @@ use whitstone_validate::report::Diagram;
 /// Sweep parameters logarithmically to find the values at which renderers fail
 ///
 /// Every family runs the same queries on Whitstone, on deliberately naive variants of its formulas,
-/// on Mitsuba, and on Embree where it is built in, and checks the answers against the oracle or a
+/// on Mitsuba, and on Embree and obvhs where they are built in, and checks the answers against the oracle or a
 /// closed form. The frontier is the first value of the parameter at which a renderer's answers are
 /// unusable; "none" is best. The next `report` shows the diagrams.
 ///
@@ -188,6 +189,10 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     for page in &arguments.page {
         write_page(page, &reports)?;
     }
+    let theirs = triangles(&reports);
+    if !theirs.is_empty() {
+        println!("\nScenes of triangles:\n\n{theirs}");
+    }
     let good = reports
         .iter()
         .filter(|report| report.verdict == Verdict::Pass)
@@ -198,6 +203,21 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     } else {
         Exit::Differs
     })
+}
+
+/// The engines that the line of a family names; `--steps` adds the others.
+const COLUMNS: [Engine; 5] = [
+    Engine::Whitstone,
+    Engine::Mitsuba,
+    Engine::Embree,
+    Engine::NaiveF64,
+    Engine::NaiveF32,
+];
+
+/// The engines that the lines name, of those that the program includes.
+fn columns(arguments: &Arguments, registry: &Registry) -> Vec<Engine> {
+    let is_named = |engine: &Engine| arguments.steps || COLUMNS.contains(engine);
+    Lab::engines_of(registry).filter(is_named).collect()
 }
 
 /// Measures families, and prints each result.
@@ -215,6 +235,7 @@ fn measure(
     let steps: usize = families.iter().map(|family| family.parameters().len()).sum();
     let bar = progress(steps as u64, "stress");
     let engines: Vec<Engine> = lab.engines().collect();
+    let columns = columns(arguments, registry);
     let settings = format!("{rays} rays, {engines:?}, Mitsuba: {}", !arguments.no_mitsuba);
     let mut unfinished = Unfinished::new(arguments.target.folder(), &settings, arguments.fresh);
     let mut reports = Vec::new();
@@ -223,7 +244,7 @@ fn measure(
         if let Some(report) = unfinished.find(name) {
             bar.inc(report.parameters.len() as u64);
             bar.suspend(|| {
-                print(report, &engines, arguments.steps, reports.is_empty());
+                print(report, &columns, arguments.steps, reports.is_empty());
                 eprintln!("  {name}: result of an interrupted run; use --fresh to measure it again");
             });
             reports.push(report.clone());
@@ -234,7 +255,7 @@ fn measure(
             bar.inc(1);
         };
         let report = FamilyReport::measure(*family, &lab, &report_step).map_err(Failure::environment)?;
-        bar.suspend(|| print(&report, &engines, arguments.steps, reports.is_empty()));
+        bar.suspend(|| print(&report, &columns, arguments.steps, reports.is_empty()));
         unfinished.add(report.clone())?;
         reports.push(report);
     }
@@ -278,6 +299,16 @@ const HEADLINE: Marks = [
     "<!-- end of headline -->",
 ];
 
+/// That of the engines that intersect triangles.
+const TRIANGLES: Marks = [
+    "<!-- triangles: written by `cargo xtask stress --page` -->",
+    "<!-- end of triangles -->",
+];
+/// Errors by precision.
+const PRECISION: Marks = [
+    "<!-- precision: written by `cargo xtask stress --page` -->",
+    "<!-- end of precision -->",
+];
 const PRICE: Marks = [
     "<!-- price: written by `cargo xtask stress --page` -->",
     "<!-- end of price -->",
@@ -287,6 +318,8 @@ fn write_page(path: &Path, reports: &[FamilyReport]) -> Result<(), Failure> {
     let parts = [
         (TABLE, table(reports)),
         (HEADLINE, headline(reports)),
+        (TRIANGLES, triangles(reports)),
+        (PRECISION, precision(reports)),
         (PRICE, price(reports)),
     ];
     page::write(path, &parts)

@@ -1,6 +1,6 @@
 //! `stress --cluster`: each family is a job.
 
-use super::{Arguments, print};
+use super::{Arguments, columns, print};
 use crate::commands::cluster::{self, Batch};
 use crate::commands::plan;
 use crate::commands::run_job::Output;
@@ -8,7 +8,7 @@ use crate::jobs::{Job, Program};
 use crate::terminal::Failure;
 use serde::Deserialize;
 use whitstone_core::Registry;
-use whitstone_stress::{Engine, Family, FamilyReport, Lab};
+use whitstone_stress::{Family, FamilyReport};
 
 /// What `stress --json` writes.
 #[derive(Deserialize)]
@@ -39,7 +39,7 @@ pub(super) fn measure(
     if arguments.fresh {
         results.remove(&planned);
     }
-    let engines: Vec<Engine> = Lab::engines_of(registry).collect();
+    let engines = columns(arguments, registry);
     let mut reports: Vec<Option<FamilyReport>> = families.iter().map(|_| None).collect();
     let mut problem = None;
     let mut first = true;
