@@ -89,6 +89,8 @@ struct Row {
     seconds: f64,
     /// Time of the slowest pixel in seconds.
     slowest: f64,
+    /// Time of the slowest ray in seconds.
+    slowest_ray: f64,
 }
 
 impl Row {
@@ -119,6 +121,7 @@ impl Row {
             "unknown": self.unknown,
             "seconds": self.seconds,
             "slowest_pixel_s": self.slowest,
+            "slowest_ray_s": self.slowest_ray,
             "exception": self.exception(),
         })
     }
@@ -129,20 +132,21 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     let paths = find_scenes(&arguments.scenes).map_err(Failure::usage)?;
     let width = paths.iter().map(|path| name(path).len()).max().unwrap_or(0);
     println!(
-        "{:width$}  decided  ill-posed  unknown  seconds  slowest  most frequent reason",
+        "{:width$}  decided  ill-posed  unknown  seconds  slowest      ray  most frequent reason",
         "scene"
     );
     let mut rows = Vec::new();
     for path in paths {
         let row = query(&path, arguments, registry)?;
         println!(
-            "{:width$}  {:>7}  {:>9}  {:>7}  {:>7.1}  {:>7.2}  {}",
+            "{:width$}  {:>7}  {:>9}  {:>7}  {:>7.1}  {:>7.2}  {:>7.2}  {}",
             row.name,
             row.decided,
             row.ill_posed,
             row.unknown(),
             row.seconds,
             row.slowest,
+            row.slowest_ray,
             row.reason()
         );
         rows.push(row);
@@ -200,6 +204,7 @@ fn query(path: &Path, arguments: &Arguments, registry: &Registry) -> Result<Row,
         unknown: BTreeMap::new(),
         seconds: 0.0,
         slowest: 0.0,
+        slowest_ray: 0.0,
     };
     let tracer = match Tracer::new(&description) {
         Ok(tracer) => tracer,
@@ -232,6 +237,7 @@ fn query(path: &Path, arguments: &Arguments, registry: &Registry) -> Result<Row,
         }
     });
     row.seconds = start.elapsed().as_secs_f64();
+    row.slowest_ray = tracer.slowest_ray().as_secs_f64();
     let answers = answers.into_inner().unwrap_or_else(PoisonError::into_inner);
     let mut sum = 0.0;
     let mut known = Vec::new();

@@ -39,7 +39,7 @@ use material::{At, SpecularRay};
 use sampler::Sampler;
 use scene::{Hit, Scene};
 use serde::Deserialize;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use whitstone_core::config::decode;
 use whitstone_core::{DVec3, Ray, Rgb, SceneError, SceneErrors};
 use whitstone_scene::{Description, PluginTable};
@@ -323,6 +323,11 @@ impl Tracer {
             Ok(None) => FirstHit::Miss,
             Err(_) => FirstHit::Unknown,
         }
+    }
+
+    /// The longest time that a ray has taken so far.
+    pub fn slowest_ray(&self) -> Duration {
+        self.scene.slowest()
     }
 
     /// The value of a pixel, given as column and row from the top left.

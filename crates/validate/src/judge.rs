@@ -109,6 +109,8 @@ impl Validator<'_> {
         case.compared = true;
         case.notes = vacuous::notes(&ours.image, reference, &ours.pipeline);
         case.notes.extend(meta.notes.iter().cloned());
+        case.notes
+            .extend(ours.pipeline.scene.geometry.search_limit_notes());
         case.coincident = vacuous::coincident(&ours.pipeline);
         if case.ambiguous > 0 || !case.broken_limits().is_empty() {
             case.inexact = inexact::notes(case, &ours.pipeline.scene.geometry, self.options.renderer, cap);

@@ -67,6 +67,8 @@ impl Validator<'_> {
         // Noise may explain any number of pixels.
         case.explained_limit = case.explained;
         case.notes = vacuous::notes(ours, reference, &our_side.pipeline);
+        case.notes
+            .extend(our_side.pipeline.scene.geometry.search_limit_notes());
         case.coincident = vacuous::coincident(&our_side.pipeline);
         if self.pictures {
             let reasons = over.pixels().map(|(x, y)| {

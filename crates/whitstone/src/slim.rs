@@ -109,15 +109,8 @@ pub(crate) struct Summary {
     line: String,
     /// The number of pixels that are not finite, and of all.
     not_finite: (usize, usize),
+    /// About shapes whose search for hits reached its limit.
     limits: Vec<String>,
-}
-
-/// The shapes whose search for hits reached its limit.
-pub(crate) fn search_limits(pipeline: &Pipeline) -> Vec<String> {
-    let limits = pipeline.scene.geometry.search_limits().into_iter();
-    limits
-        .map(|(shape, reached)| format!("shape {shape}: {reached}; hits may be missing there"))
-        .collect()
 }
 
 impl Summary {
@@ -125,7 +118,7 @@ impl Summary {
         Self {
             line: line(output, pipeline, film),
             not_finite: (film.not_finite(), film.rgb.len()),
-            limits: search_limits(pipeline),
+            limits: pipeline.scene.geometry.search_limit_notes(),
         }
     }
 

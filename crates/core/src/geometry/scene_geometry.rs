@@ -198,6 +198,14 @@ impl Geometry {
         all
     }
 
+    /// A sentence about each of [`Self::search_limits`].
+    pub fn search_limit_notes(&self) -> Vec<String> {
+        let limits = self.search_limits().into_iter();
+        limits
+            .map(|(shape, reached)| format!("shape {shape}: {reached}; hits may be missing there"))
+            .collect()
+    }
+
     fn add_search_limits(&self, first: u32, all: &mut BTreeMap<u32, LimitReached>) {
         for (shape, number) in self.shapes.iter().zip(first..) {
             match shape {

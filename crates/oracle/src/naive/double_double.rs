@@ -149,7 +149,8 @@ mod tests {
             let x = DoubleDouble::of(x);
             let root = x.cbrt();
             assert!(same(root * root * root, x), "cube root of {x:?}");
-            assert!(same(x.acos().cos(), x), "arc cosine of {x:?}");
+            let off = (x.acos().cos() - x).abs();
+            assert!(off < DoubleDouble::of(2f64.powi(-100)), "arc cosine of {x:?}");
             let square = x.abs().sqrt();
             assert!(same(square * square, x.abs()), "square root of {x:?}");
             assert!(same(DoubleDouble::of(1.0) / x * x, DoubleDouble::of(1.0)));

@@ -15,6 +15,8 @@ use crate::{FIRST_BITS, MAX_BITS};
 use serde::Deserialize;
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::atomic::{AtomicU64, Ordering as MemoryOrdering};
+use std::time::{Duration, Instant};
 use whitstone_core::config::{PluginRef, decode};
 use whitstone_core::{DAffine3, DMat3, DVec2, DVec3, MaterialRef, Ray, SceneErrors};
 use whitstone_scene::{Description, ShapeTable};
@@ -70,6 +72,8 @@ pub(super) struct Scene {
     parts: Vec<Part>,
     /// Whether light passes through anything, even with opaque shadows.
     pub(super) has_holes: bool,
+    /// The longest time of a ray so far, in nanoseconds.
+    slowest: AtomicU64,
 }
 
 /// The first hit of a ray.
@@ -129,7 +133,29 @@ impl Scene {
         Ok(Self {
             has_holes: parts.iter().any(has_holes),
             parts,
+            slowest: AtomicU64::new(0),
         })
+    }
+
+    /// The longest time that a ray has taken so far.
+    pub(super) fn slowest(&self) -> Duration {
+        Duration::from_nanos(self.slowest.load(MemoryOrdering::Relaxed))
+    }
+
+    /// Attempts an answer with more and more bits.
+    fn decide<T>(&self, attempt: impl Fn(usize) -> Decided<T>) -> Result<T, Unsure> {
+        let begin = Instant::now();
+        let mut bits = FIRST_BITS;
+        let answer = loop {
+            match attempt(bits) {
+                Ok(answer) => break Ok(answer),
+                Err(Undecided) if bits >= MAX_BITS => break Err(Unsure::Touch),
+                Err(Undecided) => bits *= 2,
+            }
+        };
+        let nanoseconds = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
+        self.slowest.fetch_max(nanoseconds, MemoryOrdering::Relaxed);
+        answer
     }
 
     /// Whether light is stopped or attenuated where this shape was hit.
@@ -144,26 +170,12 @@ impl Scene {
         from: Option<(usize, u32)>,
         end: f64,
     ) -> Result<Option<Hit>, Unsure> {
-        let mut bits = FIRST_BITS;
-        loop {
-            match self.attempt(ray, from, end, bits) {
-                Ok(hit) => return Ok(hit),
-                Err(Undecided) if bits >= MAX_BITS => return Err(Unsure::Touch),
-                Err(Undecided) => bits *= 2,
-            }
-        }
+        self.decide(|bits| self.attempt(ray, from, end, bits))
     }
 
     /// All hits in ascending order, as for [`Self::nearest`].
     pub(super) fn all(&self, ray: &Ray, from: Option<(usize, u32)>, end: f64) -> Result<Vec<Hit>, Unsure> {
-        let mut bits = FIRST_BITS;
-        loop {
-            match self.attempt_all(ray, from, end, bits) {
-                Ok(hits) => return Ok(hits),
-                Err(Undecided) if bits >= MAX_BITS => return Err(Unsure::Touch),
-                Err(Undecided) => bits *= 2,
-            }
-        }
+        self.decide(|bits| self.attempt_all(ray, from, end, bits))
     }
 
     /// All hits, each with the number of its part.

@@ -267,3 +267,16 @@ fn what_is_no_patch_is_refused() {
         "expected 1 to 65536 vertices, found 0"
     );
 }
+
+#[test]
+fn a_ray_along_a_fold_reaches_the_limit_and_is_counted() {
+    // All of the surface lies in the plane z = 0, four times over each point.
+    let line = [0.0, 4.0, -3.0, 1.0];
+    let points = std::array::from_fn(|k| DVec3::new(line[k % 4], line[k / 4], 0.0));
+    let patch = patch(&points);
+    assert_eq!(patch.search_limit(), None);
+    let ray = Ray::new(DVec3::new(-9.0, 0.3, 0.0), DVec3::X);
+    let _ = patch.intersect(&ray, Interval::FORWARD, None);
+    let reached = patch.search_limit();
+    assert!(reached.is_some_and(|reached| reached.rays == 1), "{reached:?}");
+}

@@ -72,7 +72,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         println!();
         tree.print(&pipeline, &names);
     }
-    for limit in crate::slim::search_limits(&pipeline) {
+    for limit in pipeline.scene.geometry.search_limit_notes() {
         println!("warning: {limit}");
     }
     if let Some(path) = &arguments.json {
