@@ -26,6 +26,9 @@ const END: &str = "<!-- end of figures -->";
 /// Minimum fraction of the pixels that the oracle must decide, unless the scene is an exception.
 const LEAST_DECIDED: f64 = 0.95;
 
+/// A ray must be answered within this time, with certainty or not.
+const LONGEST_RAY: f64 = 1.0;
+
 /// Scenes in which it decides fewer pixels, and why. A timeout on a busy machine is not a reason.
 const EXCEPTIONS: [(&str, &str); 5] = [
     ("community/mitsuba_dielectrics", TOUCH),
@@ -44,8 +47,8 @@ const DOUBLED: &str =
 ///
 /// The pixels are evenly spaced.
 /// A pixel is decided if the oracle's value is certain to within the tolerance of `validate`. Exit
-/// code 1 if it decides less than 95 % of the pixels of a scene that is not a known exception, or
-/// if a known exception reaches 95 %.
+/// code 1 if it decides less than 95 % of the pixels of a scene that is not a known exception, if a
+/// known exception reaches 95 %, or if a ray takes more than a second.
 #[derive(Args, Debug)]
 #[command(
     help_template = whitstone::commands::HELP_TEMPLATE,
@@ -163,6 +166,12 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     }
     let mut problems = Vec::new();
     for row in &rows {
+        if row.slowest_ray > LONGEST_RAY {
+            problems.push(format!(
+                "{}: a ray takes {:.1} s, more than {LONGEST_RAY} s",
+                row.name, row.slowest_ray
+            ));
+        }
         match (row.is_enough(), row.exception()) {
             (false, None) => problems.push(format!(
                 "{}: the oracle decides {} of {} pixels, less than 95 %, and the scene is not in `EXCEPTIONS`",
@@ -289,11 +298,15 @@ fn write_page(rows: &[Row]) -> Result<(), Failure> {
     let slowest: Vec<String> = (decided.iter().take(5))
         .map(|row| format!("{} {:.0} s", row.name, row.seconds))
         .collect();
+    let ray = rows.iter().max_by(|a, b| a.slowest_ray.total_cmp(&b.slowest_ray));
+    let ray = ray.map_or((0.0, ""), |row| (row.slowest_ray, row.name.as_str()));
     let text = format!(
         "It decides at least 95 % of the pixels of {enough} of {} scenes, in {median:.1} s in the median.\n\
-         The slowest of these: {}.\n\nThe others:\n\n{table}",
+         The slowest of these: {}.\nThe slowest ray of all scenes takes {:.2} s (in {}).\n\nThe others:\n\n{table}",
         rows.len(),
-        slowest.join(", ")
+        slowest.join(", "),
+        ray.0,
+        ray.1
     );
     between(PAGE, [BEGIN, END], &text)
 }

@@ -43,6 +43,10 @@ const FIRST_BITS: usize = 128;
 /// Precision of the last attempt, in bits: sums of products of up to eight doubles are exact.
 pub const MAX_BITS: usize = 1024;
 
+/// The same for single questions, which may have the smallest doubles beside ordinary ones: these
+/// differ by 1074 bits.
+const LAST_BITS: usize = 2 * MAX_BITS;
+
 /// After this time, an undecided ray is not repeated with more bits: each attempt takes at least as
 /// long as the one before.
 const PATIENCE: Duration = Duration::from_millis(200);
@@ -102,7 +106,7 @@ impl Oracle {
         loop {
             match self.attempt(ray, interval, bits) {
                 Ok(nearest) => return nearest,
-                Err(Undecided) if bits >= MAX_BITS || begin.elapsed() > PATIENCE => return Nearest::Unknown,
+                Err(Undecided) if bits >= LAST_BITS || begin.elapsed() > PATIENCE => return Nearest::Unknown,
                 Err(Undecided) => bits *= 2,
             }
         }

@@ -11,6 +11,8 @@ use whitstone_oracle::{Nearest, Oracle};
 use whitstone_render::Pipeline;
 use whitstone_testkit::Random;
 
+/// Largest share of the rays of a step that the oracle may leave unanswered.
+const MOST_UNKNOWN: f64 = 0.01;
 /// Rejected rays per accepted ray before the step counts as impossible.
 const TRIES: usize = 1000;
 /// Maximum number of wrong answers of a step for which the oracle is asked whether a slightly
@@ -75,6 +77,15 @@ impl Family for RayFamily {
             .iter()
             .map(|ray| subject.oracle.nearest(ray, Interval::FORWARD))
             .collect();
+
+        let unknown = truths.iter().filter(|truth| matches!(truth, Nearest::Unknown));
+        let unknown = unknown.count();
+        if unknown as f64 > MOST_UNKNOWN * rays.len() as f64 {
+            return Err(format!(
+                "the oracle cannot answer {unknown} of {} rays",
+                rays.len()
+            ));
+        }
 
         let bounds = bounds_of(&subject.pipeline);
         let questions = Questions {

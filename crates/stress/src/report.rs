@@ -156,6 +156,7 @@ impl FamilyReport {
         for engine in &mut engines {
             engine.conclude(until + 1, &about);
         }
+        blame_method(&mut engines);
         let ours = engines
             .iter_mut()
             .find(|engine| engine.engine == Engine::Whitstone);
@@ -277,6 +278,26 @@ fn is_error_worse(ours: &Step, textbook: &Step, floor: f64) -> bool {
 
 /// The accepted error in units in the last place times the condition number.
 const ULPS: f64 = 4.0;
+
+/// Where the textbook formula in double precision is not usable but Whitstone is, which has the same
+/// numbers, the method is the reason.
+fn blame_method(engines: &mut [EngineReport]) {
+    let usable = |engine: &EngineReport, parameter: f64| {
+        let mut steps = engine.steps.iter();
+        steps.any(|step| step.parameter == parameter && step.usable)
+    };
+    let ours = engines.iter().find(|engine| engine.engine == Engine::Whitstone);
+    let Some(ours) = ours.cloned() else {
+        return;
+    };
+    for engine in engines {
+        if let (Engine::NaiveF64, Some(frontier), None) = (engine.engine, engine.frontier, engine.limit)
+            && usable(&ours, frontier)
+        {
+            engine.limit = Some(Limit::Method);
+        }
+    }
+}
 
 /// The start of the reason why an engine takes no part if it has no such feature.
 pub(crate) const NO_TWIN: &str = "no twin";
@@ -606,7 +627,12 @@ mod tests {
 
     /// A report for engines with these errors at the three steps; all promises are 1.
     fn judged(errors: [(Engine, [f64; 3]); 3]) -> FamilyReport {
-        struct Fixed([(Engine, [f64; 3]); 3]);
+        judged_up_to(100.0, errors)
+    }
+
+    /// The same with a reach.
+    fn judged_up_to(reach: f64, errors: [(Engine, [f64; 3]); 3]) -> FamilyReport {
+        struct Fixed(f64, [(Engine, [f64; 3]); 3]);
         impl Family for Fixed {
             fn about(&self) -> About {
                 About {
@@ -617,7 +643,7 @@ mod tests {
                     promise: "1",
                     pass: 1.0,
                     usable: 10.0,
-                    reach: 100.0,
+                    reach: self.0,
                     floor: 0.1,
                     limit: None,
                 }
@@ -628,7 +654,7 @@ mod tests {
             fn step(&self, parameter: f64, _: &Lab<'_>) -> Result<Vec<(Engine, crate::Answer)>, String> {
                 let at = parameter.log10().round() as usize;
                 Ok(self
-                    .0
+                    .1
                     .iter()
                     .map(|(engine, errors)| (*engine, Ok(Sample::new(errors[at]))))
                     .collect())
@@ -636,7 +662,7 @@ mod tests {
         }
         let registry = whitstone_core::Registry::default();
         let lab = Lab::new(&registry, None, 1);
-        FamilyReport::measure(&Fixed(errors), &lab, &|_| ()).expect("it has no errors")
+        FamilyReport::measure(&Fixed(reach, errors), &lab, &|_| ()).expect("it has no errors")
     }
 
     #[test]
@@ -724,11 +750,77 @@ mod tests {
         assert_eq!(
             table(one).lines().next(),
             Some(
-                "| family | parameter | Whitstone | Mitsuba | Embree | textbook f64 | textbook f32 | verdict |"
+                "| family | parameter | Whitstone | Mitsuba | Embree | textbook double-double | textbook f64 | textbook f32 | verdict |"
             )
         );
-        assert!(table(one).contains("| none | – | 1e1 | – | first step | pass |"));
+        assert!(table(one).contains("| none | – | 1e1 | – | – | first step | pass |"));
         assert!(headline(one).contains("| none | – | – | 1e1 | first step |"));
         assert!(crate::plot::svg(&report).contains("embree (frontier 1e1)"));
+        assert!(triangles(one).contains("| family | Whitstone | Mitsuba | Mitsuba, not robust | Embree |"));
+        assert!(triangles(one).contains("| fixed | none | – | – | 1e1 |"));
+        let without = judged([good, (Engine::Mitsuba, [1.0; 3]), (NaiveF32, [20.0; 3])]);
+        assert_eq!(triangles(&[without]), "");
+    }
+
+    #[test]
+    fn more_digits_are_no_competitor() {
+        use Engine::{NaiveDoubleDouble, NaiveF32, Whitstone};
+        let ours = (Whitstone, [0.0, 0.5, 20.0]);
+        let naive = (NaiveF32, [20.0; 3]);
+        let with = |other| judged_up_to(10.0, [ours, (other, [0.0; 3]), naive]).verdict;
+        assert_eq!(with(Engine::Mitsuba), Verdict::Behind);
+        assert_eq!(with(NaiveDoubleDouble), Verdict::Pass);
+    }
+
+    #[test]
+    fn the_same_numbers_with_a_better_method_blame_the_method() {
+        use Engine::{Mitsuba, NaiveF64, Whitstone};
+        let ours = (Whitstone, [0.0, 0.5, 1.0]);
+        let report = judged([ours, (Mitsuba, [0.0, 20.0, 20.0]), (NaiveF64, [0.0, 20.0, 20.0])]);
+        assert_eq!(report.frontier(NaiveF64), "1e1 (method)");
+        assert_eq!(report.frontier(Mitsuba), "1e1");
+    }
+
+    #[test]
+    fn a_backend_that_refuses_a_step_has_its_frontier_there() {
+        struct Refuses;
+        impl Family for Refuses {
+            fn about(&self) -> About {
+                About {
+                    name: "refuses",
+                    catalogue: &[],
+                    parameter: "nothing",
+                    measure: "none",
+                    promise: "1",
+                    pass: 1.0,
+                    usable: 10.0,
+                    reach: 100.0,
+                    floor: 0.1,
+                    limit: None,
+                }
+            }
+            fn parameters(&self) -> Vec<f64> {
+                vec![1.0, 10.0, 100.0]
+            }
+            fn step(&self, parameter: f64, _: &Lab<'_>) -> Result<Vec<(Engine, crate::Answer)>, String> {
+                let large = parameter > 1.0;
+                let answer = if large {
+                    Err("too large".to_owned())
+                } else {
+                    Ok(Sample::new(0.5))
+                };
+                Ok(vec![
+                    (Engine::Whitstone, Ok(Sample::new(0.0))),
+                    (Engine::Mitsuba, answer.clone()),
+                    (Engine::Obvhs, answer),
+                ])
+            }
+        }
+        let registry = whitstone_core::Registry::default();
+        let lab = Lab::new(&registry, None, 1);
+        let report = FamilyReport::measure(&Refuses, &lab, &|_| ()).expect("it has no errors");
+        assert_eq!(report.frontier(Engine::Obvhs), "1e1 (refused)");
+        // Others take no part, because a frontier by a missing feature would mean nothing.
+        assert_eq!(report.frontier(Engine::Mitsuba), "–");
     }
 }
