@@ -281,7 +281,7 @@ impl Shape for Patch {
                     size: leaf.size,
                 };
                 let patch = &self.patches[leaf.patch as usize];
-                let is_complete = roots::roots(piece, near, |root| {
+                let is_complete = roots::roots(piece, near, roots::MAX_PIECES, |root| {
                     let Some(root) = roots::polished(&line.seen(patch), root, 2.0 * near) else {
                         return;
                     };

@@ -737,7 +737,7 @@ mod tests {
             headline(std::slice::from_ref(&report))
                 .contains("| fixed | nothing: 1e0 to 1e2 | none | – | 1e2 | first step |")
         );
-        assert!(table(&[report]).contains("| none | 1e2 | – | first step | pass |"));
+        assert!(table(&[report]).contains("| none | 1e2 | – | – | first step | pass |"));
     }
 
     #[test]

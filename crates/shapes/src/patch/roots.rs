@@ -25,7 +25,7 @@ const SHRINKS: f64 = 0.6;
 const THIN: f64 = 1e-6;
 
 /// Maximum number of pieces examined per leaf. A tangent ray needs a few hundred.
-const MAX_PIECES: u32 = 8192;
+pub(super) const MAX_PIECES: u32 = 8192;
 
 /// Maximum number of Newton steps; usually four.
 const MAX_STEPS: u32 = 64;
@@ -47,13 +47,14 @@ fn range(numbers: impl Iterator<Item = f64>) -> (f64, f64) {
 }
 
 /// Calls `found` with the parameters of every root; some roots may be reported twice. Points within
-/// `near` of the ray count as roots. Returns whether all pieces were examined.
+/// `near` of the ray count as roots. Returns whether all pieces were examined, of which there may
+/// be `most`.
 #[must_use]
-pub(super) fn roots(first: Piece, near: f64, mut found: impl FnMut(DVec2)) -> bool {
+pub(super) fn roots(first: Piece, near: f64, most: u32, mut found: impl FnMut(DVec2)) -> bool {
     let mut next = Some(first);
     // Allocates only if a piece is halved.
     let mut waiting: Vec<Piece> = Vec::new();
-    for _ in 0..MAX_PIECES {
+    for _ in 0..most {
         let Some(piece) = next.take().or_else(|| waiting.pop()) else {
             return true;
         };

@@ -269,14 +269,17 @@ fn what_is_no_patch_is_refused() {
 }
 
 #[test]
-fn a_ray_along_a_fold_reaches_the_limit_and_is_counted() {
-    // All of the surface lies in the plane z = 0, four times over each point.
-    let line = [0.0, 4.0, -3.0, 1.0];
-    let points = std::array::from_fn(|k| DVec3::new(line[k % 4], line[k / 4], 0.0));
-    let patch = patch(&points);
-    assert_eq!(patch.search_limit(), None);
-    let ray = Ray::new(DVec3::new(-9.0, 0.3, 0.0), DVec3::X);
-    let _ = patch.intersect(&ray, Interval::FORWARD, None);
-    let reached = patch.search_limit();
-    assert!(reached.is_some_and(|reached| reached.rays == 1), "{reached:?}");
+fn a_search_that_runs_out_says_so() {
+    let points = wave(1.0).map(|p| p.truncate() - DVec2::new(0.1, 0.2));
+    let piece = Piece {
+        net: Net(points),
+        low: DVec2::ZERO,
+        size: DVec2::ONE,
+    };
+    let mut found = 0;
+    assert!(roots::roots(piece, 1e-12, roots::MAX_PIECES, |_| found += 1));
+    assert_eq!(found, 1);
+    // No known surface needs all pieces; with none, nothing is found.
+    assert!(!roots::roots(piece, 1e-12, 0, |_| found += 1));
+    assert_eq!(found, 1);
 }
