@@ -275,8 +275,8 @@ fn judge(mesh: &Mesh, question: &Question, truth: Option<Hit>, found: Option<Hit
     };
     let cosine = |triangle: usize| ray.direction.normalize().dot(normal(triangle)).abs().max(1e-9);
     let near = |hit: Hit| is_near_edge(ray, mesh.corners(hit.triangle));
-    // A hit at an end of the interval, or along the surface, may count or not. At an end is one whose
-    // t may be on its other side by the error that is allowed.
+    // A hit at an end of the interval, or along the surface, may count or not. It is at an end if
+    // the error that t may have takes it to the other side.
     let is_open = |hit: Hit| {
         let room = ERROR * farthest(ray, mesh.corners(hit.triangle)) / cosine(hit.triangle);
         let is_near = |end: f64| end.is_finite() && end > 0.0 && (hit.t - end).abs() <= room;
@@ -628,8 +628,8 @@ mod tests {
         }
     }
 
-    /// The error that t may have decides at an end of the interval, too: close to the origin of a ray
-    /// it is not relative to t.
+    /// The error that t may have decides at an end of the interval, too: close to the origin of a
+    /// ray it is not relative to t.
     #[test]
     fn ends_of_intervals_are_rounded_like_t() {
         let mesh = mesh();

@@ -436,8 +436,9 @@ pub(super) fn of_glass() -> Vec<Choice> {
     ]
 }
 
-/// Two walls next to the line of sight, from 2 cm to 10 m before the camera, and what is behind. The
-/// view is turned a little, so that no edge passes through the centres or the corners of pixels.
+/// Two walls next to the line of sight, from 2 cm to 10 m before the camera, and what is behind.
+/// The view is turned a little, so that no edge passes through the centres or the corners of
+/// pixels.
 pub(super) fn near() -> Probe {
     const TURN: &str = "{ rotate = { axis = [0, 1, 0], degrees = 90 } }";
     let body = [

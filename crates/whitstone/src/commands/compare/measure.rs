@@ -148,7 +148,11 @@ pub(super) fn measure(
                 None => Some(flip(ours, reference).map_err(Failure::usage)?.mean),
                 Some(_) => None,
             };
-            Some((hdr, flip_ldr(ours, reference).map_err(Failure::usage)?.mean))
+            let ldr = match &codes {
+                Some(codes) if codes.differing == 0 => 0.0,
+                _ => flip_ldr(ours, reference).map_err(Failure::usage)?.mean,
+            };
+            Some((hdr, ldr))
         }
         false => None,
     };
