@@ -1,5 +1,6 @@
 //! The adapters of `subjects`, where their renderers are installed: each renders the probes of
-//! `conventions` by the conventions that its table states. The others are skipped, and reported.
+//! `conventions` by the conventions that its table states. The kernel answers rays. The others are
+//! skipped, and reported.
 
 use std::process::{Command, Stdio};
 use whitstone_tests::{program, root, skipped};
@@ -41,11 +42,35 @@ fn check(subject: &str, needs: &[(&str, &[&str])]) {
     assert!(text.contains(&format!("{subject}: 0 findings")), "{text}");
 }
 
+/// The verdict on a kernel of `subjects`.
+fn check_kernel(name: &str, file: &str, needs: &str) {
+    if !works("python3", &["-c", needs]) {
+        skipped(&format!("{name}: `python3 -c '{needs}'` does not work here"));
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let output = program!()
+        .current_dir(root())
+        .args(["stress", "--rays", "20000", "--target"])
+        .arg(folder.path())
+        .args(["--kernel", "python3", file])
+        .output()
+        .unwrap();
+    let text = String::from_utf8_lossy(&[&output.stdout[..], &output.stderr[..]].concat()).into_owned();
+    assert_eq!(output.status.code(), Some(0), "{text}");
+    assert!(text.ends_with("pass\n"), "{text}");
+}
+
 const NUMPY: (&str, &[&str]) = ("python3", &["-c", "import numpy, tomllib"]);
 
 #[test]
 fn cycles() {
     check("cycles", &[NUMPY, ("python3", &["-c", "import bpy"])]);
+}
+
+#[test]
+fn embreex() {
+    check_kernel("embreex", "subjects/embreex_kernel.py", "import numpy, embreex");
 }
 
 #[test]

@@ -282,6 +282,99 @@ fn a_layer_is_compared_by_name() {
     );
 }
 
+/// Each channel has its own limit, and ids are compared exactly.
+#[test]
+fn other_channels_have_limits_of_their_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let with = |id: f32, depth: f32| {
+        let mut image = wall(|_, _| 0.0);
+        image.channel_mut("shape_id.I").unwrap()[17] = id;
+        image.add_channel("depth.Z", vec![depth; 256]).unwrap();
+        image
+    };
+    let reference = put(folder.path(), "reference.exr", &with(0.0, 2.0));
+    let ours = put(folder.path(), "ours.exr", &with(1.0, 2.001));
+    let compare = |more: &[&str], code, parts: &[&str]| {
+        check(&[&["compare", &ours, &reference], more].concat(), code, parts)
+    };
+    compare(&[], 0, &["channels not compared  depth.Z, shape_id.I"]);
+    let text = compare(
+        &["--channel", "depth.Z=0.01"],
+        0,
+        &["no pixel differs by more than 0.01"],
+    );
+    assert!(text.contains("channels not compared  shape_id.I"), "{text}");
+    compare(
+        &["--channel", "depth.Z=1e-4"],
+        1,
+        &["DIFFERS: depth.Z: 256 pixels differ by more than 0.0001; worst: pixel (0, 0)"],
+    );
+    let id = "shape_id.I: 1 pixel differs by more than 0; worst: pixel (1, 1), ours 1, reference 0";
+    compare(&["--channel", "depth.Z=1", "--channel", "*"], 1, &[id]);
+    compare(&["--channel", "dept.Z"], 2, &["did you mean depth.Z?"]);
+    compare(&["--channel", "depth.Z=x"], 2, &["depth.Z=x"]);
+    // What is masked agrees.
+    let mask = Image::from_fn(16, 16, |x, y| [if (x, y) == (1, 1) { 0.0 } else { 1.0 }; 3]).unwrap();
+    let mask = put(folder.path(), "mask.exr", &mask);
+    compare(&["--channel", "shape_id.I", "--mask", &mask], 0, &["pass"]);
+    let json = folder.path().join("compare.json");
+    compare(
+        &["--channel", "shape_id.I", "--json", json.to_str().unwrap()],
+        1,
+        &[],
+    );
+    let json: Value = serde_json::from_slice(&fs::read(json).unwrap()).unwrap();
+    assert_eq!(json["channels"][0]["worst"]["at"], serde_json::json!([1, 1]));
+}
+
+/// The page has all images, with what differs first.
+#[test]
+fn a_page_shows_all_images() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, image) in [
+        ("ours/<b>.exr", wall(|_, _| 0.0)),
+        ("refs/<b>.exr", wall(|_, _| 0.0)),
+        ("ours/other.exr", wall(|x, _| 0.01 * x as f32)),
+        ("refs/other.exr", wall(|_, _| 0.0)),
+        ("ours/new.exr", wall(|_, _| 0.0)),
+    ] {
+        put(folder.path(), name, &image);
+    }
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let page = |ours: &str, refs: &str, code: i32| {
+        check(
+            &["compare", &at(ours), &at(refs), "--html", &at("page.html")],
+            code,
+            &[],
+        );
+        fs::read_to_string(at("page.html")).unwrap()
+    };
+    let html = page("ours", "refs", 1);
+    for words in [
+        "3 images compared, 2 with differences",
+        "&#60;b&#62;.exr",
+        "other.exr",
+        "pixels are over tolerance; the limit is 0",
+        "not comparable",
+        "missing in ",
+    ] {
+        assert!(html.contains(words), "{words}");
+    }
+    // Ours, the reference and the error of both pairs, and the new image alone.
+    assert_eq!(html.matches("<figcaption>").count(), 7);
+    assert_eq!(html.matches("data-pixels=").count(), 2);
+    assert!(
+        !html.contains("class=\"accept\"") && !html.contains("id=\"done\""),
+        "no buttons"
+    );
+    let html = page("ours/other.exr", "refs/other.exr", 1);
+    assert!(html.contains("1 image compared, 1 with differences"));
+    let html = page("ours/<b>.exr", "refs/<b>.exr", 0);
+    assert!(html.contains("1 image compared, no differences"));
+    let html = page("ours/new.exr", "refs/none.exr", 2);
+    assert!(html.contains("not comparable") && html.contains("none.exr"));
+}
+
 #[test]
 fn edges_are_left_out_of_the_interior() {
     let folder = tempfile::tempdir().unwrap();

@@ -64,12 +64,14 @@ fn expect(text: &str, count: usize, words: &[&str]) {
     }
 }
 
-const ALL_PROBES: [&str; 6] = [
+const ALL_PROBES: [&str; 8] = [
     "error of the probe with a directional light that no tried convention explains",
     "error of the probe with a point light",
     "error of the probe with a texture",
     "error of the probe with glass",
     "error of the probe with near surfaces",
+    "error of the probe with far surfaces",
+    "error of the probe with a spot",
     "spawn offset: shadow rays start less than 5e-6 m from their surface",
 ];
 
@@ -77,8 +79,15 @@ const ALL_PROBES: [&str; 6] = [
 fn conforming_renderers_have_no_findings() {
     expect(&conventions("", ""), 0, &ALL_PROBES);
     expect(&with_faults(""), 0, &ALL_PROBES);
-    // With meshes, where a format has no spheres.
-    expect(&conventions("", "scene = \"gltf\""), 0, &ALL_PROBES);
+    // With meshes, where a format has no spheres. Its spots have another edge.
+    let text = conventions("", "scene = \"gltf\"");
+    let others = ALL_PROBES.into_iter().filter(|words| !words.ends_with("a spot"));
+    expect(&text, 0, &others.collect::<Vec<_>>());
+    expect(
+        &text,
+        0,
+        &["the probe with a spot was skipped: the format only approximates it: "],
+    );
 }
 
 #[test]
@@ -137,6 +146,15 @@ fn conventions_of_lights_are_found() {
         ("headlight", &["an ambient radiance of (0.100, 0.100, 0.100)"]),
         ("sky", &["where a ray hits nothing, the image shows (0."]),
         ("light-from", &["comes from its `direction`"]),
+        ("whole-spot", &["the angles of a spot are taken as whole ones"]),
+        ("hard-spot", &["a spot has a hard edge at its cutoff"]),
+        (
+            "spot-lumen",
+            &[
+                "a spot, compared with a directional one, is darker by a factor of 3.14159",
+                "the lumen of a spot",
+            ],
+        ),
     ] {
         expect(&with_faults(faults), 1, words);
     }
@@ -164,6 +182,10 @@ fn conventions_of_scenes_are_found() {
         (
             "near-1",
             &["nearer to the camera than 1.000 m, measured along the view"],
+        ),
+        (
+            "far-1000",
+            &["surfaces at 2000 m are not seen, and those at 1000 m are (a far clip)"],
         ),
         ("epsilon", &["shadow rays start 1.0e-3 m along the ray:"]),
         ("bias", &["shadow rays start 1.1e-3 m above the surface:"]),

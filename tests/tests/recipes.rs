@@ -1,5 +1,5 @@
 //! The recipes of docs/ci.md, run as they stand there: a renderer in C++ that only writes PNG, and
-//! pre-commit. Those for pytest are in crates/python/tests.
+//! pre-commit. Those for pytest are in crates/python/tests. And the shell steps of action.yml.
 #![cfg(unix)]
 
 use std::fs;
@@ -140,4 +140,141 @@ fn a_hook_of_pre_commit() {
         assert_eq!((code, text.contains("Failed")), (Some(1), true), "{text}");
         assert!(text.contains("pixels have other codes"), "{text}");
     }
+}
+
+/// A step of action.yml: its script.
+fn step(name: &str) -> String {
+    let text = fs::read_to_string(root().join("action.yml")).unwrap();
+    let step = text.split(&format!("\n    - name: {name}\n")).nth(1);
+    let step = step.unwrap_or_else(|| panic!("action.yml has no step {name}"));
+    let step = step.split("\n    - name: ").next().unwrap();
+    let script = step.split("\n      run: |\n").nth(1);
+    let script = script.unwrap_or_else(|| panic!("the step {name} has no script"));
+    let lines = script
+        .lines()
+        .map(|line| line.strip_prefix("        ").unwrap_or(line));
+    lines.collect::<Vec<_>>().join("\n")
+}
+
+/// What a runner of GitHub Actions gives to steps, with a program `curl` that has one release.
+struct Runner(tempfile::TempDir);
+
+impl Runner {
+    fn new() -> Self {
+        let runner = Self(tempfile::tempdir().unwrap());
+        let at = |name: &str| runner.0.path().join(name);
+        let stored = "work/references/images/shapes/sphere";
+        for folder in [
+            "bin",
+            "temp",
+            "work/renders",
+            "work/scenes/shapes",
+            stored,
+            "release",
+        ] {
+            fs::create_dir_all(at(folder)).unwrap();
+        }
+        let name = "whitstone-1.2.3-x86_64-unknown-linux-gnu";
+        fs::create_dir(at(name)).unwrap();
+        symlink(
+            env!("CARGO_BIN_EXE_whitstone-under-test"),
+            at(name).join("whitstone"),
+        )
+        .unwrap();
+        let archive = format!(
+            "tar -czf release/{name}.tar.gz {name} && cd release && sha256sum {name}.tar.gz >{name}.tar.gz.sha256"
+        );
+        assert_eq!(runner.bash(&archive, runner.0.path(), &[]).0, Some(0));
+        // The last argument is the address.
+        let curl = "#!/bin/sh\nfor url; do :; done\necho \"$url\"\ncp \"$RELEASE/${url##*/}\" .\n";
+        fs::write(at("bin/curl"), curl).unwrap();
+        let mode = std::os::unix::fs::PermissionsExt::from_mode(0o755);
+        fs::set_permissions(at("bin/curl"), mode).unwrap();
+        runner
+    }
+
+    fn bash(&self, script: &str, folder: &Path, more: &[(&str, &str)]) -> (Option<i32>, String) {
+        let at = |name: &str| self.0.path().join(name);
+        let path = std::env::var("PATH").unwrap_or_default();
+        let added = fs::read_to_string(at("path")).unwrap_or_default();
+        let added: String = added.lines().map(|line| format!("{line}:")).collect();
+        // As GitHub runs `shell: bash`.
+        let output = Command::new("bash")
+            .args(["--noprofile", "--norc", "-eo", "pipefail", "-c", script])
+            .current_dir(folder)
+            .env("PATH", format!("{added}{}:{path}", at("bin").display()))
+            .env("RELEASE", at("release"))
+            .env("RUNNER_OS", "Linux")
+            .env("RUNNER_ARCH", "X64")
+            .env("RUNNER_TEMP", at("temp"))
+            .env("GITHUB_PATH", at("path"))
+            .env("GITHUB_STEP_SUMMARY", at("summary.md"))
+            .env("RUST_BACKTRACE", "0")
+            .envs(more.iter().copied())
+            .output()
+            .unwrap();
+        let text = [&output.stdout[..], &output.stderr[..]].concat();
+        (output.status.code(), String::from_utf8_lossy(&text).into_owned())
+    }
+
+    fn install(&self, version: &str, arch: &str) -> (Option<i32>, String) {
+        let more = [
+            ("VERSION", version),
+            ("REPOSITORY", "someone/whitstone"),
+            ("RUNNER_ARCH", arch),
+        ];
+        self.bash(&step("Install"), &self.0.path().join("work"), &more)
+    }
+
+    fn run(&self, command: &str) -> (Option<i32>, String) {
+        self.bash(&step("Run"), &self.0.path().join("work"), &[("COMMAND", command)])
+    }
+}
+
+#[test]
+fn the_steps_of_the_action() {
+    let runner = Runner::new();
+    let at = |name: &str| runner.0.path().join(name);
+    let (code, text) = runner.install("1.2.3", "X64");
+    assert_eq!(code, Some(0), "{text}");
+    let address = "https://github.com/someone/whitstone/releases/download/v1.2.3/whitstone-1.2.3-x86_64-unknown-linux-gnu.tar.gz";
+    assert!(text.contains(address) && text.contains("OK"), "{text}");
+
+    // The program that was installed is the one that runs.
+    let scene = "scenes/shapes/sphere.toml";
+    fs::copy(root().join(scene), at("work").join(scene)).unwrap();
+    let stored = "references/images/shapes/sphere";
+    for entry in fs::read_dir(root().join(stored)).unwrap() {
+        let entry = entry.unwrap();
+        let copy = at("work").join(stored).join(entry.file_name());
+        fs::copy(entry.path(), copy).unwrap();
+    }
+    let image = root().join(stored).join("mitsuba.exr");
+    fs::copy(&image, at("work/renders/a b.exr")).unwrap();
+    fs::create_dir(at("work/accepted")).unwrap();
+    fs::copy(&image, at("work/accepted/a b.exr")).unwrap();
+    let (code, text) = runner.run("compare renders accepted");
+    assert_eq!(code, Some(0), "{text}");
+    let xml = fs::read_to_string(at("work/whitstone.xml")).unwrap();
+    assert!(xml.contains("a b.exr"), "{xml}");
+    // Words are not expanded, and the exit code is that of the command.
+    let (code, text) = runner.run("compare renders $HOME/*");
+    assert_eq!(code, Some(2), "{text}");
+    assert!(text.contains("$HOME/*"), "{text}");
+    let (code, text) = runner.run(&format!("validate {scene} --reference stored"));
+    assert_eq!(code, Some(0), "{text}");
+    let summary = fs::read_to_string(at("summary.md")).unwrap();
+    assert!(summary.contains("sphere"), "{summary}");
+
+    // An archive that is not the published one, a release that is not there, another processor.
+    let archive = at("release/whitstone-1.2.3-x86_64-unknown-linux-gnu.tar.gz");
+    fs::write(archive, "another").unwrap();
+    assert_eq!(runner.install("1.2.3", "X64").0, Some(1));
+    assert_eq!(runner.install("9.9.9", "X64").0, Some(1));
+    let (code, text) = runner.install("1.2.3", "S390X");
+    assert_eq!(code, Some(3), "{text}");
+    assert!(
+        text.contains("::error::there is no release for Linux S390X"),
+        "{text}"
+    );
 }

@@ -46,6 +46,9 @@ pub struct Picture {
     pub codes: Codes,
 }
 
+/// The last code of 16 bits.
+const LAST_CODE: f32 = 65535.0;
+
 /// How codes represent linear values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Transfer {
@@ -70,10 +73,23 @@ impl Transfer {
 
     /// Decodes the colour channels of an image.
     pub fn apply(self, image: &mut Image) {
+        // Codes of 8 bits are some of those of 16.
+        let values = |code: usize| code as f32 / LAST_CODE;
+        let decoded = |value: f32| self.decode(f64::from(value)) as f32;
+        let table: Vec<f32> = match image.pixel_count() > LAST_CODE as usize {
+            true => (0..=LAST_CODE as usize)
+                .map(|code| decoded(values(code)))
+                .collect(),
+            false => Vec::new(),
+        };
         for name in RGB {
             if let Some(plane) = image.channel_mut(name) {
                 for value in plane {
-                    *value = self.decode(f64::from(*value)) as f32;
+                    let code = (*value * LAST_CODE).round() as usize;
+                    *value = match table.get(code) {
+                        Some(known) if values(code) == *value => *known,
+                        _ => decoded(*value),
+                    };
                 }
             }
         }
@@ -365,6 +381,29 @@ mod tests {
         assert!(fault(b"MM\0*\0\0").contains("damaged"));
         assert_eq!(fault(b"GIF89a...."), format!("not {EXPECTED}"));
         assert_eq!(fault(b""), format!("not {EXPECTED}"));
+    }
+
+    /// Large images are decoded by a table, with the same values.
+    #[test]
+    fn the_table_of_codes_has_the_decoded_values() {
+        let width = 70_000;
+        // Codes of 8 and of 16 bits, and values that are no codes.
+        let value = |x: usize| match x % 4 {
+            0 => (x % 256) as f32 / 255.0,
+            1 => (x % 65536) as f32 / 65535.0,
+            2 => x as f32 * 1e-5 - 0.1,
+            _ => 1.5,
+        };
+        let mut image = Image::from_fn(width, 1, |x, _| [value(x); 3]).unwrap();
+        for transfer in [Transfer::Srgb, Transfer::Gamma(2.2), Transfer::Linear] {
+            let before = image.clone();
+            transfer.apply(&mut image);
+            for (x, found) in image.channel("G").unwrap().iter().enumerate() {
+                let expected = transfer.decode(f64::from(value(x))) as f32;
+                assert!(found.to_bits() == expected.to_bits(), "{x}: {found} {expected}");
+            }
+            image = before;
+        }
     }
 
     #[test]

@@ -13,12 +13,16 @@ use crate::metrics::{CompareError, Pair};
 use crate::sum::Sum;
 use serde::Serialize;
 use std::f64::consts::PI;
+use std::ops::Range;
 use whitstone_image::Image;
 use whitstone_image::tone::{ACES, ToneCurve};
 
 /// Pixels per degree of the visual field for which the values are valid: a screen of 3840 pixels
 /// and 0.7 m, seen from 0.7 m.
 pub const PIXELS_PER_DEGREE: f64 = 0.7 * (3840.0 / 0.7) * (PI / 180.0);
+
+/// Columns and rows of a tile.
+const TILE: usize = 128;
 
 /// The visibility of a difference.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -233,8 +237,57 @@ impl Filters {
         }
     }
 
-    /// The FLIP values of two images with values in [0, 1].
+    /// The FLIP values of two images with values in [0, 1]. Far from all differences they are 0, so
+    /// only tiles next to one are computed, with the pixels around them that the filters reach.
     fn map(&self, ours: &[Vec3], reference: &[Vec3], width: usize) -> Vec<f64> {
+        let height = ours.len() / width.max(1);
+        let kernels = self.sensitivity.iter().flatten().map(|(_, kernel)| kernel);
+        let reach = kernels.chain(&self.feature).map(|kernel| kernel.len() / 2);
+        let reach = reach.max().unwrap_or(0);
+        let [across, down] = [width, height].map(|size| size.div_ceil(TILE));
+        let mut near = vec![false; across * down];
+        for (index, _) in ours
+            .iter()
+            .zip(reference)
+            .enumerate()
+            .filter(|(_, (a, b))| a != b)
+        {
+            let tiles =
+                |at: usize, size: usize| at.saturating_sub(reach) / TILE..=(at + reach).min(size - 1) / TILE;
+            for y in tiles(index / width, height) {
+                for x in tiles(index % width, width) {
+                    near[y * across + x] = true;
+                }
+            }
+        }
+        if 2 * near.iter().filter(|near| **near).count() > near.len() {
+            return self.whole(ours, reference, width);
+        }
+        let mut map = vec![0.0; ours.len()];
+        for tile in (0..near.len()).filter(|&tile| near[tile]) {
+            let inner = |tile: usize, size: usize| tile * TILE..((tile + 1) * TILE).min(size);
+            let outer = |inner: &Range<usize>, size: usize| {
+                inner.start.saturating_sub(reach)..(inner.end + reach).min(size)
+            };
+            let (columns, rows) = (inner(tile % across, width), inner(tile / across, height));
+            let (wide, high) = (outer(&columns, width), outer(&rows, height));
+            let part = |image: &[Vec3]| -> Vec<Vec3> {
+                let rows = high
+                    .clone()
+                    .flat_map(|y| &image[y * width + wide.start..y * width + wide.end]);
+                rows.copied().collect()
+            };
+            let values = self.whole(&part(ours), &part(reference), wide.len());
+            for y in rows {
+                let from = (y - high.start) * wide.len() + columns.start - wide.start;
+                map[y * width + columns.start..y * width + columns.end]
+                    .copy_from_slice(&values[from..from + columns.len()]);
+            }
+        }
+        map
+    }
+
+    fn whole(&self, ours: &[Vec3], reference: &[Vec3], width: usize) -> Vec<f64> {
         let (ours, reference) = (self.seen(ours, width), self.seen(reference, width));
         let value = |(ours, reference): (&Seen, &Seen)| {
             let colour = self.spread(distance(ours.color, reference.color));
@@ -388,6 +441,35 @@ mod tests {
         for (found, expected) in values.into_iter().zip(expected) {
             assert_abs_diff_eq!(found, expected, epsilon = 1e-4);
         }
+    }
+
+    /// A tile has the values of the whole image, at borders and far from them.
+    #[test]
+    fn tiles_have_the_values_of_the_whole_image() {
+        let [width, height] = [420, 300];
+        let color = |index: usize| {
+            let [x, y] = [index % width, index / width].map(|part| part as f64);
+            [0.5 + 0.4 * (0.1 * x).sin(), 0.5 + 0.4 * (0.13 * y).cos(), 0.3]
+        };
+        let reference: Vec<Vec3> = (0..width * height).map(color).collect();
+        let filters = Filters::new(PIXELS_PER_DEGREE);
+        let same = filters.map(&reference, &reference, width);
+        assert!(same.iter().all(|value| *value == 0.0));
+        let mut ours = reference.clone();
+        // The corner, two tiles at once, and the last column.
+        for [x, y] in [[0, 0], [TILE, 40], [width - 1, height - 20]] {
+            ours[y * width + x] = [1.0, 0.0, 0.0];
+        }
+        let whole = filters.whole(&ours, &reference, width);
+        assert_eq!(filters.map(&ours, &reference, width), whole);
+        assert!(whole.iter().filter(|value| **value > 0.0).count() > 500);
+        // More than half of the tiles: at once.
+        for x in 0..width {
+            ours[150 * width + x] = [0.0; 3];
+            ours[20 * width + x] = [0.0; 3];
+        }
+        let whole = filters.whole(&ours, &reference, width);
+        assert_eq!(filters.map(&ours, &reference, width), whole);
     }
 
     #[test]

@@ -5,6 +5,7 @@
 //! computed for: by Whitstone's watertight test in double precision.
 
 use crate::Lab;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -274,9 +275,11 @@ fn judge(mesh: &Mesh, question: &Question, truth: Option<Hit>, found: Option<Hit
     };
     let cosine = |triangle: usize| ray.direction.normalize().dot(normal(triangle)).abs().max(1e-9);
     let near = |hit: Hit| is_near_edge(ray, mesh.corners(hit.triangle));
-    // A hit at an end of the interval, or along the surface, may count or not.
+    // A hit at an end of the interval, or along the surface, may count or not. It is at an end if
+    // the error that t may have takes it to the other side.
     let is_open = |hit: Hit| {
-        let is_near = |end: f64| end.is_finite() && (hit.t - end).abs() <= ERROR * end;
+        let room = ERROR * farthest(ray, mesh.corners(hit.triangle)) / cosine(hit.triangle);
+        let is_near = |end: f64| end.is_finite() && end > 0.0 && (hit.t - end).abs() <= room;
         let ends = [interval.min, interval.max].map(is_near);
         ends.contains(&true) || cosine(hit.triangle) < 1e-3
     };
@@ -374,26 +377,42 @@ pub fn judge_kernel(
         };
         // The first half has no limits, then there is an upper, then a lower one.
         for (kind, count) in [(0, rays - rays / 2), (1, rays / 4), (2, rays / 2 - rays / 4)] {
-            let mut left = count;
-            while left > 0 {
-                let questions: Vec<Question> = (0..left.min(BATCH))
-                    .map(|_| limited(mesh.ray(&mut random), kind, &nearest, &mut random))
-                    .collect();
-                left -= questions.len();
+            let mut ask = |batch: &Batch| {
                 let start = Instant::now();
-                let answer = driver.request(&request(&questions));
-                report.seconds += start.elapsed().as_secs_f64();
-                let answer = match answer {
+                let answer = driver.request(&batch.request);
+                let seconds = start.elapsed().as_secs_f64();
+                let found = answer.map(|answer| hits(mesh, &answer, batch.questions.len()));
+                (found, seconds)
+            };
+            let mut left = count;
+            let mut next = || {
+                let size = left.min(BATCH);
+                left -= size;
+                (size > 0).then(|| Batch::new(mesh, size, kind, &nearest, &mut random))
+            };
+            let mut open = next();
+            // While the kernel works on a batch, the answers to the last one are judged.
+            let mut answered: Option<(Batch, Vec<Option<Hit>>)> = None;
+            while let Some(batch) = open.take() {
+                let judging = || {
+                    if let Some((batch, found)) = answered.take() {
+                        report.add_all(mesh, &batch, &found);
+                    }
+                    open = next();
+                };
+                let ((found, seconds), ()) = rayon::join(|| ask(&batch), judging);
+                report.seconds += seconds;
+                match found {
                     Err(DriverError::Unsupported(why)) => {
                         report.skipped = Some(why);
                         break;
                     }
-                    answer => answer.map_err(|error| told(&error))?,
-                };
-                let found = hits(mesh, answer, questions.len())?;
-                for (question, found) in questions.iter().zip(found) {
-                    report.add(mesh, question, nearest(question), found);
+                    Err(error) => return Err(told(&error)),
+                    Ok(found) => answered = Some((batch, found?)),
                 }
+            }
+            if let Some((batch, found)) = answered {
+                report.add_all(mesh, &batch, &found);
             }
         }
         reports.push(report);
@@ -401,23 +420,55 @@ pub fn judge_kernel(
     Ok(reports)
 }
 
-/// A question whose interval ends before or begins after the nearest hit, or has no limits.
-fn limited(ray: Ray, kind: u32, nearest: &dyn Fn(&Question) -> Option<Hit>, random: &mut Random) -> Question {
-    let free = Question {
-        ray,
-        interval: Interval::FORWARD,
-    };
-    let t = nearest(&free).map_or(1.0, |hit| hit.t);
-    let end = f64::from((t * (0.5 + random.unit())) as f32);
-    let interval = match kind {
-        0 => Interval::FORWARD,
-        1 => Interval::up_to(end),
-        _ => Interval {
-            min: end,
-            max: f64::INFINITY,
-        },
-    };
-    Question { ray, interval }
+/// Rays of one request, with the true answers.
+struct Batch {
+    questions: Vec<Question>,
+    truths: Vec<Option<Hit>>,
+    request: Value,
+}
+
+impl Batch {
+    /// Rays at a mesh whose intervals have no limits (0), end near the nearest hit (1) or begin
+    /// there (2).
+    fn new(
+        mesh: &Mesh,
+        size: usize,
+        kind: u32,
+        nearest: &(dyn Fn(&Question) -> Option<Hit> + Sync),
+        random: &mut Random,
+    ) -> Self {
+        // Each ray has numbers of its own, so that threads can share the work.
+        let seeds: Vec<u64> = (0..size).map(|_| random.bits()).collect();
+        let (questions, truths): (Vec<Question>, _) = seeds
+            .into_par_iter()
+            .map(|seed| {
+                let mut random = Random::new(seed);
+                let mut question = Question {
+                    ray: mesh.ray(&mut random),
+                    interval: Interval::FORWARD,
+                };
+                let first = nearest(&question);
+                if kind == 0 {
+                    return (question, first);
+                }
+                let t = first.map_or(1.0, |hit| hit.t);
+                let end = f64::from((t * (0.5 + random.unit())) as f32);
+                question.interval = match kind {
+                    1 => Interval::up_to(end),
+                    _ => Interval {
+                        min: end,
+                        max: f64::INFINITY,
+                    },
+                };
+                (question, nearest(&question))
+            })
+            .unzip();
+        Self {
+            request: request(&questions),
+            questions,
+            truths,
+        }
+    }
 }
 
 fn request(questions: &[Question]) -> Value {
@@ -432,8 +483,8 @@ fn request(questions: &[Question]) -> Value {
 }
 
 /// The hits of an answer.
-fn hits(mesh: &Mesh, answer: Value, count: usize) -> Result<Vec<Option<Hit>>, String> {
-    let answers: Answers = serde_json::from_value(answer)
+fn hits(mesh: &Mesh, answer: &Value, count: usize) -> Result<Vec<Option<Hit>>, String> {
+    let answers = Answers::deserialize(answer)
         .map_err(|error| format!("the kernel gave an invalid answer: {error}"))?;
     let lengths = [
         answers.t.len(),
@@ -467,10 +518,24 @@ fn hits(mesh: &Mesh, answer: Value, count: usize) -> Result<Vec<Option<Hit>>, St
 }
 
 impl KernelReport {
-    fn add(&mut self, mesh: &Mesh, question: &Question, truth: Option<Hit>, found: Option<Hit>) {
+    /// Adds the answers to a batch.
+    fn add_all(&mut self, mesh: &Mesh, batch: &Batch, found: &[Option<Hit>]) {
+        let Batch {
+            questions, truths, ..
+        } = batch;
+        let judged: Vec<Judgement> = (questions, truths, found)
+            .into_par_iter()
+            .map(|(question, truth, found)| judge(mesh, question, *truth, *found))
+            .collect();
+        for (index, judgement) in judged.into_iter().enumerate() {
+            self.add(&questions[index], truths[index], found[index], judgement);
+        }
+    }
+
+    fn add(&mut self, question: &Question, truth: Option<Hit>, found: Option<Hit>, judgement: Judgement) {
         self.rays += 1;
         self.hits += usize::from(truth.is_some());
-        let word = match judge(mesh, question, truth, found) {
+        let word = match judgement {
             Judgement::Right(error) => {
                 self.largest_error = self.largest_error.max(error);
                 return;
@@ -560,6 +625,27 @@ mod tests {
                 expected == Judgement::NearEdge,
                 "{x}"
             );
+        }
+    }
+
+    /// The error that t may have decides at an end of the interval, too: close to the origin of a
+    /// ray it is not relative to t.
+    #[test]
+    fn ends_of_intervals_are_rounded_like_t() {
+        let mesh = mesh();
+        let question = |to: f64| Question {
+            ray: Ray::new(DVec3::new(0.25, 0.25, 1e-4), -DVec3::Z),
+            interval: Interval::up_to(to),
+        };
+        let found = hit(1e-4, [0.25; 2]);
+        // The farthest corner is 0.79 m away, so 7.9e-6 are allowed.
+        for (short, expected) in [(7e-6, Judgement::NearEdge), (9e-6, Judgement::WrongHit)] {
+            let question = question(1e-4 - short);
+            assert_eq!(judge(&mesh, &question, None, found), expected, "{short}");
+        }
+        for (long, expected) in [(7e-6, Judgement::NearEdge), (9e-6, Judgement::Hole)] {
+            let question = question(1e-4 + long);
+            assert_eq!(judge(&mesh, &question, found, None), expected, "{long}");
         }
     }
 

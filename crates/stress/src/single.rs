@@ -21,6 +21,9 @@ const SCENES: u64 = 32;
 const SCENE_ULPS: f64 = 4.0;
 /// The largest change of points and directions of rays, as for [`crate::Sample::excused`].
 const RAY_ULPS: f64 = 16.0;
+/// Number of changes of the rays of each size. Where a shape is as small as the roundings of its
+/// place, about one in twenty changes meets it.
+const REPEATS: u64 = 128;
 /// Smaller changes are tried too, each a half or a quarter of the one before: far from the origin,
 /// the largest one leads far past a shape that the roundings of a renderer still hit.
 const SIZES: i32 = 4;
@@ -60,7 +63,7 @@ impl<'a> Questions<'a> {
             repeats,
             ulps: ulps * ULP,
         };
-        let exact = (0..SIZES).map(|size| (self.exact, care(16, RAY_ULPS * 0.25_f64.powi(size))));
+        let exact = (0..SIZES).map(|size| (self.exact, care(REPEATS, RAY_ULPS * 0.25_f64.powi(size))));
         let changed = changed.iter().map(|tracer| (tracer, care(2, 1.0)));
         let mut values = Vec::new();
         for (tracer, care) in exact.chain(changed) {

@@ -20,7 +20,7 @@ use crate::subject::Subject;
 use crate::subject::render::SubjectError;
 use choices::{Examined, Picked, changes, descend, examine};
 pub use image::Filter;
-use image::{ALL_FREE, Free, Guess, Samples, TRANSFERS, best, compose, fit};
+use image::{ALL_FREE, Fit, Free, Guess, Samples, TRANSFERS, best, compose, fit};
 use probe::{Lab, Probe, VIEWS};
 use serde::Serialize;
 use std::path::Path;
@@ -152,11 +152,9 @@ impl From<String> for NoProbe {
 fn image_of(lab: &Lab<'_>, probes: [Probe; 2]) -> Result<(Probe, Image), NoProbe> {
     let [probe, with_meshes] = probes;
     let (probe, image) = match lab.subject(&probe) {
-        Err(SubjectError::NotExpressible(first)) if with_meshes.body != probe.body => {
-            match lab.subject(&with_meshes) {
-                Err(SubjectError::NotExpressible(_)) => return Err(NoProbe::Skipped(first)),
-                other => (with_meshes, other?),
-            }
+        Err(SubjectError::NotExpressible(_)) if with_meshes.body != probe.body => {
+            let image = lab.subject(&with_meshes)?;
+            (with_meshes, image)
         }
         other => (probe, other?),
     };
@@ -226,6 +224,8 @@ pub fn find(
         ([surfaces::texture(), surfaces::texture()], surfaces::of_texture()),
         ([false, true].map(surfaces::glass), surfaces::of_glass()),
         ([surfaces::near(), surfaces::near()], surfaces::of_near()),
+        ([surfaces::far(), surfaces::far()], surfaces::of_far()),
+        ([false, true].map(surfaces::spot), surfaces::of_spot()),
     ];
     for (probes, choices) in others {
         let name = probes[0].name;
@@ -235,6 +235,10 @@ pub fn find(
             let found = examine(&lab, &probe, &choices, &image, &film)?;
             result.errors.push((name, found.fit.error));
             result.findings.extend(found.findings);
+            if probe.folder == "spot" && found.picked.iter().all(Option::is_none) {
+                let finding = units("a spot", &found.fit, &film);
+                result.findings.extend(finding);
+            }
             Ok(())
         });
         record(name, examined, &mut result)?;
@@ -577,19 +581,27 @@ fn of_point(
     } = examine(lab, probe, &choices, image, film)?;
     result.errors.push((probe.name, found.error));
     result.findings.extend(findings);
-    let relative = found.factor / film.factor;
-    let without = (relative - 1.0).abs();
-    let falls_off = picked.last().is_some_and(Option::is_none);
-    if falls_off && without > SAME_FACTOR.max(CLEARLY * found.error) {
-        result.findings.push(Finding {
-            convention: "units of point lights",
-            sentence: factor_sentence("a point light, compared with a directional one,", relative),
-            error: found.error,
-            error_without: without,
-            key: None,
-        });
+    if picked.last().is_some_and(Option::is_none) {
+        result.findings.extend(units("a point light", &found, film));
     }
     Ok(())
+}
+
+/// The factor of the values of a light, compared with those of a directional light.
+fn units(light: &'static str, found: &Fit, film: &Film) -> Option<Finding> {
+    let relative = found.factor / film.factor;
+    let without = (relative - 1.0).abs();
+    let is_other = without > SAME_FACTOR.max(CLEARLY * found.error);
+    is_other.then(|| Finding {
+        convention: match light {
+            "a spot" => "units of spots",
+            _ => "units of point lights",
+        },
+        sentence: factor_sentence(&format!("{light}, compared with a directional one,"), relative),
+        error: found.error,
+        error_without: without,
+        key: None,
+    })
 }
 
 fn direction(x: f64, y: f64) -> String {

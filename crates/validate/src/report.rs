@@ -24,7 +24,7 @@ pub(crate) mod tests;
 pub use changes::{Baseline, Change, Changes, Kind};
 pub use comparison::{Compared, Comparison, NamedResults, Pair};
 pub use extras::{Diagram, Extras};
-pub use review::{ReviewDetails, ReviewPixel, ReviewRow, review_details, review_page};
+pub use review::{ReviewDetails, ReviewPixel, ReviewRow, compare_page, review_details, review_page};
 pub use script::drawing;
 
 use crate::matrix::{Cell, Tally};

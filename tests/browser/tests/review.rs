@@ -1,10 +1,13 @@
 //! What a user of `compare --review` does: look at the pictures of a pair, accept it, undo it, end.
+//! And the page of `compare --html`, which has the same viewer.
 
 use libtest_mimic::{Arguments, Failed, Trial};
 use std::path::Path;
 use std::sync::Mutex;
 use whitstone_browser::{Browser, Driver, Problem, UNEXPLAINED, images};
-use whitstone_validate::report::{ReviewDetails, ReviewPixel, ReviewRow, review_details, review_page};
+use whitstone_validate::report::{
+    ReviewDetails, ReviewPixel, ReviewRow, compare_page, review_details, review_page,
+};
 use whitstone_validate::{Pictures, Stop};
 use whitstone_view::{Pairs, Review, Standing};
 
@@ -40,6 +43,7 @@ impl Pairs for Two {
             problems: &problems,
             writes: Some(format!("references/{name}")),
             accepted: false,
+            details: "",
         });
         review_page("renders and references", &rows, nonce)
     }
@@ -157,6 +161,47 @@ fn run(driver: &Driver, pictures: &Path) -> Result<(), Problem> {
     })
 }
 
+/// The page of `--html` from disk: the pair that differs is open, and its viewer works.
+fn page_of_html(driver: &Driver, pictures: &Path) -> Result<(), Problem> {
+    let details = Two::default().details(0);
+    let row = |name: &'static str, is_right: bool| ReviewRow {
+        name,
+        word: if is_right { "pass" } else { "differs" },
+        is_right,
+        problems: &[],
+        writes: None,
+        accepted: false,
+        details: &details,
+    };
+    let folder = tempfile::tempdir()?;
+    let file = folder.path().join("compare.html");
+    std::fs::write(&file, compare_page("a and b", &[row("a", true), row("b", false)]))?;
+    let address = format!("file://{}", file.display());
+    Browser::visit(driver, &address, "compare", pictures).and_then(|browser| {
+        let found = look(&browser);
+        browser.close(found)
+    })
+}
+
+fn look(browser: &Browser) -> Result<(), Problem> {
+    let pair = "details[data-pair='1']";
+    browser.wait(&format!(
+        "document.querySelector(\"{pair} .pictures[data-ready=true] canvas.beside\")"
+    ))?;
+    let closed = "!document.querySelector(\"details[data-pair='0']\").open";
+    browser.wait(closed)?;
+    let width =
+        format!("document.querySelector(\"{pair} .pictures figure\").getBoundingClientRect().width > 200");
+    browser.wait(&width)?;
+    browser.click(&format!("{pair} .worst .place button"))?;
+    let readout = browser.text(&format!("{pair} .readout"))?;
+    check(readout.contains("over tolerance"), &readout)?;
+    check(
+        browser.text("h1")? == "2 images compared, 1 with differences",
+        "the heading",
+    )
+}
+
 fn main() {
     let arguments = Arguments::from_args();
     let required = std::env::var("WHITSTONE_BROWSER").is_ok_and(|value| value == "required");
@@ -166,7 +211,11 @@ fn main() {
         eprintln!("the test is ignored: {problem}");
     }
     let pictures = Path::new(env!("CARGO_TARGET_TMPDIR")).join("review");
-    let trial = move || -> Result<(), Failed> { Ok(run(&driver?, &pictures)?) };
+    let trial = move || -> Result<(), Failed> {
+        let driver = driver?;
+        run(&driver, &pictures)?;
+        Ok(page_of_html(&driver, &pictures)?)
+    };
     let trial = Trial::test("review", trial).with_ignored_flag(absent && !required);
     libtest_mimic::run(&arguments, vec![trial]).exit();
 }

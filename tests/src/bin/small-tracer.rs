@@ -194,6 +194,8 @@ struct Light {
     place: Vector,
     power: Vector,
     falls_off: bool,
+    /// Of a spot: its axis, its cutoff and its beam, in radians.
+    cone: Option<(Vector, [f64; 2])>,
 }
 
 struct Hit {
@@ -261,18 +263,32 @@ impl Scene {
             match kind.as_str() {
                 "ambient" => scene.ambient = add(scene.ambient, vector(&light["radiance"])),
                 "background" => scene.background = add(scene.background, vector(&light["radiance"])),
-                "point" => {
-                    let lumen = if scene.faults.has("lumen") {
-                        0.25 / std::f64::consts::PI
-                    } else {
-                        1.0
+                "point" | "spot" => {
+                    let place = vector(&light["position"]);
+                    let lumen = match kind.as_str() {
+                        "point" if scene.faults.has("lumen") => 0.25 / std::f64::consts::PI,
+                        "spot" if scene.faults.has("spot-lumen") => 1.0 / std::f64::consts::PI,
+                        _ => 1.0,
                     };
+                    let cone = (kind == "spot").then(|| {
+                        let cutoff = get(&light, "cutoff_angle", number, 20.0);
+                        let beam = get(&light, "beam_width", number, 0.75 * cutoff);
+                        let beam = if scene.faults.has("hard-spot") {
+                            cutoff
+                        } else {
+                            beam
+                        };
+                        let whole = if scene.faults.has("whole-spot") { 0.5 } else { 1.0 };
+                        let axis = unit(from(place, vector(&light["target"])));
+                        (axis, [cutoff, beam].map(|angle| whole * angle.to_radians()))
+                    });
                     scene.lights.push(Light {
                         is_point: true,
-                        place: vector(&light["position"]),
+                        cone,
+                        place,
                         power: scaled(get(&light, "intensity", vector, [1.0; 3]), lumen),
                         falls_off: text(&light, "falloff", "inverse_square") != "none"
-                            && !scene.faults.has("no-falloff"),
+                            && !(kind == "point" && scene.faults.has("no-falloff")),
                     });
                 }
                 "directional" => {
@@ -282,6 +298,7 @@ impl Scene {
                         place: scaled(unit(vector(&light["direction"])), sign),
                         power: get(&light, "irradiance", vector, [1.0; 3]),
                         falls_off: false,
+                        cone: None,
                     });
                 }
                 _ => unsupported("another light"),
@@ -465,7 +482,14 @@ impl Scene {
             && (self.intersect(start, toward, least))
                 .is_some_and(|hit| !light.is_point || hit.t < squared.sqrt());
         let falloff = if light.falls_off { squared } else { 1.0 };
-        scaled(light.power, if shadowed { 0.0 } else { cos / falloff })
+        let part = light.cone.map_or(1.0, |(axis, [cutoff, beam])| {
+            let angle = (-dot(toward, axis)).clamp(-1.0, 1.0).acos();
+            match angle <= beam {
+                true => 1.0,
+                false => ((cutoff - angle) / (cutoff - beam)).clamp(0.0, 1.0),
+            }
+        });
+        scaled(light.power, if shadowed { 0.0 } else { part * cos / falloff })
     }
 
     fn texel(&self, image: &Image, [u, v]: [f64; 2]) -> Vector {
@@ -529,7 +553,13 @@ fn seen(scene: &Scene, camera: &Table, [width, height]: [f64; 2], [x, y]: [f64; 
     } else {
         get(camera, "near", number, 0.0)
     };
-    scene.radiance(origin, direction, near / -dot(direction, w), 0)
+    let near = near / -dot(direction, w);
+    if scene.faults.has("far-1000")
+        && (scene.intersect(origin, direction, near)).is_some_and(|hit| -hit.t * dot(direction, w) > 1000.5)
+    {
+        return scene.beyond(direction);
+    }
+    scene.radiance(origin, direction, near, 0)
 }
 
 fn run(arguments: &[String]) -> Result<(), Problem> {

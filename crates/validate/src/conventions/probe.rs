@@ -101,6 +101,8 @@ pub(super) struct Probe {
     /// Everything else but the film and the lights.
     pub(super) body: String,
     pub(super) lights: String,
+    /// A word of the notes of a format that approximates what the probe is about.
+    pub(super) exactly: Option<&'static str>,
 }
 
 impl Probe {
@@ -223,7 +225,17 @@ impl Lab<'_> {
             stage: self.stage,
             stop: self.stop,
         };
-        Ok(render(self.subject, &job)?.image)
+        let rendered = render(self.subject, &job)?;
+        let notes = &rendered.run.approximated;
+        let inexact = probe
+            .exactly
+            .and_then(|word| notes.iter().find(|note| note.contains(word)));
+        match inexact {
+            Some(note) => Err(SubjectError::NotExpressible(format!(
+                "the format only approximates it: {note}"
+            ))),
+            None => Ok(rendered.image),
+        }
     }
 
     /// The model's image of a text with `factor` times the pixels, shifted by a part of one.

@@ -79,6 +79,7 @@ fn probe(width: f64, folder: &'static str) -> Probe {
         ]
         .concat(),
         lights: "[[light]]\ntype = \"directional\"\ndirection = [1, -1, 0]\nirradiance = 3\n".to_owned(),
+        exactly: None,
     }
 }
 

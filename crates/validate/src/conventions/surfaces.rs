@@ -57,6 +57,7 @@ pub(super) fn light(is_mesh: bool, is_point: bool) -> Probe {
         },
         body: body.concat(),
         lights: lights.to_owned(),
+        exactly: None,
     }
 }
 
@@ -120,6 +121,94 @@ pub(super) fn of_light(is_point: bool) -> Vec<Choice> {
     choices
 }
 
+/// The half angles of the probe with a spot, in degrees: of its cone, and of its beam.
+const CUTOFF: f64 = 32.0;
+const BEAM: f64 = 14.0;
+
+/// A wall, with a ball before it, in the light of a spot whose whole edge is seen.
+pub(super) fn spot(is_mesh: bool) -> Probe {
+    let body = [
+        ball(is_mesh, [0.5, 0.3, 0.5], 0.5, &matte(COLORS[0])),
+        rectangle(
+            "{ scale = 6 }, { rotate = { axis = [1, 0.4, 0], degrees = -12 } }, { translate = [0, 0, -1] }",
+            &matte(COLORS[2]),
+        ),
+    ];
+    Probe {
+        name: "a spot",
+        folder: "spot",
+        camera: Camera {
+            origin: [0.3, 0.5, 5.0],
+            target: [0.0; 3],
+            up: UP,
+            fov: 50.0,
+        },
+        body: body.concat(),
+        lights: format!(
+            "[[light]]\ntype = \"spot\"\nposition = [-1, 1.2, 2]\ntarget = [0.1, 0, -1]\nintensity = 20\ncutoff_angle = {CUTOFF:?}\nbeam_width = {BEAM:?}\n"
+        ),
+        exactly: Some("spot"),
+    }
+}
+
+pub(super) fn of_spot() -> Vec<Choice> {
+    let cone = |cutoff: f64, beam: f64, sentence: &str| {
+        Alternative::new(
+            &[
+                &format!("light.0.cutoff_angle={cutoff:?}"),
+                &format!("light.0.beam_width={beam:?}"),
+            ],
+            sentence,
+        )
+    };
+    // The model has no edge without a width.
+    let just_below = |angle: f64| angle * (1.0 - 1e-9);
+    vec![
+        Choice::words(
+            "cone of a spot",
+            vec![
+                cone(
+                    0.5 * CUTOFF,
+                    0.5 * BEAM,
+                    "the angles of a spot are taken as whole ones: they are from the axis to the edge",
+                ),
+                cone(
+                    2.0 * CUTOFF,
+                    2.0 * BEAM,
+                    "the angles of a spot are twice as large as stated",
+                ),
+                cone(
+                    CUTOFF,
+                    just_below(CUTOFF),
+                    "a spot has a hard edge at its cutoff: its light must fall off from `beam_width` on",
+                ),
+                cone(
+                    BEAM,
+                    just_below(BEAM),
+                    "a spot ends at its `beam_width`: its light must fall off from there to the cutoff",
+                ),
+                cone(
+                    CUTOFF,
+                    0.0,
+                    "the light of a spot falls off from its axis on: it must be constant up to `beam_width`",
+                ),
+                cone(
+                    CUTOFF,
+                    0.75 * CUTOFF,
+                    "the `beam_width` of a spot is three quarters of its cutoff, whatever is stated",
+                ),
+            ],
+        ),
+        Choice::words(
+            "falloff of spots",
+            vec![Alternative::new(
+                &["light.0.falloff=\"none\""],
+                "the light of a spot does not fall off with the squared distance",
+            )],
+        ),
+    ]
+}
+
 /// A wall with an image of 8 x 8 texels.
 pub(super) fn texture() -> Probe {
     let paint = format!(
@@ -137,6 +226,7 @@ pub(super) fn texture() -> Probe {
         },
         body: rectangle("{ scale = [1.3, 0.9, 1] }", &paint),
         lights: "[[light]]\ntype = \"directional\"\ndirection = [0.2, -0.3, -1]\nirradiance = 3\n".to_owned(),
+        exactly: None,
     }
 }
 
@@ -278,6 +368,7 @@ pub(super) fn glass(is_mesh: bool) -> Probe {
         body: body.concat(),
         lights: "[[light]]\ntype = \"directional\"\ndirection = [-0.3, -0.4, -1]\nirradiance = 3\n"
             .to_owned(),
+        exactly: None,
     }
 }
 
@@ -346,6 +437,8 @@ pub(super) fn of_glass() -> Vec<Choice> {
 }
 
 /// Two walls next to the line of sight, from 2 cm to 10 m before the camera, and what is behind.
+/// The view is turned a little, so that no edge passes through the centres or the corners of
+/// pixels.
 pub(super) fn near() -> Probe {
     const TURN: &str = "{ rotate = { axis = [0, 1, 0], degrees = 90 } }";
     let body = [
@@ -368,12 +461,13 @@ pub(super) fn near() -> Probe {
         folder: "near",
         camera: Camera {
             origin: [0.0; 3],
-            target: [0.0, 0.0, -1.0],
+            target: [0.013, 0.007, -1.0],
             up: UP,
             fov: 50.0,
         },
         body: body.concat(),
         lights: "[[light]]\ntype = \"directional\"\ndirection = [-1, -1, -0.5]\nirradiance = 3\n".to_owned(),
+        exactly: None,
     }
 }
 
@@ -399,4 +493,59 @@ pub(super) fn of_near() -> Vec<Choice> {
         number("planar", "along the view"),
         number("spherical", "along the ray"),
     ]
+}
+
+/// The distances of the surfaces of the probe of far ones, in metres.
+const FAR: [f64; 12] = [
+    12.0, 25.0, 50.0, 100.0, 200.0, 500.0, 1e3, 2e3, 5e3, 1e4, 3e4, 1e5,
+];
+
+/// Rectangles that look alike, at growing distances. The light comes from so far above that none
+/// has its shadow on another one that is seen.
+pub(super) fn far() -> Probe {
+    let body = FAR.iter().enumerate().map(|(index, distance)| {
+        let [column, row] = [index % 4, index / 4].map(|part| part as f64);
+        let [x, y] = [0.2 * (column - 1.5), 0.2 * (1.0 - row)].map(|part| part * distance);
+        let [a, b] = [0.075, 0.06].map(|half| half * distance);
+        let color = COLORS[index % 3].map(|part| part * (1.0 - 0.02 * index as f64));
+        rectangle(
+            &format!(
+                "{{ scale = [{a:?}, {b:?}, {a:?}] }}, {{ translate = [{x:?}, {y:?}, {:?}] }}",
+                -distance
+            ),
+            &matte(color),
+        )
+    });
+    Probe {
+        name: "far surfaces",
+        folder: "far",
+        camera: Camera {
+            origin: [0.0; 3],
+            target: [0.0, 0.0, -1.0],
+            up: UP,
+            fov: 50.0,
+        },
+        body: body.collect(),
+        lights: "[[light]]\ntype = \"directional\"\ndirection = [0, -1, -1]\nirradiance = 4\n".to_owned(),
+        exactly: None,
+    }
+}
+
+pub(super) fn of_far() -> Vec<Choice> {
+    // The model has no far clip: surfaces go behind the camera.
+    let ends = |first: usize| {
+        let hidden: Vec<String> = (first..FAR.len())
+            .map(|index| format!("shape.{index}.transform=[{{scale=1e-3}},{{translate=[0,0,10]}}]"))
+            .collect();
+        let hidden: Vec<&str> = hidden.iter().map(String::as_str).collect();
+        let seen = match first {
+            0 => String::new(),
+            first => format!(", and those at {} m are", FAR[first - 1]),
+        };
+        Alternative::new(
+            &hidden,
+            format!("surfaces at {} m are not seen{seen} (a far clip)", FAR[first]),
+        )
+    };
+    vec![Choice::words("far clip", (0..FAR.len()).map(ends).collect())]
 }

@@ -1,5 +1,5 @@
-//! The page of `compare --review`: pairs of images. It asks for the pictures of a pair when that is
-//! opened.
+//! The pages of `compare`: pairs of images. That of `--review` asks for the pictures of a pair when
+//! the pair is opened; that of `--html` contains all of them.
 
 use super::case::{LARGEST_SCALE, PICTURE_WIDTH, data_uri};
 use super::script::drawing;
@@ -23,6 +23,8 @@ pub struct ReviewRow<'a> {
     pub writes: Option<String>,
     /// Whether it was accepted.
     pub accepted: bool,
+    /// What is shown when the pair is opened, by [`review_details`]; empty if the page asks for it.
+    pub details: &'a str,
 }
 
 #[derive(Template)]
@@ -34,6 +36,8 @@ struct Page<'a> {
     scripts: [&'static str; 2],
     scale: ScaleView,
     drawing: String,
+    /// Whether images can be accepted on it.
+    is_review: bool,
     left: usize,
     rows: &'a [ReviewRow<'a>],
 }
@@ -41,13 +45,28 @@ struct Page<'a> {
 /// The page that lists pairs. It has nothing from a network and no inline styles; its own style and
 /// scripts carry `nonce`.
 pub fn review_page(title: &str, rows: &[ReviewRow<'_>], nonce: &str) -> String {
+    page(title, rows, Some(nonce))
+}
+
+/// The page of compared pairs as one file, which needs nothing else.
+pub fn compare_page(title: &str, rows: &[ReviewRow<'_>]) -> String {
+    page(title, rows, None)
+}
+
+/// With a nonce it is a review.
+fn page(title: &str, rows: &[ReviewRow<'_>], nonce: Option<&str>) -> String {
+    let script = match nonce {
+        Some(_) => include_str!("review.js"),
+        None => include_str!("compare.js"),
+    };
     Page {
-        nonce,
+        nonce: nonce.unwrap_or_default(),
         title,
         style: STYLE,
-        scripts: [include_str!("viewer.js"), include_str!("review.js")],
+        scripts: [include_str!("viewer.js"), script],
         scale: ScaleView::new(),
         drawing: drawing(),
+        is_review: nonce.is_some(),
         left: rows.iter().filter(|row| !row.is_right).count(),
         rows,
     }
@@ -145,9 +164,14 @@ pub fn review_details(details: &ReviewDetails<'_>) -> String {
 
 impl Page<'_> {
     fn heading(&self) -> String {
-        match self.left {
-            0 => "Nothing is left to review".to_owned(),
-            left => format!("{} to review", counted(left, "image")),
+        match (self.left, self.is_review) {
+            (0, true) => "Nothing is left to review".to_owned(),
+            (left, true) => format!("{} to review", counted(left, "image")),
+            (0, false) => format!("{} compared, no differences", counted(self.rows.len(), "image")),
+            (left, false) => format!(
+                "{} compared, {left} with differences",
+                counted(self.rows.len(), "image")
+            ),
         }
     }
 }

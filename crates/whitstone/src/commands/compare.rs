@@ -1,15 +1,18 @@
 //! `compare`: compares two images, or two folders of images, number by number.
 
 mod accept;
+mod channels;
 mod folders;
 mod input;
 mod measure;
+mod page;
 #[cfg(feature = "view")]
 mod review;
 mod thresholds;
 
 use super::junit;
 use crate::terminal::{Exit, Failure, write_json};
+use channels::ChannelLimit;
 use clap::Args;
 use measure::{Comparison, Judged, measure};
 use std::path::{Path, PathBuf};
@@ -83,6 +86,11 @@ pub struct Arguments {
     /// R, G, B]
     #[arg(long, value_name = "LAYER")]
     layer: Option<String>,
+    /// Also compare this channel: a value that differs by more than LIMIT [default: 0] fails. The
+    /// name may end in *, which stands for anything, as in 'normal.*=1e-4'; the first limit that
+    /// covers a channel counts; can be repeated
+    #[arg(long = "channel", value_name = "NAME[=LIMIT]", value_parser = ChannelLimit::parse)]
+    channels: Vec<ChannelLimit>,
     /// How codes represent light, for all measures except the exact comparison: srgb, linear, or
     /// the exponent of a gamma curve
     #[arg(long, value_name = "CURVE", default_value = "srgb", value_parser = transfer)]
@@ -99,6 +107,10 @@ pub struct Arguments {
     /// Write the verdict to this file as JUnit XML, which most CI systems display
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
+    /// Write a page to this file: all images with their verdicts, the pictures under a slider, the
+    /// values of each pixel and all figures
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
     /// Write a picture of the image, the reference, and the relative error with its colour scale;
     /// for two folders, write a folder of pictures
     #[arg(long, value_name = "PATH")]
@@ -284,9 +296,16 @@ fn run_files(arguments: &Arguments) -> Result<Exit, Failure> {
         report(arguments, &found, true)?;
         return Ok(Exit::Pass);
     }
-    let found = found?;
-    let exit = found.comparison.exit();
-    report(arguments, &Ok(found), false)?;
+    let exit = match &found {
+        Ok(found) => found.comparison.exit(),
+        Err(_) => {
+            if arguments.html.is_some() {
+                write(arguments, &found, false)?;
+            }
+            return found.map(|_| Exit::Differs);
+        }
+    };
+    report(arguments, &found, false)?;
     Ok(exit)
 }
 
@@ -380,10 +399,34 @@ fn write(arguments: &Arguments, found: &Result<Compared, Failure>, accepted: boo
     if let Some(path) = &arguments.json {
         write_json(path, &value)?;
     }
+    if let Some(path) = &arguments.html {
+        let problems = match found {
+            Ok(found) => found.comparison.broken.clone(),
+            Err(problem) => vec![problem.text().to_owned()],
+        };
+        let entry = page::Entry {
+            name: case.name.clone(),
+            word: word(found.is_ok(), problems.is_empty(), accepted),
+            is_right: accepted || problems.is_empty(),
+            problems,
+            details: page::details(arguments, &arguments.files(), found.as_ref().ok(), Vec::new()),
+        };
+        page::write(arguments, path, &[entry])?;
+    }
     if let Some(path) = &arguments.junit {
         junit::write(path, "whitstone compare", &[case])?;
     }
     Ok(())
+}
+
+/// The word of a verdict.
+fn word(is_comparable: bool, passes: bool, accepted: bool) -> &'static str {
+    match (accepted, is_comparable, passes) {
+        (true, ..) => "accepted",
+        (false, false, _) => "not comparable",
+        (false, true, true) => "pass",
+        (false, true, false) => "differs",
+    }
 }
 
 /// The files of a comparison.
@@ -460,10 +503,6 @@ fn range(paths: &[PathBuf], below: Option<&Path>) -> Option<[PathBuf; 2]> {
 /// A comparison of two files.
 struct Compared {
     comparison: Comparison,
-    #[cfg_attr(
-        not(feature = "view"),
-        expect(dead_code, reason = "only the review shows them")
-    )]
     judged: Judged,
     /// Ours, and the reference.
     images: [Image; 2],

@@ -3,7 +3,7 @@
 use super::super::junit::{self, Case, Outcome};
 use super::accept::accept;
 use super::measure::Comparison;
-use super::{Arguments, Compared, Files, range, write_trio};
+use super::{Arguments, Compared, Files, page, range, word, write_trio};
 use crate::terminal::{Exit, Failure, progress, set_message, write_json};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
@@ -18,6 +18,8 @@ struct Row {
     /// Whether ours became the reference, or why it did not.
     accepted: Option<Result<(), String>>,
     json: Value,
+    /// For the page of `--html`.
+    details: String,
     /// For the review.
     #[cfg(feature = "view")]
     seen: super::review::Seen,
@@ -28,6 +30,25 @@ struct Row {
 impl Row {
     fn is_accepted(&self) -> bool {
         self.accepted == Some(Ok(()))
+    }
+
+    /// Each limit that is exceeded, or why there is no comparison.
+    fn problems(&self) -> Vec<String> {
+        match &self.found {
+            Ok(found) => found.broken.clone(),
+            Err(problem) => vec![problem.clone()],
+        }
+    }
+
+    fn entry(&self) -> page::Entry {
+        let problems = self.problems();
+        page::Entry {
+            name: self.name.clone(),
+            word: word(self.found.is_ok(), problems.is_empty(), self.is_accepted()),
+            is_right: self.is_accepted() || problems.is_empty(),
+            problems,
+            details: self.details.clone(),
+        }
     }
 }
 
@@ -67,12 +88,17 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Failure> {
             Ok(found) => found.comparison.json(arguments, &files.ours, &found.reference),
             Err(problem) => json!({ "status": "error", "problems": [problem] }),
         };
+        let details = match arguments.html {
+            Some(_) => page::details(arguments, &files, found.as_ref().ok(), Vec::new()),
+            None => String::new(),
+        };
         let found = found.map(|found| found.comparison);
         rows.push(Row {
             name,
             found,
             accepted,
             json,
+            details,
             #[cfg(feature = "view")]
             seen,
             #[cfg(feature = "view")]
@@ -101,10 +127,7 @@ fn item(row: &Row) -> super::review::Item<'_> {
         files: row.files.clone(),
         seen: row.seen,
         comparable: row.found.is_ok(),
-        problems: match &row.found {
-            Ok(found) => found.broken.clone(),
-            Err(problem) => vec![problem.clone()],
-        },
+        problems: row.problems(),
     }
 }
 
@@ -265,6 +288,10 @@ fn write(arguments: &Arguments, rows: &[Row]) -> Result<(), Failure> {
             "images": images,
         });
         write_json(path, &value)?;
+    }
+    if let Some(path) = &arguments.html {
+        let entries = rows.iter().map(Row::entry).collect::<Vec<_>>();
+        page::write(arguments, path, &entries)?;
     }
     if let Some(path) = &arguments.junit {
         let case = |row: &Row| match &row.found {

@@ -95,12 +95,14 @@ pub(super) fn hide(inputs: &mut [Input; 2], mask: &Path) -> Result<(), String> {
     let codes = ours.codes.as_mut().zip(reference.codes.as_mut());
     let codes = codes.map(|((ours, _), (reference, _))| (ours, reference));
     for (ours, reference) in [(&mut ours.image, &mut reference.image)].into_iter().chain(codes) {
-        for name in ["R", "G", "B", "A"] {
+        let names: Vec<String> = reference.channels().map(|(name, _)| name.to_owned()).collect();
+        for name in &names {
             let (Some(ours), Some(reference)) = (ours.channel_mut(name), reference.channel_mut(name)) else {
                 continue;
             };
+            let is_color = RGB.contains(&name.as_str());
             for &index in &hidden {
-                if !reference[index].is_finite() {
+                if is_color && !reference[index].is_finite() || reference[index].is_nan() {
                     reference[index] = 0.0;
                 }
                 ours[index] = reference[index];

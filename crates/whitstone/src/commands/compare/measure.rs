@@ -2,6 +2,7 @@
 
 use super::super::junit::{Case, Outcome};
 use super::Arguments;
+use super::channels::{self, ChannelDifference};
 use super::input::CodeDifference;
 use crate::terminal::{Exit, Failure};
 use serde_json::{Value, json};
@@ -23,10 +24,6 @@ use whitstone_validate::{Variants, counted};
 const LEVEL: f64 = 0.01;
 
 /// The pixels over tolerance of a comparison.
-#[cfg_attr(
-    not(feature = "view"),
-    expect(dead_code, reason = "only the review shows them")
-)]
 pub(super) struct Judged {
     /// Those that the variation of the reference does not explain.
     pub(super) over: Mask,
@@ -45,6 +42,8 @@ pub(super) struct Comparison {
     flip: Option<(Option<f64>, f64)>,
     /// For images with codes: how these differ.
     codes: Option<CodeDifference>,
+    /// Other channels that were requested.
+    channels: Vec<ChannelDifference>,
     /// If requested; the inner value is absent for an image smaller than the SSIM window.
     pub(super) ssim: Option<Option<f64>>,
     /// Present if the files have layers of variance.
@@ -149,7 +148,11 @@ pub(super) fn measure(
                 None => Some(flip(ours, reference).map_err(Failure::usage)?.mean),
                 Some(_) => None,
             };
-            Some((hdr, flip_ldr(ours, reference).map_err(Failure::usage)?.mean))
+            let ldr = match &codes {
+                Some(codes) if codes.differing == 0 => 0.0,
+                _ => flip_ldr(ours, reference).map_err(Failure::usage)?.mean,
+            };
+            Some((hdr, ldr))
         }
         false => None,
     };
@@ -190,6 +193,7 @@ pub(super) fn measure(
         excluded: exclude.map(|mask| mask.count()),
         flip,
         codes,
+        channels: channels::compare(ours, reference, &arguments.channels).map_err(Failure::usage)?,
         ssim,
         significance,
         over: over.count(),
@@ -299,13 +303,15 @@ impl Comparison {
                 area.pixels
             ));
         }
+        let channels = self.channels.iter().filter(|channel| channel.pixels > 0);
+        broken.extend(channels.map(|channel| format!("{}: {}", channel.name, channel.words())));
         broken
     }
 
     /// All figures with their names.
-    pub(super) fn figures(&self, ours: &Image, reference: &Image) -> Vec<(&'static str, String)> {
+    pub(super) fn figures(&self, ours: &Image, reference: &Image) -> Vec<(String, String)> {
         let mut rows = Vec::new();
-        let mut row = |name: &'static str, value: String| rows.push((name, value));
+        let mut row = |name: &str, value: String| rows.push((name.to_owned(), value));
         row("size", format!("{} x {}", ours.width(), ours.height()));
         let NotFinite {
             ours: in_ours,
@@ -388,11 +394,17 @@ impl Comparison {
             );
             row("largest connected area", value);
         }
+        for channel in &self.channels {
+            row(&channel.name, channel.words());
+        }
+        let is_other = |name: &str| {
+            !["R", "G", "B"].contains(&name)
+                && !LAYERS.contains(&name)
+                && !self.channels.iter().any(|channel| channel.name == name)
+        };
         let others = |image: &Image| -> Vec<String> {
-            let names = image.channels().map(|(name, _)| name.to_owned());
-            names
-                .filter(|name| !["R", "G", "B"].contains(&name.as_str()) && !LAYERS.contains(&name.as_str()))
-                .collect()
+            let names = image.channels().map(|(name, _)| name);
+            names.filter(|name| is_other(name)).map(str::to_owned).collect()
         };
         let mut not_compared = [others(ours), others(reference)].concat();
         not_compared.sort();
@@ -487,6 +499,7 @@ impl Comparison {
             "flip": self.flip.and_then(|(hdr, _)| hdr),
             "flip_ldr": self.flip.map(|(_, ldr)| ldr),
             "codes": self.codes,
+            "channels": self.channels,
             "ssim": self.ssim.flatten(),
             "significance": self.significance,
             "pixels_over_tolerance": self.over,

@@ -1,16 +1,15 @@
 //! `--review`: approval of each image on a page that is served locally.
 
 use super::accept::{acceptable, write};
-use super::{Arguments, Compared, Files, input};
+use super::{Arguments, Files, page};
 use crate::interrupt;
 use crate::terminal::Failure;
 use clap::Args;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
-use whitstone_image::{Image, atomic};
-use whitstone_validate::explain::Reason;
-use whitstone_validate::report::{ReviewDetails, ReviewPixel, ReviewRow, review_details, review_page};
-use whitstone_validate::{Pictures, counted};
+use whitstone_image::atomic;
+use whitstone_validate::counted;
+use whitstone_validate::report::{ReviewRow, review_page};
 use whitstone_view::{Pairs, Review, Standing};
 
 /// The arguments of a review.
@@ -216,12 +215,11 @@ impl Pairs for Session<'_> {
                 problems: &item.problems,
                 writes: item.target().map(|path| path.display().to_string()),
                 accepted: accepted[pair].is_some(),
+                details: "",
             }
         };
         let rows: Vec<ReviewRow<'_>> = self.items.iter().enumerate().map(row).collect();
-        let [ours, reference] = [&self.arguments.ours, &self.arguments.reference];
-        let title = format!("{} and {}", ours.display(), reference.display());
-        review_page(&title, &rows, nonce)
+        review_page(&page::title(self.arguments), &rows, nonce)
     }
 
     fn details(&self, pair: usize) -> String {
@@ -234,19 +232,8 @@ impl Pairs for Session<'_> {
         } else if Seen::of(&item.files.ours, item.files.reference()) != item.seen {
             notes.push("The files have changed since they were compared; run the command again.".to_owned());
         }
-        if let Ok(compared) = item.files.compare(self.arguments) {
-            return shown(&compared, notes);
-        }
-        let read = |path: &Path| {
-            let read = input::read(path, self.arguments.layer.as_deref(), self.arguments.transfer);
-            read.ok().map(|input| input.image)
-        };
-        let images = [read(&item.files.ours), read(item.files.reference())];
-        review_details(&ReviewDetails {
-            images: images.each_ref().map(Option::as_ref),
-            notes,
-            ..ReviewDetails::default()
-        })
+        let compared = item.files.compare(self.arguments).ok();
+        page::details(self.arguments, &item.files, compared.as_ref(), notes)
     }
 
     fn accept(&self, pair: usize) -> Result<Standing, String> {
@@ -264,29 +251,4 @@ impl Pairs for Session<'_> {
         accepted[pair] = None;
         Ok(self.standing(pair, &accepted))
     }
-}
-
-/// The details of a pair that can be compared.
-fn shown(compared: &Compared, mut notes: Vec<String>) -> String {
-    let [ours, reference] = &compared.images;
-    let judged = &compared.judged;
-    let over = judged.over.pixels().map(|(x, y)| ([x, y], None));
-    let explained = judged.explained.iter().flat_map(|mask| mask.pixels());
-    let explained = explained.map(|(x, y)| ([x, y], Some(Reason::Stored)));
-    notes.push(format!("compared with {}", compared.reference.display()));
-    notes.extend(compared.comparison.warnings.iter().cloned());
-    let pixel = |pixel: &whitstone_metrics::metrics::WorstPixel| ReviewPixel {
-        at: [pixel.x, pixel.y],
-        ours: pixel.ours,
-        reference: pixel.reference,
-        relative: pixel.residual,
-    };
-    let figures = compared.comparison.figures(ours, reference).into_iter();
-    review_details(&ReviewDetails {
-        images: [Some::<&Image>(ours), Some(reference)],
-        pictures: Pictures::new(ours, reference, over.chain(explained)),
-        figures: figures.map(|(name, value)| (name.to_owned(), value)).collect(),
-        worst: compared.comparison.worst.iter().map(pixel).collect(),
-        notes,
-    })
 }
