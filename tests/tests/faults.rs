@@ -250,6 +250,22 @@ const FAULTS: [Fault; 36] = [
     },
     Fault {
         reference: Renderer::MITSUBA,
+        name: "a reflection traced, not looked up",
+        scene: "scenes/materials/reflection_map.toml",
+        overrides: || set("shape.looked_up.material={ type = 'mirror', reflectance = [1, 0.9, 0.8] }"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        reference: Renderer::MITSUBA,
+        name: "vectors of a displacement 2% longer",
+        scene: "scenes/showcase/displacement_vectors.toml",
+        overrides: || set("shape.ball.displacement.scale=0.357"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        reference: Renderer::MITSUBA,
         name: "vectors of bumps 2% longer",
         scene: "scenes/showcase/bump_vectors.toml",
         overrides: || set("shape.voxels.material.scale=0.408"),
