@@ -34,6 +34,29 @@ fn files_are_the_same_for_any_number_of_threads() {
 }
 
 #[test]
+fn pixels_are_the_same_for_any_tile_size() {
+    let registry = whitstone::registry();
+    for scene in ["showcase/classic", "showcase/path_classes", "samplers/adaptive"] {
+        let scene = root().join(format!("scenes/{scene}.toml"));
+        let size = ["film.width=75", "film.height=50"].map(str::to_owned);
+        let pipeline = load(&scene, &size, &registry).unwrap_or_else(|report| panic!("{report}"));
+        let rendered = |tile: u32| {
+            pipeline.render(RenderOptions {
+                tile,
+                ..RenderOptions::default()
+            })
+        };
+        let expected = rendered(0);
+        for tile in [1, 4, 7, 16, 20, 48, u32::MAX] {
+            let film = rendered(tile);
+            assert!(film.is_complete);
+            assert!(film.rgb == expected.rgb, "tile size {tile}");
+            assert!(film.layers == expected.layers, "tile size {tile}");
+        }
+    }
+}
+
+#[test]
 fn files_are_the_same_for_any_instruction_set() {
     for scene in [
         "showcase/classic.toml",

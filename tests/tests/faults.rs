@@ -50,7 +50,7 @@ fn set(text: &str) -> Vec<String> {
     vec![text.to_owned()]
 }
 
-const FAULTS: [Fault; 36] = [
+const FAULTS: [Fault; 38] = [
     Fault {
         reference: Renderer::MITSUBA,
         name: "a mixture of both sides of an edge",
@@ -245,6 +245,22 @@ const FAULTS: [Fault; 36] = [
         name: "bumps 2% higher",
         scene: "scenes/materials/bump.toml",
         overrides: || set("shape.orange.material.scale=0.0306"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        reference: Renderer::MITSUBA,
+        name: "a reflection traced, not looked up",
+        scene: "scenes/materials/reflection_map.toml",
+        overrides: || set("shape.looked_up.material={ type = 'mirror', reflectance = [1, 0.9, 0.8] }"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        reference: Renderer::MITSUBA,
+        name: "vectors of a displacement 2% longer",
+        scene: "scenes/showcase/displacement_vectors.toml",
+        overrides: || set("shape.ball.displacement.scale=0.357"),
         tamper: |_| {},
         found: unexplained,
     },

@@ -68,7 +68,7 @@ const SHAPES: [(&str, &str); 14] = [
 ];
 
 /// The rest of a material's table; others have none.
-const MATERIALS: [(&str, &str); 14] = [
+const MATERIALS: [(&str, &str); 15] = [
     ("matte", "reflectance = [0.7, 0.6, 0.4]"),
     ("phong", "k_d = 0.4, k_s = 0.3, exponent = 12"),
     ("blinn_phong", "k_d = 0.4, k_s = 0.3, exponent = 20"),
@@ -96,6 +96,10 @@ const MATERIALS: [(&str, &str); 14] = [
     (
         "two_sided",
         "front = { type = \"matte\", reflectance = [0.2, 0.5, 0.6] }, back = { type = \"mirror\" }",
+    ),
+    (
+        "reflection_map",
+        "radiance = { type = \"noise\", scale = 2 }, material = { type = \"thin_dielectric\" }",
     ),
     (
         "normal_map",

@@ -121,19 +121,40 @@ material = { type = "emissive", radiance = { type = "checker", a = 1, b = 0.2, s
 #[test]
 fn displaced_meshes_are_known() {
     let scene = |name: &str| whitstone_tests::root().join(format!("scenes/showcase/{name}.toml"));
-    for name in ["displacement", "height_map", "subdivision"] {
+    let vectors = "displacement_vectors";
+    for name in ["displacement", "height_map", "subdivision", vectors] {
         let [agree, differ, unknown] = counts(&scene(name), &[]).expect("the oracle knows it");
         assert!(
             agree > 30 && differ == 0,
             "{name}: {agree} agree, {differ} differ, {unknown} are not known"
         );
     }
-    let displacement = scene("displacement");
-    for fault in [
-        "shape.ball.displacement.scale=0.160001",
-        "shape.ball.displacement.offset=0.50001",
+    for (name, fault) in [
+        ("displacement", "shape.ball.displacement.scale=0.160001"),
+        ("displacement", "shape.ball.displacement.offset=0.50001"),
+        (vectors, "shape.ball.displacement.scale=0.350002"),
+        (vectors, "shape.ring.displacement.axis=[0, 0.00001, 1]"),
     ] {
-        let [agree, differ, _] = counts(&displacement, &[fault.to_owned()]).expect("the oracle knows it");
+        let [agree, differ, _] = counts(&scene(name), &[fault.to_owned()]).expect("the oracle knows it");
+        assert!(differ >= 3, "{fault}: {agree} agree, {differ} differ");
+    }
+}
+
+/// Reflections that are looked up in a cube map and in a texture.
+#[test]
+fn looked_up_reflections_are_known() {
+    let scene = whitstone_tests::root().join("scenes/materials/reflection_map.toml");
+    let [agree, differ, unknown] = counts(&scene, &[]).expect("the oracle knows it");
+    assert!(
+        agree > 30 && differ == 0,
+        "{agree} agree, {differ} differ, {unknown} are not known"
+    );
+    for fault in [
+        "shape.looked_up.material.material.reflectance=[1, 0.90001, 0.8]",
+        "shape.glass.material.radiance.scale=3.0001",
+        "shape.glass.material.material.interior_ior=1.50001",
+    ] {
+        let [agree, differ, _] = counts(&scene, &[fault.to_owned()]).expect("the oracle knows it");
         assert!(differ >= 3, "{fault}: {agree} agree, {differ} differ");
     }
 }

@@ -5,6 +5,7 @@ mod backend;
 mod chart;
 mod choice;
 mod data;
+mod efficiency;
 mod fetch;
 mod growth;
 mod import;
@@ -48,6 +49,7 @@ pub(crate) struct Arguments {
 #[derive(Subcommand, Debug)]
 enum What {
     Accelerators(accelerators::Arguments),
+    Efficiency(efficiency::Arguments),
     Growth(growth::Arguments),
     Import(import::Arguments),
     LightPaths(light_paths::Arguments),
@@ -67,6 +69,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     match &arguments.what {
         None => picture::run(&arguments.picture, registry),
         Some(What::Accelerators(arguments)) => accelerators::run(arguments, registry),
+        Some(What::Efficiency(arguments)) => efficiency::run(arguments, registry),
         Some(What::Growth(arguments)) => growth::run(arguments, registry),
         Some(What::Import(arguments)) => import::run(arguments, registry),
         Some(What::LightPaths(arguments)) => light_paths::run(arguments, registry),

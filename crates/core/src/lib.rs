@@ -10,7 +10,7 @@ mod shading;
 
 pub use geometry::{solid, stream, triangle};
 pub use plugin::{config, hash, transform_steps};
-pub use shading::ray_differential;
+pub use shading::{direction_map, ray_differential};
 
 pub use geometry::accelerator::{Accelerator, DebugBounds, Statistics, TraversalStatistics};
 pub use geometry::closed_mesh::{ClosedMesh, NotClosed};
@@ -60,5 +60,6 @@ pub use shading::path_classes::{BRANCH_EVENTS, PathClassState, PathClasses, Path
 pub use shading::ray_differential::{Footprint, RayDifferential};
 pub use shading::sampler::{Refinement, Sampler};
 pub use shading::shadow::{DirectLighting, ShadowMode};
+pub use shading::tangent_field::TangentField;
 pub use shading::texture::{ColorSource, Texture, TextureBytes};
 pub use whitstone_simd as simd;

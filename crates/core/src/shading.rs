@@ -3,6 +3,7 @@
 
 pub(crate) mod camera;
 pub(crate) mod color;
+pub mod direction_map;
 pub(crate) mod glossy_lobe;
 pub(crate) mod integrator;
 pub(crate) mod light;
@@ -15,4 +16,5 @@ pub(crate) mod path_classes;
 pub mod ray_differential;
 pub(crate) mod sampler;
 pub(crate) mod shadow;
+pub(crate) mod tangent_field;
 pub(crate) mod texture;

@@ -120,6 +120,7 @@ const FEATURES: &[Feature] = features! {
     Approximated "[material] coloured weight": "The mean of its channels.";
     Approximated "[material] glossy": "roughconductor of the same width.";
     Dropped "[material] priority": "Mitsuba's bodies must not overlap.";
+    Approximated "[material] reflection_map": "Its material, which traces reflections.";
     Approximated "[material] two_sided that lets light through": "The front on both sides.";
     Approximated "[material] normal_map": "normalmap with the tangents of Mitsuba's mesh.";
     Approximated "[material] bump by an image over uv": "bumpmap: the height is the luminance, and its slope a derivative between the texels.";

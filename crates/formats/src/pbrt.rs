@@ -124,6 +124,7 @@ const FEATURES: &[Feature] = features! {
     Dropped "[material] tint": "Metals and panes have no tint.";
     Dropped "[material] absorption": "Glass is clear.";
     Dropped "[material] priority": "pbrt's bodies must not overlap.";
+    Approximated "[material] reflection_map": "Its material, which traces reflections.";
     Dropped "[material] two_sided": "The front on both sides.";
     Dropped "[material] normal_map, bump": "The material without them.";
     Dropped "[material] mask in another material": "Only whole shapes have an alpha.";

@@ -9,17 +9,15 @@
 //! - Twin: a formula of the Mitsuba driver, which looks up the same texture.
 //! - Example: `scenes/lights/environment.toml`.
 
+use crate::support::sky;
 use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer};
-use std::f64::consts::FRAC_1_PI;
 use std::sync::Arc;
 use toml::Spanned;
-use whitstone_core::config::{FilePath, IntegerIn, TextureRef};
+use whitstone_core::config::{IntegerIn, TextureRef};
+use whitstone_core::direction_map::{DirectionMap, Faces};
 use whitstone_core::stream::{SampleStreams, Vectors};
-use whitstone_core::{
-    ColorSource, Context, DVec2, DVec3, Light, LightFlags, LightSample, Lights, Plugin, Rgb, SceneError,
-    SceneErrors, SurfaceInteraction, Texture,
-};
+use whitstone_core::{Context, DVec3, Light, LightFlags, LightSample, Lights, Plugin, Rgb, SceneErrors};
 
 /// An environment map: visible behind everything, and optionally a light.
 #[derive(Debug, JsonSchema)]
@@ -56,53 +54,15 @@ struct Keys {
     samples: IntegerIn<0, 32>,
 }
 
-/// The faces of a cube map, each as seen by a camera at the centre, with +y up unless stated
-/// otherwise.
-#[derive(Debug, Deserialize, JsonSchema)]
-#[serde(
-    deny_unknown_fields,
-    expecting = "a table of six faces: px, nx, py, ny, pz, nz"
-)]
-struct Faces {
-    /// Towards +x.
-    px: Face,
-    /// Towards -x.
-    nx: Face,
-    /// Towards +y, with +z up.
-    py: Face,
-    /// Towards -y, with -z up.
-    ny: Face,
-    /// Towards +z.
-    pz: Face,
-    /// Towards -z.
-    nz: Face,
-}
-
-/// A face of a cube map.
-#[derive(Debug, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, expecting = "a face: a table with `file`")]
-struct Face {
-    /// A PNG, JPEG, WebP or EXR file, relative to the scene.
-    file: FilePath,
-}
-
 fn zero() -> IntegerIn<0, 32> {
     IntegerIn::new(0).expect("0 is in range")
 }
 
 /// The `environment` light; see the module documentation.
 pub struct Environment {
-    sky: Sky,
+    map: DirectionMap,
     /// Directions of illumination, with their irradiance.
     samples: Vec<LightSample>,
-}
-
-/// Radiance as a function of direction.
-enum Sky {
-    /// A latitude-longitude map.
-    Sphere(ColorSource),
-    /// A cube map: +x, -x, +y, -y, +z, -z.
-    Cube([Arc<dyn Texture>; 6]),
 }
 
 impl Plugin<Lights> for Environment {
@@ -110,122 +70,23 @@ impl Plugin<Lights> for Environment {
     type Config = Config;
 
     fn build(Config(keys): Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Light>, SceneErrors> {
-        let sky = match (&keys.radiance, &keys.faces) {
-            (Some(radiance), None) => Sky::Sphere(context.texture(radiance)?),
-            (None, Some(faces)) => Sky::Cube(cube(faces.get_ref(), context)?),
-            // Rejected by `Config::deserialize`.
-            (None, None) => return Err(SceneErrors::default()),
-            (Some(_), Some(faces)) => {
-                let message = "`faces` and `radiance` exclude each other";
-                return Err(SceneError::at(faces.span(), message).into());
-            }
-        };
+        let map = DirectionMap::new(keys.radiance.as_ref(), keys.faces.as_ref(), context)?;
         let n = keys.samples.get() as usize;
         let samples = match n {
             0 => Vec::new(),
-            _ => {
-                crate::support::sky::directions(2 * n * n, sky.parts(), |uv, direction| sky.at(uv, direction))
-            }
+            _ => sky::directions(2 * n * n, parts(&map), |uv, direction| map.at(uv, direction)),
         };
-        Ok(Arc::new(Self { sky, samples }))
+        Ok(Arc::new(Self { map, samples }))
     }
 }
 
-/// Resolves the images of the faces and checks that their sizes match.
-fn cube(faces: &Faces, context: &mut dyn Context) -> Result<[Arc<dyn Texture>; 6], SceneErrors> {
-    let Faces {
-        px,
-        nx,
-        py,
-        ny,
-        pz,
-        nz,
-    } = faces;
-    let mut errors = SceneErrors::default();
-    let mut first = None;
-    let pictures = [px, nx, py, ny, pz, nz].map(|Face { file }| {
-        let picture = errors.take(context.image(file))?;
-        if let Some([width, height]) = picture.size() {
-            let expected = *first.get_or_insert(width);
-            if [width, height] != [expected; 2] {
-                let message = if width == height {
-                    format!("expected an image of {expected} x {expected} pixels like the other faces, found {width} x {height}")
-                } else {
-                    format!("expected a square image, found {width} x {height}")
-                };
-                errors.0.push(SceneError::at(file.span.clone(), message));
-            }
-        }
-        Some(picture)
-    });
-    match pictures {
-        [Some(px), Some(nx), Some(py), Some(ny), Some(pz), Some(nz)] => {
-            errors.into_result([px, nx, py, ny, pz, nz])
-        }
-        _ => Err(errors),
+/// Number of lookups along each axis of a cell of the illumination table.
+fn parts(map: &DirectionMap) -> usize {
+    match (map, map.size()) {
+        (_, None) => 1,
+        (DirectionMap::Sphere(_), Some(size)) => sky::parts_of_picture(size),
+        (DirectionMap::Cube(_), Some([side, _])) => sky::parts_of_cube(side),
     }
-}
-
-impl Sky {
-    fn seen(&self, direction: DVec3) -> Rgb {
-        self.at(place(direction), direction)
-    }
-
-    /// Number of lookups along each axis of a cell of the illumination table.
-    fn parts(&self) -> usize {
-        match self {
-            Self::Sphere(ColorSource::Constant(_)) => 1,
-            Self::Sphere(ColorSource::Texture(texture)) => {
-                texture.size().map_or(1, crate::support::sky::parts_of_picture)
-            }
-            Self::Cube([face, ..]) => face
-                .size()
-                .map_or(1, |[side, _]| crate::support::sky::parts_of_cube(side)),
-        }
-    }
-
-    /// The radiance in `direction`, whose texture coordinates are `uv`.
-    fn at(&self, uv: DVec2, direction: DVec3) -> Rgb {
-        match self {
-            Self::Sphere(radiance) => {
-                let mut point = SurfaceInteraction::new(direction, 0.0, direction);
-                point.uv = uv;
-                radiance.value(&point)
-            }
-            Self::Cube(faces) => {
-                let (face, uv) = on_cube(direction);
-                let mut point = SurfaceInteraction::new(direction, 0.0, direction);
-                point.uv = uv;
-                faces[face].value(&point)
-            }
-        }
-    }
-}
-
-/// The cube face that a direction hits (on an edge, that of the first axis), and the (u, v) on its
-/// image.
-fn on_cube(d: DVec3) -> (usize, DVec2) {
-    let size = d.abs();
-    // `right` and `up` are the components along the axes of the face's image.
-    let (face, distance, right, up) = if size.x >= size.y && size.x >= size.z {
-        let side = d.x.signum();
-        (usize::from(d.x < 0.0), size.x, side * d.z, d.y)
-    } else if size.y >= size.z {
-        let side = d.y.signum();
-        (2 + usize::from(d.y < 0.0), size.y, d.x, side * d.z)
-    } else {
-        let side = d.z.signum();
-        (4 + usize::from(d.z < 0.0), size.z, -side * d.x, d.y)
-    };
-    (face, 0.5 + 0.5 * DVec2::new(right, up) / distance)
-}
-
-/// (u, v) of a direction: v is 1 straight up; u is 1/2 towards -z and grows to the right.
-fn place(direction: DVec3) -> DVec2 {
-    let DVec3 { x, y, z } = direction;
-    let u = 0.5 + 0.5 * FRAC_1_PI * x.atan2(-z);
-    let v = 0.5 + FRAC_1_PI * y.atan2(x.hypot(z));
-    DVec2::new(u, v)
 }
 
 impl Light for Environment {
@@ -251,7 +112,7 @@ impl Light for Environment {
     }
 
     fn background(&self, direction: DVec3) -> Rgb {
-        self.sky.seen(direction)
+        self.map.value(direction)
     }
 }
 
@@ -259,7 +120,7 @@ impl Light for Environment {
 mod tests {
     use super::*;
     use std::f64::consts::PI;
-    use whitstone_core::{SurfaceAttributes, Texture};
+    use whitstone_core::{SurfaceAttributes, SurfaceInteraction, Texture};
     use whitstone_testkit::{TestContext, build_in, light_laws};
 
     /// A texture with (u, v) as red and green.

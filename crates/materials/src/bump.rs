@@ -14,7 +14,7 @@
 //! - Twin: hosted by the Mitsuba driver, which rotates the shading frame that Mitsuba's BSDFs see.
 //! - Example: `scenes/materials/bump.toml`.
 
-use crate::support::detail::{Detail, Detailed, Frame, Tangent, coded};
+use crate::support::detail::{Detail, Detailed};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -22,7 +22,7 @@ use toml::Spanned;
 use whitstone_core::config::{Finite, MaterialRef, Positive, TextureRef, Vector3};
 use whitstone_core::{
     ColorSource, Context, DVec2, DVec3, Material, Materials, Plugin, SceneError, SceneErrors,
-    SurfaceAttributes, SurfaceInteraction,
+    SurfaceAttributes, SurfaceInteraction, TangentField,
 };
 
 /// Default of `step`, in metres.
@@ -108,7 +108,7 @@ struct Vectors {
     vectors: ColorSource,
     scale: f64,
     /// Tangent frame; `None` for the world axes.
-    frame: Option<Frame>,
+    frame: Option<TangentField>,
 }
 
 impl Plugin<Materials> for Bump {
@@ -202,27 +202,17 @@ impl Height {
 }
 
 /// The tangent frame of the vectors; `None` for the world axes.
-fn frame(config: &Config) -> Result<Option<Frame>, SceneErrors> {
+fn frame(config: &Config) -> Result<Option<TangentField>, SceneErrors> {
     let mut errors = SceneErrors::default();
     if let Some(step) = &config.step {
         let message = "a step needs `height`: vectors are looked up at one point";
         errors.0.push(SceneError::at(step.span(), message));
     }
+    let space = config.space.as_ref();
+    let is_tangent = space.is_some_and(|space| *space.get_ref() == Space::Tangent);
     let (tangent, axis) = (config.tangent.as_ref(), config.axis.as_ref());
-    let space = config
-        .space
-        .as_ref()
-        .map_or(Space::World, |space| *space.get_ref());
-    if space == Space::World {
-        for given in [tangent, axis].into_iter().flatten() {
-            let error = SceneError::at(given.span(), "`tangent` and `axis` have no effect in world space");
-            errors.0.push(error.with_help("add space = \"tangent\""));
-        }
-        return errors.into_result(None);
-    }
-    let tangent = tangent.map(|tangent| (Tangent::Direction(*tangent.get_ref()), tangent.span()));
-    let frame = errors.take(Frame::new(tangent, axis));
-    errors.into_result(frame)
+    let frame = errors.take(TangentField::of_space(is_tangent, tangent, axis));
+    errors.into_result(frame.flatten())
 }
 
 impl Detail for Height {
@@ -265,8 +255,8 @@ impl Detail for Vectors {
 
     fn normal(&self, point: &SurfaceInteraction) -> Option<DVec3> {
         let vector = match &self.frame {
-            None => coded(&self.vectors, point),
-            Some(frame) => frame.vector(&self.vectors, 1.0, point)?,
+            None => self.vectors.value(point).to_vector(),
+            Some(frame) => frame.vector(self.vectors.value(point).to_vector(), point.n_s)?,
         };
         (point.n_s + self.scale * vector).try_normalize()
     }

@@ -60,10 +60,7 @@ impl Plugin<Materials> for NormalMap {
         let mut errors = SceneErrors::default();
         let map = errors.take(context.texture(&config.map));
         let inner = errors.take(context.material(&config.material));
-        let frame = errors.take(Frame::new(
-            config.tangent.map(|tangent| (*tangent.get_ref(), tangent.span())),
-            config.axis.as_ref(),
-        ));
+        let frame = errors.take(Frame::new(config.tangent, config.axis.as_ref()));
         match (map, inner, frame) {
             (Some(map), Some(inner), Some(frame)) => {
                 let strength = config.strength.get();
@@ -91,7 +88,7 @@ impl Detail for NormalMap {
 mod tests {
     use super::*;
     use crate::{matte::Matte, mirror::Mirror};
-    use whitstone_core::{Rgb, SpecularRays};
+    use whitstone_core::{Rgb, SpecularRays, TangentField};
     use whitstone_testkit::{TestContext, build_in, sided_material_laws};
 
     fn normal_map(text: &str) -> Result<Arc<dyn Material>, SceneErrors> {
@@ -119,10 +116,10 @@ mod tests {
         for frame in ["tangent = [0, 3, 7]", "axis = [-1, 0, 0]"] {
             let normal = |map: [f64; 3]| {
                 let frame = if frame.starts_with('t') {
-                    Frame::Along(DVec3::new(0.0, 3.0, 7.0))
+                    Frame::Field(TangentField::Along(DVec3::new(0.0, 3.0, 7.0)))
                 } else {
                     // At z the tangent around x is -y, and around -x it is y.
-                    Frame::Around(DVec3::NEG_X)
+                    Frame::Field(TangentField::Around(DVec3::NEG_X))
                 };
                 let map = ColorSource::Constant(Rgb::from(map));
                 let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);

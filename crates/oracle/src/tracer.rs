@@ -28,6 +28,7 @@ mod sampler;
 mod scene;
 mod sky;
 mod synthesized;
+pub(crate) mod tangent;
 pub(crate) mod texture;
 mod wrap;
 

@@ -160,6 +160,7 @@ impl Scene {
                 threads,
                 region,
                 progress: Some(&|done, total| watch.report(done, total)),
+                ..RenderOptions::default()
             })
         })?;
         film.check().map_err(|error| scene_error(py, &error.into()))?;

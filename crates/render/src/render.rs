@@ -13,11 +13,14 @@ use whitstone_core::{
 };
 use whitstone_scene::Aov;
 
-/// Side of the square tiles that are distributed to threads, in pixels.
+/// Side of the square tiles that are distributed to threads, in pixels, by default.
 const TILE: u32 = 16;
-const _: () = assert!((TILE * TILE) as usize <= LANES);
 
-/// Side of the squares within a tile, in pixels.
+/// Largest side of the blocks that a tile is rendered in, in pixels: their rays fill a stream.
+const BLOCK: u32 = 16;
+const _: () = assert!((BLOCK * BLOCK) as usize <= LANES);
+
+/// Side of the squares within a block, in pixels.
 const SQUARE: u32 = 4;
 
 /// A part of the image, in pixels from its upper left corner.
@@ -83,23 +86,33 @@ pub struct RenderOptions<'a> {
     pub region: Option<Region>,
     /// Threads; 0 means one per core.
     pub threads: usize,
+    /// Side of the square tiles that threads take, in pixels; 0 means 16. Above 16 it is
+    /// rounded up to a multiple of 16.
+    pub tile: u32,
     /// Called after each tile; can stop the rendering.
     pub progress: Option<Progress<'a>>,
 }
 
-struct Tile {
-    x: u32,
-    y: u32,
-    width: u32,
-    height: u32,
-}
+impl Region {
+    /// Squares with this side that cover the region, cut at its border, column by column.
+    fn squares(self, side: u32) -> Vec<Self> {
+        let rows = self.height.div_ceil(side);
+        let corners = (0..self.width.div_ceil(side))
+            .flat_map(|column| (0..rows).map(move |row| (column * side, row * side)));
+        let square = |(x, y)| Self {
+            x: self.x + x,
+            y: self.y + y,
+            width: side.min(self.width - x),
+            height: side.min(self.height - y),
+        };
+        corners.map(square).collect()
+    }
 
-impl Tile {
-    /// The pixels relative to the tile's corner, ordered in small squares, so that the rays of one
-    /// register stay close together.
+    /// The pixels of a block relative to its corner, ordered in small squares, so that the rays of
+    /// one register stay close together.
     fn order(&self, order: &mut Vec<[u32; 2]>) {
-        let square = |k: u32| [k % (TILE / SQUARE) * SQUARE, k / (TILE / SQUARE) * SQUARE];
-        let squares = (0..(TILE / SQUARE).pow(2)).map(square);
+        let square = |k: u32| [k % (BLOCK / SQUARE) * SQUARE, k / (BLOCK / SQUARE) * SQUARE];
+        let squares = (0..(BLOCK / SQUARE).pow(2)).map(square);
         let all =
             squares.flat_map(|[x, y]| (0..SQUARE * SQUARE).map(move |k| [x + k % SQUARE, y + k / SQUARE]));
         order.clear();
@@ -107,12 +120,12 @@ impl Tile {
     }
 }
 
-/// Working memory of one thread, and the tile that it rendered last.
+/// Working memory of one thread, and the block that it rendered last.
 #[derive(Default)]
-struct TileScratch {
-    /// The pixels relative to the tile's corner, in the order of the lanes.
+struct BlockScratch {
+    /// The pixels relative to the block's corner, in the order of the lanes.
     order: Vec<[u32; 2]>,
-    /// The tile size for which `order` was computed.
+    /// The block size for which `order` was computed.
     ordered: [u32; 2],
     /// The pixels of the image, in the same order.
     pixels: Vec<[u32; 2]>,
@@ -122,7 +135,7 @@ struct TileScratch {
     memory: SampleMemory,
 }
 
-impl TileScratch {
+impl BlockScratch {
     fn new(limits: TreeLimits) -> Self {
         Self {
             memory: SampleMemory::new(limits),
@@ -130,21 +143,21 @@ impl TileScratch {
         }
     }
 
-    /// Sets the pixels to those of a tile.
-    fn enter(&mut self, tile: &Tile) {
-        let size = [tile.width, tile.height];
+    /// Sets the pixels to those of a block.
+    fn enter(&mut self, block: &Region) {
+        let size = [block.width, block.height];
         if self.ordered != size {
-            tile.order(&mut self.order);
+            block.order(&mut self.order);
             self.ordered = size;
         }
         self.pixels.clear();
         self.pixels
-            .extend(self.order.iter().map(|[x, y]| [tile.x + x, tile.y + y]));
+            .extend(self.order.iter().map(|[x, y]| [block.x + x, block.y + y]));
     }
 
     /// Writes the pixels to their band of a film.
     fn write(&self, band: &mut Band<'_>, region: Region) {
-        // The first pixel of a tile is in the first row of its band.
+        // The first pixel of a block is in the first row of its band.
         let first = self
             .pixels
             .first()
@@ -163,16 +176,16 @@ impl TileScratch {
     }
 }
 
-/// The rows of a film that one row of tiles covers.
+/// The rows of a film that one row of blocks covers.
 struct Band<'f> {
     rgb: &'f mut [[f32; 3]],
     layers: Vec<&'f mut [f32]>,
 }
 
 impl<'f> Band<'f> {
-    /// The bands of a film, from the top.
-    fn all(film: &'f mut Film) -> Vec<Mutex<Self>> {
-        let size = (film.width as usize * TILE as usize).max(1);
+    /// The bands of a film with this number of rows, from the top.
+    fn all(film: &'f mut Film, rows: u32) -> Vec<Mutex<Self>> {
+        let size = (film.width as usize * rows as usize).max(1);
         let rgb = film.rgb.chunks_mut(size);
         let mut bands: Vec<Self> = rgb
             .map(|rgb| Self {
@@ -214,7 +227,12 @@ impl Pipeline {
 
     fn render_on_current_pool(
         &self,
-        RenderOptions { region, progress, .. }: RenderOptions<'_>,
+        RenderOptions {
+            region,
+            tile,
+            progress,
+            ..
+        }: RenderOptions<'_>,
         film: &mut Film,
     ) {
         let start = Instant::now();
@@ -231,15 +249,17 @@ impl Pipeline {
         // Column by column: threads that work side by side then write to different bands. The first
         // write to a page of the film takes as long as some rays; with one lock for the whole film,
         // sixteen threads were only 5.8 times as fast as one.
-        let rows = region.height.div_ceil(TILE);
-        let tiles: Vec<Tile> = (0..region.width.div_ceil(TILE))
-            .flat_map(|column| (0..rows).map(move |row| (column * TILE, row * TILE)))
-            .map(|(x, y)| Tile {
-                x: region.x + x,
-                y: region.y + y,
-                width: TILE.min(region.width - x),
-                height: TILE.min(region.height - y),
-            })
+        let side = match tile {
+            0 => TILE,
+            // Each row of blocks has its own rows of the film.
+            BLOCK.. => tile.min(65_536).next_multiple_of(BLOCK),
+            _ => tile,
+        };
+        let rows = side.min(BLOCK);
+        let tiles: Vec<Vec<Region>> = region
+            .squares(side)
+            .into_iter()
+            .map(|tile| tile.squares(rows))
             .collect();
         film.prepare([region.width, region.height], self.film.channels());
         film.samples = self.samples();
@@ -253,23 +273,25 @@ impl Pipeline {
         let next = AtomicUsize::new(0);
         let stopped = AtomicBool::new(false);
         let too_large = Mutex::new(None);
-        let bands = Band::all(film);
+        let bands = Band::all(film, rows);
         let counters = rayon::broadcast(|_| {
-            let mut scratch = TileScratch::new(self.tree_limits);
-            while !stopped.load(Ordering::Relaxed)
-                && let Some(tile) = tiles.get(next.fetch_add(1, Ordering::Relaxed))
-            {
-                self.render_tile(tile, first, adaptive.as_ref(), &mut scratch);
+            let mut scratch = BlockScratch::new(self.tree_limits);
+            let taken = std::iter::from_fn(|| tiles.get(next.fetch_add(1, Ordering::Relaxed)));
+            for block in taken.flatten() {
+                if stopped.load(Ordering::Relaxed) {
+                    break;
+                }
+                self.render_block(block, first, adaptive.as_ref(), &mut scratch);
                 if let Some(tree) = scratch.memory.too_large(&scratch.pixels) {
                     *too_large.lock().unwrap_or_else(PoisonError::into_inner) = Some(tree);
                     stopped.store(true, Ordering::Relaxed);
                     break;
                 }
-                if let Some(band) = bands.get(((tile.y - region.y) / TILE) as usize) {
+                if let Some(band) = bands.get(((block.y - region.y) / rows) as usize) {
                     let mut band = band.lock().unwrap_or_else(PoisonError::into_inner);
                     scratch.write(&mut band, region);
                 }
-                let pixels = u64::from(tile.width) * u64::from(tile.height);
+                let pixels = u64::from(block.width) * u64::from(block.height);
                 let so_far = done.fetch_add(pixels, Ordering::Relaxed) + pixels;
                 // The first samples of an adaptive sampler finish no pixel.
                 let finished = if adaptive.is_none() { so_far } else { 0 };
@@ -291,14 +313,14 @@ impl Pipeline {
             // The last tile may have been finished before.
             film.is_complete = adaptive.is_none() && done.into_inner() == total;
         } else if let Some(adaptive) = adaptive {
-            let mut scratch = TileScratch::new(self.tree_limits);
+            let mut scratch = BlockScratch::new(self.tree_limits);
             // Pixels of the region take as many samples as in the whole image.
             for pixels in region.neighbours(size).chunks(LANES) {
                 adaptive.start(self, pixels, &mut scratch.memory);
                 film.stop_at(scratch.memory.too_large(pixels));
             }
-            let pixels = tiles.iter().flat_map(|tile| {
-                scratch.enter(tile);
+            let pixels = tiles.iter().flatten().flat_map(|block| {
+                scratch.enter(block);
                 scratch.pixels.clone()
             });
             if film.too_large.is_none() {
@@ -314,16 +336,16 @@ impl Pipeline {
         film.render_seconds = start.elapsed().as_secs_f64();
     }
 
-    /// Renders a tile with the first `positions` of each pixel.
-    fn render_tile(
+    /// Renders a block with the first `positions` of each pixel.
+    fn render_block(
         &self,
-        tile: &Tile,
+        block: &Region,
         positions: u32,
         adaptive: Option<&Adaptive>,
-        scratch: &mut TileScratch,
+        scratch: &mut BlockScratch,
     ) {
-        scratch.enter(tile);
-        let TileScratch {
+        scratch.enter(block);
+        let BlockScratch {
             pixels,
             rgb,
             layers,

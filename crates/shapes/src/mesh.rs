@@ -75,11 +75,11 @@ pub struct Config {
     #[serde(default)]
     #[schemars(extend("x-default" = "none"), with = "Subdivision")]
     subdivision: Option<Subdivision>,
-    /// Displaces the vertices along their normals, after subdivision; the normals in the file are
-    /// discarded.
+    /// Displaces the vertices along their normals by a `height`, or by a `vector_map`, after
+    /// subdivision; the normals in the file are discarded.
     #[serde(default)]
     #[schemars(extend("x-default" = "none"), with = "Displacement")]
-    displacement: Option<Displacement>,
+    displacement: Option<Spanned<Displacement>>,
 }
 
 /// How normals vary over a triangle.

@@ -9,7 +9,15 @@ from itertools import product
 import numpy as np
 
 from support import DOWN, FLOOR, Case, film
-from whitstone_mitsuba import displacement, mappings, meshes, subdivision, textures
+from whitstone_mitsuba import (
+    displacement,
+    document,
+    mappings,
+    meshes,
+    subdivision,
+    textures,
+)
+from whitstone_mitsuba.fields import Fields
 from whitstone_mitsuba.runtime import mi
 
 AOVS = ("depth", "normal", "uv", "shape_id", "primitive_id")
@@ -395,6 +403,39 @@ class Meshes(Case):
         refuse("1, depth = 2", "depth")
         refuse("1, scale = nan, offset = 0 } #", "scale")
 
+    def test_displacement_by_vectors(self):
+        """The vector (0.5, -0.25, 1), twice, by hand along the axes of the object and of tangents.
+        """
+        self.write("c.obj", OCTAHEDRON)
+        vector = "displacement = {{ vector_map = [0.75, 0.375, 1], scale = 2{} }}\n"
+        shape = '[[shape]]\ntype = "mesh"\nfile = "c.obj"\n' + vector
+
+        def tip(more, normal):
+            """How far the tip along this axis has moved."""
+            errors = []
+            fields = Fields(document.tomllib.loads(vector.format(more)), "shape", errors)
+            moves = displacement.read(fields, textures.Textures({}, None, errors, []), False)
+            self.assertEqual(errors, [])
+            n = np.array([normal], dtype=np.float64)
+            return moves(n, n, np.zeros((1, 2)))[0]
+
+        x, y, z = np.eye(3)
+        self.near(tip("", x), [1, -0.5, 2])
+        tangent = ', space = "tangent"'
+        # At +y the tangent is x, the bitangent -z; at +x it has no direction.
+        self.near(tip(tangent, y), [1, 2, 0.5])
+        self.near(tip(tangent, x), [0, 0, 0])
+        # At +x the tangent around y is -z, the bitangent y; at +y there is none.
+        self.near(tip(tangent + ", axis = [0, 2, 0]", x), [2, -0.5, -1])
+        self.near(tip(tangent + ", axis = [0, 2, 0]", y), [0, 0, 0])
+        self.near(tip(tangent + ", tangent = [0, 3, 4]", z), [0.5, 1, 2])
+        node = self.nodes(looking([1, -0.5, 8], (1, -0.5, 0)) + shape.format(""), base=self.base)[0]
+        self.near(node["t"], 8 - 3, rel=1e-5)
+        for more, word in ((", offset = 0", "offset"), (", height = 1", "height"), (", axis = [0, 1, 0]", "axis"), (', space = "world"', "space")):
+            self.refuse(looking([0, 0, 5]) + shape.format(more), "scene", word, base=self.base)
+        heights = shape.replace("vector_map = [0.75, 0.375, 1]", "height = 1")
+        self.refuse(looking([0, 0, 5]) + heights.format(tangent), "scene", "space", base=self.base)
+
     def test_heightfield_of_a_texture(self):
         """A grid of 2 x 1 quads, whose heights are voxels at the vertices."""
         values = "[0.0, 0.5, 0.25, 1.0, 0.75, 0.125]"
@@ -432,7 +473,7 @@ class Meshes(Case):
         """
         square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 3 0\nf 1/1 2/2 3/1\nf 1/3 3/1 4/1\n"
         mesh = meshes.load(self.write("square.obj", square))
-        rise = lambda points, normals, uvs: uvs[:, 0]  # noqa: E731
+        rise = lambda points, normals, uvs: uvs[:, :1] * normals  # noqa: E731
         moved = subdivision.loop(mesh, 0, rise)
         corners = moved.positions[moved.faces]
         self.near(corners[:, :, 2], [[1.5, 1, 0], [1.5, 0, 0]])

@@ -89,6 +89,49 @@ class Emission(Case):
         self.refuse(HEAD + FLOOR + 'material = "a"\n' + shared, "scene", "contains itself")
 
 
+class ReflectionMaps(Case):
+    # Red grows with x, from 0 at -1 to 1 at 1.
+    RAMP = '{ type = "gradient", scale = 0.5, offset = 0.5, a = 0, b = [1, 0, 0], wrap = "clamp" }'
+
+    def seen(self, inner, map_=f"radiance = {RAMP}", more=""):
+        """A ray along (3, -4, 0)/5 onto the floor, reflected to (3, 4, 0)/5."""
+        head = film() + '[camera]\ntype = "perspective"\nlook_at = { origin = [-3, 4, 0], target = [0, 0, 0] }\n'
+        return head + SKY + more + floor(f'type = "reflection_map", {map_}, material = {inner}')
+
+    def test_reflections_are_looked_up(self):
+        mirror = self.seen('{ type = "mirror", reflectance = 0.5 }')
+        self.near(self.value(mirror), [0.4, 0, 0], atol=1e-6)
+        self.assertEqual([node["path"] for node in self.nodes(mirror)], [""])
+
+    def test_the_rest_is_traced(self):
+        pane = self.seen('{ type = "thin_dielectric" }', "radiance = [5, 0, 0]")
+        self.assertEqual([node["path"] for node in self.nodes(pane)], ["", "T"])
+        traced = film() + '[camera]\ntype = "perspective"\nlook_at = { origin = [-3, 4, 0], target = [0, 0, 0] }\n' + SKY
+        through = {node["path"]: node for node in self.nodes(traced + floor('type = "thin_dielectric"'))}
+        sky = self.value(traced + floor('type = "mirror"'))
+        shares = [np.array(through[path]["throughput"]) for path in "RT"]
+        self.near(self.value(pane), shares[0] * [5, 0, 0] + shares[1] * sky)
+
+    def test_glossy_reflections_are_means(self):
+        inner = '{ type = "glossy", exponent = 200, samples = 3 }'
+        self.near(self.value(self.seen(inner, "radiance = [0.5, 1, 2]")), [0.5, 1, 2])
+        traced = film() + '[camera]\ntype = "perspective"\nlook_at = { origin = [-3, 4, 0], target = [0, 0, 0] }\n' + floor(f"{inner[1:-1]}")
+        sky = f'[[light]]\ntype = "environment"\nradiance = {self.RAMP}\n'
+        self.near(self.value(self.seen(inner)), self.value(traced + sky), atol=1e-6)
+
+    def test_a_mix_with_a_traced_mirror(self):
+        mapped = '{ type = "reflection_map", radiance = 8, material = { type = "mirror" } }'
+        mixed = floor(f'type = "mix", weight = 0.25, a = {mapped}, b = {{ type = "mirror" }}')
+        sky = self.value(HEAD + SKY + floor('type = "mirror"'))
+        self.near(self.value(HEAD + SKY + mixed), 0.75 * 8 + 0.25 * sky)
+
+    def test_a_map_is_a_colour_a_texture_or_a_cube(self):
+        self.refuse(self.seen('{ type = "mirror" }', "radiance = -1"), "scene", "radiance")
+        self.refuse(self.seen('{ type = "mirror" }', "radiance = 1, faces = {}"), "scene", "faces")
+        self.refuse(HEAD + floor('type = "reflection_map", material = { type = "mirror" }'), "scene", "radiance")
+        self.refuse(HEAD + floor('type = "reflection_map", radiance = 1'), "scene", "material")
+
+
 class Composites(Case):
     AMBIENT = '[[light]]\ntype = "ambient"\nradiance = 4\n'
 

@@ -5,13 +5,14 @@ float64, because single precision would roughen the surface.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Optional, Tuple
 
 import numpy as np
 
 from . import compounds, patterns, textures
 from .fields import REQUIRED, Fields
-from .subdivision import Heights
+from .materials import tangent_of
+from .subdivision import Displacement
 
 
 @dataclass
@@ -72,12 +73,25 @@ def _colors(texture: Any, q: np.ndarray) -> np.ndarray:
     return texture.at(q)
 
 
-def heights(texture: Any, points: np.ndarray, normals: np.ndarray, uvs: np.ndarray) -> np.ndarray:
-    """(n,): the first channel of a texture at corners with these positions, unit normals and
-    texture coordinates.
-    """
+def colors(texture: Any, points: np.ndarray, normals: np.ndarray, uvs: np.ndarray) -> np.ndarray:
+    """(n, 3): a texture at corners with these positions, unit normals and texture coordinates."""
     place = _Place(points.T, uvs.T, _Frame(normals.T))
-    return np.broadcast_to(_look(texture, place), (len(points), 3))[:, 0]
+    return np.broadcast_to(_look(texture, place), (len(points), 3))
+
+
+def heights(texture: Any, points: np.ndarray, normals: np.ndarray, uvs: np.ndarray) -> np.ndarray:
+    """(n,): the first channel of the same."""
+    return colors(texture, points, normals, uvs)[:, 0]
+
+
+def in_tangent_space(vectors: np.ndarray, normals: np.ndarray, direction: Tuple[float, ...], around: bool) -> np.ndarray:
+    """(n, 3): vectors of tangent space in object space; zero where there is no tangent."""
+    along = np.broadcast_to(np.array(direction), normals.shape)
+    tangents = np.cross(along, normals) if around else along - np.sum(along * normals, axis=1, keepdims=True) * normals
+    length = np.linalg.norm(tangents, axis=1, keepdims=True)
+    tangents = np.divide(tangents, length, out=np.zeros_like(tangents), where=length > 0)
+    x, y, z = (vectors[:, k, None] for k in range(3))
+    return np.where(length > 0, x * tangents + y * np.cross(normals, tangents) + z * normals, 0)
 
 
 def _look(texture: Any, place: _Place) -> np.ndarray:
@@ -92,12 +106,28 @@ def _look(texture: Any, place: _Place) -> np.ndarray:
     return texture.mapping.values(place, lambda q: _colors(texture, q))
 
 
-def read(fields: Fields, library: Any, has_uv: bool) -> Heights:
-    """The key `displacement`: a function for the distance that a corner moves along its normal."""
+def read(fields: Fields, library: Any, has_uv: bool) -> Displacement:
+    """The key `displacement`."""
     inner = Fields(fields.take("displacement"), f"{fields.where}.displacement", fields.errors)
-    height = library.value(inner, "height", REQUIRED, 0.0, float("inf"))
+    key, other = ("vector_map", "height") if inner.has("vector_map") else ("height", "vector_map")
+    texture = library.value(inner, key, REQUIRED, 0.0, float("inf"))
+    for excluded in (other, *(("offset",) if key == "vector_map" else ("space", "tangent", "axis"))):
+        if inner.has(excluded):
+            inner.error(excluded, f"cannot be given together with `{key}`")
+            inner.take(excluded)
     scale, offset = inner.number("scale", 1.0), inner.number("offset", 0.0)
+    tangent: Optional[Tuple[Tuple[float, ...], bool]] = None
+    if inner.choice("space", "object", ("object", "tangent")) == "tangent":
+        tangent = tangent_of(inner)
     inner.close()
-    if compounds.by_uv(height) and not has_uv:
-        inner.error("height", "is mapped by (u, v), but the mesh has no texture coordinates")
-    return lambda points, normals, uvs: scale * (heights(height, points, normals, uvs) - offset)
+    if compounds.by_uv(texture) and not has_uv:
+        inner.error(key, "is mapped by (u, v), but the mesh has no texture coordinates")
+
+    def moves(points: np.ndarray, normals: np.ndarray, uvs: np.ndarray) -> np.ndarray:
+        found = colors(texture, points, normals, uvs)
+        if key == "height":
+            return scale * (found[:, :1] - offset) * normals
+        vectors = 2 * found - 1
+        return scale * (vectors if tangent is None else in_tangent_space(vectors, normals, *tangent))
+
+    return moves

@@ -287,7 +287,7 @@ class CubeLookup:
 
 @dataclass(frozen=True)
 class Cube:
-    """The faces of an environment, in the order of `FACES`."""
+    """The faces of a cube map, in the order of `FACES`."""
 
     faces: Tuple[Any, ...]
 
@@ -316,14 +316,18 @@ def _faces(fields: Fields, base: Folder) -> Any:
     return Cube(tuple(found)) if len(found) == len(FACES) and not fields.errors else textures.Constant((0.0, 0.0, 0.0))
 
 
-def _environment(fields: Fields, index: int, reader: Any, base: Folder) -> Tuple[Any, List[Lamp]]:
-    if fields.has("faces"):
-        radiance = _faces(fields, base)
-        if fields.has("radiance"):
-            fields.take("radiance")
-            fields.error("faces", "expected either `radiance` or `faces`, found both")
-    else:
-        radiance = reader.value(fields, "radiance", REQUIRED, 0.0, float("inf"))
+def direction_map(fields: Fields, reader: Any) -> Any:
+    """The keys `radiance` and `faces`: a texture on the sphere of directions."""
+    if not fields.has("faces"):
+        return reader.value(fields, "radiance", REQUIRED, 0.0, float("inf"))
+    if fields.has("radiance"):
+        fields.take("radiance")
+        fields.error("faces", "expected either `radiance` or `faces`, found both")
+    return _faces(fields, reader.base)
+
+
+def _environment(fields: Fields, index: int, reader: Any) -> Tuple[Any, List[Lamp]]:
+    radiance = direction_map(fields, reader)
     n = fields.integer("samples", 0, 0, 32)
     lamps: List[Lamp] = []
     if n > 0:
@@ -551,7 +555,7 @@ def read(tables: Any, reader: Any, base: Folder, errors: List[str], unsupported:
         if kind in LAMPS:
             lamps.append(LAMPS[kind](fields, index))
         elif kind == "environment":
-            radiance, sky_lamps = _environment(fields, index, reader, base)
+            radiance, sky_lamps = _environment(fields, index, reader)
             environments.append(radiance)
             lamps.extend(sky_lamps)
         elif kind == "area":

@@ -16,6 +16,7 @@ from typing import Any, Dict, List, Optional, Sequence, Set, Tuple
 
 from .compounds import leaves
 from .fields import REQUIRED, Fields, Vector, nearest
+from .lights import direction_map
 from .runtime import dr, mi
 from .textures import Constant, Textures
 
@@ -127,6 +128,8 @@ class Material:
     priority: Optional[int] = None
     # Maximum number of reflection rays per hit.
     spread: int = 1
+    # The map that reflections are looked up in; None if they are traced.
+    directions: Any = None
 
     def hosted(self) -> Optional[Tuple[str, str]]:
         """(plugin type, reason) if the twin is not native."""
@@ -292,6 +295,12 @@ def _emissive(fields: Fields, textures: Textures, parts: List[Material]) -> Mate
     return replace(_composite_of("emissive", parts, textures={"radiance": radiance}), smooth=True)
 
 
+def _reflection_map(fields: Fields, textures: Textures, parts: List[Material]) -> Material:
+    made = _composite_of("reflection_map", parts)
+    transmitted = tuple(letter for letter in made.branches if letter != REFLECT)
+    return replace(made, branches=transmitted, smooth=True, spread=1, directions=direction_map(fields, textures))
+
+
 def _mask(fields: Fields, textures: Textures, parts: List[Material]) -> Material:
     if parts[0].refracts:
         fields.error("material", "a material that refracts cannot have holes")
@@ -314,7 +323,7 @@ def _two_sided(fields: Fields, textures: Textures, parts: List[Material]) -> Mat
     return _composite_of("two_sided", parts)
 
 
-def _tangent(fields: Fields) -> Tuple[Vector, bool]:
+def tangent_of(fields: Fields) -> Tuple[Vector, bool]:
     """A unit vector, and whether the tangent goes around it."""
     around = fields.has("axis")
     if around and fields.has("tangent"):
@@ -337,7 +346,7 @@ def _normal_map(fields: Fields, textures: Textures, parts: List[Material]) -> Ma
             fields.error("axis", "cannot be given together with `tangent`")
             fields.take("axis")
         return replace(made, normal_mapped=True, mesh_tangent=True)
-    direction, around = _tangent(fields)
+    direction, around = tangent_of(fields)
     return replace(made, normal_mapped=True, direction=direction, around=around)
 
 
@@ -350,7 +359,7 @@ def _bump_vectors(fields: Fields, textures: Textures, parts: List[Material]) -> 
     if fields.take("tangent") == "mesh":
         textures.unsupported.append(f'{fields.where}.tangent: no twin for `tangent = "mesh"` of bump')
         return replace(made, normal_mapped=True)
-    direction, around = _tangent(fields)
+    direction, around = tangent_of(fields)
     return replace(made, normal_mapped=True, direction=direction, around=around, tangent=True)
 
 
@@ -369,6 +378,7 @@ def _bump(fields: Fields, textures: Textures, parts: List[Material]) -> Material
 # Composite materials: reader, the keys of their parts, and whether these are optional.
 COMPOSITES: Dict[str, Tuple[Any, Tuple[str, ...], bool]] = {
     "emissive": (_emissive, ("material",), True),
+    "reflection_map": (_reflection_map, ("material",), False),
     "mask": (_mask, ("material",), False),
     "mix": (_mix, ("a", "b"), False),
     "two_sided": (_two_sided, ("front", "back"), False),

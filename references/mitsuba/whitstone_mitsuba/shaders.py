@@ -7,10 +7,12 @@ full weights: Mitsuba's own `mask` and `blendbsdf` would choose one at random.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import count
 from typing import Any, Optional, Sequence, Tuple
 
 import numpy as np
 
+from . import lights
 from .cameras import Lens
 from .compounds import by_uv, leaves, smooth, values
 from .runtime import dr, mi
@@ -203,17 +205,17 @@ class Glossy(Leaf):
         return Branch(mirrored.weight * dr.opaque(mi.Float, 1 / len(self.lobe)), si.to_local(a * x + b * y + c * r))
 
 
-class Emissive(Shader):
-    """Emission on top of another material."""
+class Over(Shader):
+    """The same as another material."""
 
-    def __init__(self, radiance: Any, under: Shader) -> None:
-        self.radiance, self.under = radiance.build(), under
+    def __init__(self, under: Shader) -> None:
+        self.under = under
 
     def ambient(self, si: Any) -> Any:
         return self.under.ambient(si)
 
     def emission(self, si: Any) -> Any:
-        return self.radiance.eval(si) + self.under.emission(si)
+        return self.under.emission(si)
 
     def local(self, si: Any, wo: Any) -> Any:
         return self.under.local(si, wo)
@@ -232,6 +234,45 @@ class Emissive(Shader):
 
     def steps(self, letter: str, si: Any, steps: Steps) -> Steps:
         return self.under.steps(letter, si, steps)
+
+
+class Emissive(Over):
+    """Emission on top of another material."""
+
+    def __init__(self, radiance: Any, under: Shader) -> None:
+        Over.__init__(self, under)
+        self.radiance = radiance.build()
+
+    def emission(self, si: Any) -> Any:
+        return self.radiance.eval(si) + self.under.emission(si)
+
+
+class ReflectionMap(Over):
+    """A material whose reflections are looked up in a map."""
+
+    def __init__(self, directions: Any, under: Shader) -> None:
+        Over.__init__(self, under)
+        self.directions = directions.build()
+
+    def emission(self, si: Any) -> Any:
+        total = mi.Color3f(self.under.emission(si))
+        n, v = mi.Vector3f(si.n), si.to_world(si.wi)
+        for number in count():
+            branch = self.under.branch("R", si, number)
+            if branch is None:
+                return total
+            d = mi.Vector3f(si.to_world(branch.wo))
+            dr.eval(d)
+            seen = self.directions.eval(lights.place(np.array(d).T))
+            # Rule G.
+            kept = dr.dot(n, d) * dr.dot(n, v) > 0
+            total = total + dr.select(kept, branch.weight * seen, _black())
+
+    def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Branch]:
+        return None if letter == "R" else self.under.branch(letter, si, number)
+
+    def bends(self, letter: str) -> bool:
+        return letter != "R" and self.under.bends(letter)
 
 
 def _straight(si: Any, weight: Any) -> Branch:
@@ -585,6 +626,8 @@ def build(materials: Sequence[Any], bsdfs: Sequence[Any], table: Any) -> Tuple[S
         parts = [built[number] for number in material.parts]
         if material.type == "emissive":
             built.append(Emissive(material.textures["radiance"], parts[0] if parts else Shader()))
+        elif material.type == "reflection_map":
+            built.append(ReflectionMap(material.directions, parts[0]))
         elif material.type == "mask":
             built.append(Mask(material.textures["opacity"], parts[0]))
         elif material.type == "mix":

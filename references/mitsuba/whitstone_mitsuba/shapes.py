@@ -379,9 +379,9 @@ def _mesh_triangles(fields: Fields, place: Place, base: Folder) -> Tuple[meshes.
             fields.error("file", str(error))
         except Unsupported as error:
             place.unsupported.append(f"{fields.where}.file: {error}")
-    levels, rise = 0, None
+    levels, moves = 0, None
     if fields.has("displacement"):
-        rise = displacement.read(fields, place.textures, triangles.uvs is not None)
+        moves = displacement.read(fields, place.textures, triangles.uvs is not None)
     if fields.has("subdivision"):
         inner = Fields(fields.take("subdivision"), f"{fields.where}.subdivision", fields.errors)
         inner.choice("scheme", REQUIRED, ("loop",))
@@ -389,8 +389,8 @@ def _mesh_triangles(fields: Fields, place: Place, base: Folder) -> Tuple[meshes.
         inner.close()
     if len(triangles.faces) * 4**levels > 2 * MAX_QUADS and levels > 0:
         place.unsupported.append(f"{fields.where}: no twin for more than {2 * MAX_QUADS} triangles")
-    elif (levels > 0 or rise is not None) and not fields.errors:
-        triangles = subdivision.loop(triangles, levels, rise)
+    elif (levels > 0 or moves is not None) and not fields.errors:
+        triangles = subdivision.loop(triangles, levels, moves)
     return triangles, shading == "smooth" and triangles.normals is not None
 
 

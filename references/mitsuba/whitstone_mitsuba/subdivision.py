@@ -10,13 +10,13 @@ import numpy as np
 
 from .meshes import Triangles
 
-# (points (n, 3), unit normals (n, 3), uvs (n, 2)) -> heights (n,), of corners of triangles
-Heights = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+# (points (n, 3), unit normals (n, 3), uvs (n, 2)) -> displacements (n, 3) in metres, of corners of
+# triangles
+Displacement = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
-def loop(mesh: Triangles, levels: int, rise: Optional[Heights] = None) -> Triangles:
-    """The mesh after some levels, displaced along its normals by `rise` (in metres), with normals.
-    """
+def loop(mesh: Triangles, levels: int, displacement: Optional[Displacement] = None) -> Triangles:
+    """The mesh after some levels, displaced, with normals."""
     # -0 and 0 are equal.
     points, point_of = np.unique(mesh.positions + 0.0, axis=0, return_inverse=True)
     faces = np.asarray(point_of).reshape(-1)[mesh.faces]
@@ -30,8 +30,8 @@ def loop(mesh: Triangles, levels: int, rise: Optional[Heights] = None) -> Triang
             edges, of_side = _edges(corners)
             corners = _split(corners, len(uvs) + of_side)
             uvs = np.vstack([uvs, uvs[edges].mean(axis=1)])
-    if rise is not None:
-        points = points + _rises(points, faces, None if uvs is None else uvs[corners], rise)
+    if displacement is not None:
+        points = points + _moves(points, faces, None if uvs is None else uvs[corners], displacement)
     normals = _normals(points, faces)
     if uvs is None:
         return Triangles(points, faces, normals)
@@ -51,7 +51,7 @@ def _normals(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return normals
 
 
-def _rises(points: np.ndarray, faces: np.ndarray, uvs: Optional[np.ndarray], rise: Heights) -> np.ndarray:
+def _moves(points: np.ndarray, faces: np.ndarray, uvs: Optional[np.ndarray], displacement: Displacement) -> np.ndarray:
     """(n, 3): displacement of each point, the mean over its triangle corners; `uvs` is (triangles,
     3, 2).
     """
@@ -59,10 +59,10 @@ def _rises(points: np.ndarray, faces: np.ndarray, uvs: Optional[np.ndarray], ris
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     normals = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
     at = faces.ravel()
-    seen = rise(points[at], normals[at], np.zeros((len(at), 2)) if uvs is None else uvs.reshape(-1, 2))
+    seen = displacement(points[at], normals[at], np.zeros((len(at), 2)) if uvs is None else uvs.reshape(-1, 2))
     count = np.maximum(np.bincount(at, minlength=len(points)), 1)
-    mean = np.bincount(at, weights=seen, minlength=len(points)) / count
-    return mean[:, None] * normals
+    mean = np.stack([np.bincount(at, weights=seen[:, k], minlength=len(points)) / count for k in range(3)], axis=1)
+    return np.where(length > 0, mean, 0)
 
 
 def _edges(faces: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:

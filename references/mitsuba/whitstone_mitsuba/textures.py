@@ -199,7 +199,7 @@ class Textures:
 
     def __init__(self, shared: Dict[str, Any], base: Folder, errors: List[str], unsupported: List[str]) -> None:
         self._tables = shared
-        self._base = base
+        self.base = base
         self._errors = errors
         self.unsupported = unsupported
         self._read: Dict[str, Any] = {}
@@ -276,7 +276,7 @@ class Textures:
                     self.unsupported.append(f"{where}: no twin for a texture of type {kind!r}; {nearest(kind, known)}")
                 return Constant((0.0, 0.0, 0.0))
             else:
-                texture = reader(fields, self._base)
+                texture = reader(fields, self.base)
         except Unsupported as error:
             self.unsupported.append(f"{where}: {error}")
             return Constant((0.0, 0.0, 0.0))

@@ -36,9 +36,9 @@ pub(crate) struct Arguments {
     /// Accelerator: TYPE or TYPE:QUALITY
     #[arg(long, value_name = "NAME", default_value = "bvh:balanced")]
     accelerator: String,
-    /// Number of threads of the larger pool, at least 2
-    #[arg(long, value_name = "COUNT", default_value_t = 2)]
-    threads: usize,
+    /// Number of threads of the larger pool, at least 2 [default: one per core]
+    #[arg(long, value_name = "COUNT")]
+    threads: Option<usize>,
     /// Number of rounds; each runs everything once with both pools
     #[arg(long, value_name = "COUNT", default_value_t = 7)]
     rounds: usize,
@@ -65,7 +65,8 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         let builder = rayon::ThreadPoolBuilder::new().num_threads(threads);
         builder.build().map_err(Failure::environment)
     };
-    let threads = arguments.threads.max(2);
+    let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+    let threads = arguments.threads.unwrap_or_else(cores).max(2);
     let pools = [pool(1)?, pool(threads)?];
     let before = load();
     let mut times = [[Vec::new(), Vec::new(), Vec::new()], [const { Vec::new() }; 3]];

@@ -55,6 +55,12 @@ impl Rgb {
         [self.r, self.g, self.b]
     }
 
+    /// The vector that a texture stores as this colour: 2 * colour - 1, so that mid grey (0.5) is
+    /// the zero vector.
+    pub fn to_vector(self) -> DVec3 {
+        DVec3::from_array(self.map(|channel| 2.0 * channel - 1.0).to_array())
+    }
+
     /// Applies `f` to each channel.
     #[inline(always)]
     pub fn map(self, f: impl Fn(f64) -> f64) -> Self {

@@ -57,6 +57,7 @@ pub(crate) const FEATURES: &[Feature] = features! {
     Approximated "[material] conductor": "A metal with the reflectance at normal incidence; it is kept for Whitstone.";
     Approximated "[material] priority": "Other programs do not order overlapping bodies; it is kept for Whitstone.";
     Approximated "[material] mix": "One material with parameters in between; it is kept for Whitstone.";
+    Approximated "[material] reflection_map": "Its material, which traces reflections; it is kept for Whitstone.";
     Approximated "[material] two_sided": "The front on both sides; it is kept for Whitstone.";
     Approximated "[material] mask": "An opacity that is not the alpha of the base colour's image is constant; it is kept for Whitstone.";
     Approximated "[texture] product": "At most one image times a constant; it is kept for Whitstone.";

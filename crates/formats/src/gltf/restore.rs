@@ -243,8 +243,10 @@ impl Restorer<'_> {
                 ("material", value) => self.material_value(value),
                 ("height", value) => self.still().texture_value(value),
                 ("displacement", Value::Table(displacement)) => {
-                    if let Some(height) = displacement.get_mut("height") {
-                        self.still().texture_value(height);
+                    for key in ["height", "vector_map"] {
+                        if let Some(texture) = displacement.get_mut(key) {
+                            self.still().texture_value(texture);
+                        }
                     }
                 }
                 _ => {}

@@ -6,14 +6,9 @@ use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::Vector3;
 use whitstone_core::{
-    BsdfFlags, ColorSource, DVec3, GlossyLobe, LightSamples, Material, Rgb, SceneError, SceneErrors,
-    SourceSpan, SpecularRays, SurfaceAttributes, SurfaceInteraction, Transmittance,
+    BsdfFlags, ColorSource, DVec3, GlossyLobe, LightSamples, Material, Rgb, SceneErrors, SpecularRays,
+    SurfaceAttributes, SurfaceInteraction, TangentField, Transmittance,
 };
-
-/// Decodes a colour into a vector: 2 * colour - 1.
-pub(crate) fn coded(colors: &ColorSource, point: &SurfaceInteraction) -> DVec3 {
-    DVec3::from_array(colors.value(point).to_array().map(|part| 2.0 * part - 1.0))
-}
 
 /// The key `tangent`: a direction, or "mesh".
 #[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema)]
@@ -33,34 +28,26 @@ pub(crate) enum OfMesh {
     Mesh,
 }
 
-/// Tangent frame, defined by a tangent direction, by an axis around which tangents run, or by a
-/// mesh.
+/// Tangent frame of the surface or of a mesh.
 pub(crate) enum Frame {
-    Along(DVec3),
-    Around(DVec3),
+    Field(TangentField),
     Mesh,
 }
 
 impl Frame {
     /// Creates a frame from a world-space tangent or axis; the tangent is +x by default.
     pub(crate) fn new(
-        tangent: Option<(Tangent, SourceSpan)>,
+        tangent: Option<Spanned<Tangent>>,
         axis: Option<&Spanned<Vector3>>,
     ) -> Result<Self, SceneErrors> {
-        let unit = |vector: Vector3, span: SourceSpan| {
-            let error = || SceneError::at(span, "expected a direction, found a zero vector");
-            vector.get().try_normalize().ok_or_else(error)
+        let tangent = match tangent.map(|tangent| (tangent.span(), tangent.into_inner())) {
+            Some((_, Tangent::Of(OfMesh::Mesh))) if axis.is_none() => return Ok(Self::Mesh),
+            // Any direction: given with `axis` it is an error.
+            Some((span, Tangent::Of(OfMesh::Mesh))) => Some(Spanned::new(span, Vector3::new(1.0, 0.0, 0.0))),
+            Some((span, Tangent::Direction(direction))) => Some(Spanned::new(span, direction)),
+            None => None,
         };
-        Ok(match (tangent, axis) {
-            (None, None) => Self::Along(DVec3::X),
-            (Some((Tangent::Direction(direction), span)), None) => Self::Along(unit(direction, span)?),
-            (Some((Tangent::Of(OfMesh::Mesh), _)), None) => Self::Mesh,
-            (None, Some(axis)) => Self::Around(unit(*axis.get_ref(), axis.span())?),
-            (Some(_), Some(axis)) => {
-                let message = "`tangent` and `axis` exclude each other";
-                return Err(SceneError::at(axis.span(), message).into());
-            }
-        })
+        TangentField::new(tangent.as_ref(), axis).map(Self::Field)
     }
 
     /// Decodes a tangent-space vector into world space; `None` where the tangent is degenerate.
@@ -72,27 +59,19 @@ impl Frame {
         strength: f64,
         point: &SurfaceInteraction,
     ) -> Option<DVec3> {
-        let n = point.n_s;
-        let handedness = match self {
-            Self::Mesh => point.vertex.handedness,
-            Self::Along(_) | Self::Around(_) => 1.0,
+        let (field, handedness) = match self {
+            Self::Field(field) => (*field, 1.0),
+            Self::Mesh => (TangentField::Along(point.vertex.tangent), point.vertex.handedness),
         };
-        let t = match self {
-            Self::Along(direction) => direction - direction.dot(n) * n,
-            Self::Around(axis) => axis.cross(n),
-            Self::Mesh => point.vertex.tangent - point.vertex.tangent.dot(n) * n,
-        };
-        let t = t.try_normalize()?;
-        let DVec3 { x, y, z } = coded(parts, point);
-        let [x, y] = [strength * x, strength * handedness * y];
-        Some(x * t + y * n.cross(t) + z * n)
+        let scale = DVec3::new(strength, strength * handedness, 1.0);
+        field.vector(scale * parts.value(point).to_vector(), point.n_s)
     }
 
     /// The surface attributes that it reads besides the shading normal.
     pub(crate) fn needs(&self) -> SurfaceAttributes {
         match self {
             Self::Mesh => SurfaceAttributes::TANGENT,
-            Self::Along(_) | Self::Around(_) => SurfaceAttributes::NOTHING,
+            Self::Field(_) => SurfaceAttributes::NOTHING,
         }
     }
 }

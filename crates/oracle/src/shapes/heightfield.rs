@@ -2,7 +2,7 @@
 //! single precision, as the model specifies.
 
 use super::triangle::Triangles;
-use crate::tracer::texture::Height;
+use crate::tracer::texture::VertexTexture;
 use serde::Deserialize;
 use whitstone_core::config::TextureRef;
 use whitstone_core::{DVec3, SceneError, SceneErrors};
@@ -43,7 +43,7 @@ impl Heightfield {
             self.amplitude.is_some() || self.hills.is_some() || self.octaves.is_some() || self.seed.is_some();
         let of_texture = self.scale.is_some() || self.offset.is_some();
         let height = match &self.height {
-            Some(reference) => Some(Height::new(description, reference)?),
+            Some(reference) => Some(VertexTexture::new(description, reference)?),
             None => None,
         };
         if (height.is_some() && of_noise) || (height.is_none() && of_texture) {
@@ -65,7 +65,7 @@ impl Heightfield {
         }
     }
 
-    fn vertex(&self, height: Option<&Height>, i: u32, j: u32) -> [f64; 3] {
+    fn vertex(&self, height: Option<&VertexTexture>, i: u32, j: u32) -> [f64; 3] {
         let across = |i: u32, count: u32| 2.0 * f64::from(i) / f64::from(count) - 1.0;
         let [x, y] = [across(i, self.columns), across(j, self.rows)];
         let z = match height {
@@ -75,7 +75,7 @@ impl Heightfield {
                     f64::from(i) / f64::from(self.columns),
                     f64::from(j) / f64::from(self.rows),
                 ];
-                let h = height.at(DVec3::new(x, y, 0.0), DVec3::Z, uv);
+                let [h, ..] = height.at(DVec3::new(x, y, 0.0), DVec3::Z, uv);
                 self.scale.unwrap_or(1.0) * (h - self.offset.unwrap_or(0.0))
             }
         };

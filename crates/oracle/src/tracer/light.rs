@@ -92,7 +92,7 @@ struct Environment {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Faces {
+pub(super) struct Faces {
     px: Face,
     nx: Face,
     py: Face,
@@ -107,8 +107,8 @@ struct Face {
     file: FilePath,
 }
 
-/// An environment.
-enum Sky {
+/// An environment, or the map of `reflection_map`.
+pub(super) enum Sky {
     Sphere(Texture),
     /// The faces in the order of the model.
     Cube(Vec<Picture>),
@@ -233,11 +233,7 @@ impl Lights {
                 "background" => lights.background += decode::<Uniform>(&plugin.table)?.radiance.get(),
                 "environment" => {
                     let config: Environment = decode(&plugin.table)?;
-                    let sky = match (&config.radiance, &config.faces) {
-                        (Some(radiance), None) => Sky::Sphere(Texture::new(description, radiance)?),
-                        (None, Some(faces)) => Sky::Cube(cube(description, faces)?),
-                        _ => return Err(unknown(plugin, "light")),
-                    };
+                    let sky = Sky::new(description, config.radiance.as_ref(), config.faces.as_ref())?;
                     if config.samples > 0 {
                         let look = |uv, d| sky.at(uv, d);
                         let far = sky::lights(config.samples, sky.parts(), look).into_iter();
@@ -260,8 +256,20 @@ impl Lights {
 }
 
 impl Sky {
+    pub(super) fn new(
+        description: &Description<'_>,
+        radiance: Option<&TextureRef>,
+        faces: Option<&Faces>,
+    ) -> Result<Self, SceneErrors> {
+        match (radiance, faces) {
+            (Some(radiance), None) => Texture::new(description, radiance).map(Self::Sphere),
+            (None, Some(faces)) => cube(description, faces).map(Self::Cube),
+            _ => Err(SceneError::anywhere("either `radiance` or `faces`").into()),
+        }
+    }
+
     /// The radiance from a direction.
-    fn seen(&self, d: DVec3) -> Rgb {
+    pub(super) fn seen(&self, d: DVec3) -> Rgb {
         let u = 0.5 + d.x.atan2(-d.z) / TAU;
         self.at(DVec2::new(u, 0.5 + d.y.atan2(d.x.hypot(d.z)) / PI), d)
     }

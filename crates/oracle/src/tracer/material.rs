@@ -6,7 +6,9 @@ mod read;
 
 use super::camera::lens;
 use super::footprint::{APART, Differential, bounded, slope};
+use super::light::Sky;
 use super::mapping::Place;
+use super::tangent::Tangent;
 use super::texture::Texture;
 use bodies::Face;
 use medium::{Medium, MediumState};
@@ -82,6 +84,8 @@ enum Kind {
     /// One of the prioritised dielectrics.
     Body(Face),
     Emissive(Texture, Option<Box<Kind>>),
+    /// Reflections are looked up in a map.
+    Mapped(Sky, Box<Kind>),
     /// The weight of the second material.
     Mix(Texture, [Box<Kind>; 2]),
     /// The material in front, and the one behind.
@@ -102,33 +106,6 @@ enum Kind {
     },
     /// Vectors to add to the normal; in world space if there is no tangent.
     BumpVectors(Texture, f64, Option<Tangent>, Box<Kind>),
-}
-
-/// The tangent of a normal map, its x axis.
-enum Tangent {
-    /// This vector, projected onto the surface.
-    Along(DVec3),
-    /// Around this axis.
-    Around(DVec3),
-    /// The mesh tangent.
-    Mesh,
-}
-
-impl Tangent {
-    /// The tangent and the bitangent as unit vectors, if there are any.
-    fn at(&self, n_s: DVec3, spot: &Place) -> Option<[DVec3; 2]> {
-        let across = |x: DVec3| x - x.dot(n_s) * n_s;
-        let (t, sign) = match self {
-            Self::Along(x) => (across(*x), 1.0),
-            Self::Around(axis) => (axis.cross(n_s), 1.0),
-            Self::Mesh => {
-                let (along, sign) = spot.tangent?;
-                (across(along.try_normalize()?), sign)
-            }
-        };
-        let t = t.try_normalize()?;
-        Some([t, sign * n_s.cross(t)])
-    }
 }
 
 /// The material of a shape.
@@ -173,6 +150,7 @@ impl Kind {
             || match self {
                 Self::Emissive(_, inner) => inner.as_ref().is_some_and(|inner| inner.contains(wanted)),
                 Self::Mask(_, inner)
+                | Self::Mapped(_, inner)
                 | Self::NormalMap { inner, .. }
                 | Self::Bump { inner, .. }
                 | Self::BumpVectors(.., inner) => inner.contains(wanted),
@@ -363,6 +341,16 @@ impl At<'_> {
                 let more = inner.as_ref().map(|inner| self.with(inner).emission());
                 radiance.at(&self.spot) + more.unwrap_or(Rgb::splat(0.0))
             }
+            Kind::Mapped(map, inner) => {
+                let at = self.with(inner);
+                let rays = at.specular_rays(MediumState::default()).into_iter();
+                // Rule G of the model.
+                let kept = |d: DVec3| self.n_g.dot(d) * self.n_g.dot(self.viewer) > 0.0;
+                rays.filter(|ray| !ray.transmitted && kept(ray.direction))
+                    .fold(at.emission(), |sum, ray| {
+                        sum + ray.weight * map.seen(ray.direction)
+                    })
+            }
             _ => self.blended(&|at| at.emission()).unwrap_or(Rgb::splat(0.0)),
         }
     }
@@ -371,7 +359,7 @@ impl At<'_> {
         match self.kind {
             Kind::Matte(reflectance) => reflectance.at(&self.spot) * radiance,
             Kind::Gloss { k, .. } => k[2].at(&self.spot) * radiance,
-            Kind::Emissive(_, Some(inner)) => self.with(inner).ambient(radiance),
+            Kind::Emissive(_, Some(inner)) | Kind::Mapped(_, inner) => self.with(inner).ambient(radiance),
             _ => {
                 let blended = self.blended(&|at| at.ambient(radiance));
                 blended.unwrap_or(Rgb::splat(0.0))
@@ -399,7 +387,7 @@ impl At<'_> {
                 };
                 k[0].at(&self.spot) * cosine + k[1].at(&self.spot) * base.max(0.0).powf(*exponent)
             }
-            Kind::Emissive(_, Some(inner)) => self.with(inner).eval(l),
+            Kind::Emissive(_, Some(inner)) | Kind::Mapped(_, inner) => self.with(inner).eval(l),
             _ => {
                 let blended = self.blended(&|at| at.eval(l));
                 blended.unwrap_or(Rgb::splat(0.0))
@@ -461,6 +449,10 @@ impl At<'_> {
                 ]
             }
             Kind::Emissive(_, Some(inner)) => self.with(inner).specular_rays(medium),
+            Kind::Mapped(_, inner) => {
+                let rays = self.with(inner).specular_rays(medium).into_iter();
+                rays.filter(|ray| ray.transmitted).collect()
+            }
             Kind::Sides(sides) => self.side(sides).specular_rays(medium),
             Kind::NormalMap { .. } | Kind::Bump { .. } | Kind::BumpVectors(..) => self
                 .perturbed()
@@ -532,7 +524,9 @@ impl At<'_> {
             Some(there.within(medium.inside))
         };
         match self.kind {
-            Kind::Emissive(_, Some(inner)) => self.with(inner).transmittance(filtered, medium),
+            Kind::Emissive(_, Some(inner)) | Kind::Mapped(_, inner) => {
+                self.with(inner).transmittance(filtered, medium)
+            }
             Kind::Sides(sides) => self.side(sides).transmittance(filtered, medium),
             Kind::Mask(opacity, inner) => {
                 let o = opacity.at(&self.spot);

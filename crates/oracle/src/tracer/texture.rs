@@ -248,22 +248,22 @@ fn step(x: f64, limit: f64, nudge: f64) -> f64 {
 }
 
 /// The texture of a displacement map or a height field.
-pub(crate) struct Height(Texture);
+pub(crate) struct VertexTexture(Texture);
 
-impl Height {
+impl VertexTexture {
     pub(crate) fn new(description: &Description<'_>, reference: &TextureRef) -> Result<Self, SceneErrors> {
         Texture::new(description, reference).map(Self)
     }
 
-    /// The height at a point of the mesh, with its normal and the texture coordinates of a vertex.
-    pub(crate) fn at(&self, p: DVec3, n: DVec3, uv: [f64; 2]) -> f64 {
+    /// The colour at a point of the mesh, with its normal and the texture coordinates of a vertex.
+    pub(crate) fn at(&self, p: DVec3, n: DVec3, uv: [f64; 2]) -> [f64; 3] {
         let place = Place {
             uv: uv.into(),
             p,
             n_s: n,
             ..Place::default()
         };
-        self.0.at(&place).to_array()[0]
+        self.0.at(&place).to_array()
     }
 }
 

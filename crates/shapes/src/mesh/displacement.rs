@@ -1,65 +1,169 @@
-//! Displacement of vertices along their normals.
+//! Displacement of vertices along their normals, or by vectors.
 //!
 //! Cook, *Shade trees*, 1984, section "Displacement maps": unlike bump mapping, which only perturbs
-//! the normals, displacement moves the surface, so silhouettes and shadows show it too. The height
+//! the normals, displacement moves the surface, so silhouettes and shadows show it too. The texture
 //! is looked up at the vertices, in object space, so the mesh resolution limits the detail of the
-//! relief. All corners at one position move together, so that no gap opens at a seam of texture
-//! coordinates.
+//! relief. Vectors can also make overhangs, which heights cannot. All corners at one position move
+//! together, so that no gap opens at a seam of texture coordinates.
 
 use super::subdivision::Surface;
 use rayon::prelude::*;
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use toml::Spanned;
-use whitstone_core::config::{Finite, TextureRef};
+use whitstone_core::config::{Finite, TextureRef, Vector3};
 use whitstone_core::{
-    ColorSource, Context, DVec2, DVec3, SceneError, SceneErrors, SurfaceAttributes, SurfaceInteraction,
+    ColorSource, Context, DVec2, DVec3, Rgb, SceneError, SceneErrors, SurfaceAttributes, SurfaceInteraction,
+    TangentField,
 };
 
-/// Moves each vertex along its unit normal by scale times (height - offset).
+/// Moves each vertex along its unit normal by scale times (height - offset), or by scale times a
+/// vector.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Displacement {
     /// The height: the first channel of a texture. It is looked up in object space at the
     /// undisplaced vertex, with its texture coordinates and normal.
-    height: TextureRef,
-    /// Displacement in object-space metres for a height of 1, outward; may be negative.
+    #[serde(default)]
+    #[schemars(extend("x-default" = "none: this or `vector_map` is required"), with = "TextureRef")]
+    height: Option<TextureRef>,
+    /// Vectors instead of a height, looked up in the same way: 2 * colour - 1, so that mid grey
+    /// (0.5) is the zero vector. Read images with `color_space = "linear"`.
+    #[serde(default)]
+    #[schemars(extend("x-default" = "none: this or `height` is required"), with = "TextureRef")]
+    vector_map: Option<TextureRef>,
+    /// Displacement in object-space metres for a height of 1, outward, or for a vector of length 1;
+    /// may be negative.
     #[serde(default = "one")]
     #[schemars(with = "Finite")]
     scale: Spanned<Finite>,
     /// The height at which a vertex does not move.
-    #[serde(default = "zero")]
-    offset: Finite,
+    #[serde(default)]
+    #[schemars(extend("default" = 0), with = "Finite")]
+    offset: Option<Spanned<Finite>>,
+    /// Axes of the vectors: "object" (the axes of object space) or "tangent" (tangent, bitangent
+    /// and normal).
+    #[serde(default)]
+    #[schemars(extend("default" = "object"), with = "Space")]
+    space: Option<Spanned<Space>>,
+    /// For the space "tangent": an object-space direction, whose projection onto the tangent plane
+    /// is the tangent.
+    #[serde(default)]
+    #[schemars(extend("x-default" = "[1, 0, 0] without `axis`"), with = "Vector3")]
+    tangent: Option<Spanned<Vector3>>,
+    /// For the space "tangent": an object-space axis, around which the tangents run in circles
+    /// (axis x normal); replaces `tangent`.
+    #[serde(default)]
+    #[schemars(extend("x-default" = "none"), with = "Vector3")]
+    axis: Option<Spanned<Vector3>>,
+}
+
+/// Axes that the components of a vector refer to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+enum Space {
+    /// Object axes.
+    Object,
+    /// Tangent, bitangent and normal.
+    Tangent,
 }
 
 fn one() -> Spanned<Finite> {
     Spanned::new(0..0, Finite::new(1.0).expect("1 is finite"))
 }
 
-fn zero() -> Finite {
-    Finite::new(0.0).expect("0 is finite")
-}
-
 /// Additional memory for displacement after this many levels of subdivision: a normal and a mean
-/// height per point, and the heights that are averaged.
+/// value per point, and the values that are averaged.
 pub(super) fn bytes(surface: &Surface, levels: u32) -> u64 {
     let [points, _] = surface.size_after(levels);
-    let point = size_of::<DVec3>() + size_of::<Mean>() + size_of::<f64>();
-    let corner = size_of::<f64>() + size_of::<u32>();
+    let point = size_of::<DVec3>() + size_of::<Mean>() + size_of::<Rgb>();
+    let corner = size_of::<Rgb>() + size_of::<u32>();
     let corners = if surface.uvs.is_empty() { 0 } else { points };
     points * point as u64 + corners * corner as u64
+}
+
+/// What a texture value moves a vertex by.
+enum Motion {
+    /// Along the normal, by the height above this one.
+    Height(f64),
+    /// By vectors of object space.
+    Object,
+    /// By vectors of tangent space.
+    Tangent(TangentField),
+}
+
+impl Motion {
+    /// The displacement of a vertex with this unit normal for a texture value, before scaling.
+    fn of(&self, value: Rgb, normal: DVec3) -> DVec3 {
+        match self {
+            Self::Height(offset) => (value.r - offset) * normal,
+            Self::Object => value.to_vector(),
+            Self::Tangent(field) => field.vector(value.to_vector(), normal).unwrap_or_default(),
+        }
+    }
+}
+
+impl Displacement {
+    /// The texture, and what it means. `place` is the span of the table.
+    fn motion(&self, place: Range<usize>) -> Result<(&TextureRef, Motion), SceneErrors> {
+        let mut errors = SceneErrors::default();
+        let (tangent, axis) = (self.tangent.as_ref(), self.axis.as_ref());
+        let found = match (&self.height, &self.vector_map) {
+            (Some(height), None) => {
+                let spans = [
+                    self.space.as_ref().map(Spanned::span),
+                    tangent.map(Spanned::span),
+                    axis.map(Spanned::span),
+                ];
+                for span in spans.into_iter().flatten() {
+                    let message = "this key needs `vector_map`: a height has no directions";
+                    errors.0.push(SceneError::at(span, message));
+                }
+                let offset = self.offset.as_ref().map_or(0.0, |offset| offset.get_ref().get());
+                Some((height, Motion::Height(offset)))
+            }
+            (None, Some(vectors)) => {
+                if let Some(offset) = &self.offset {
+                    let message = "an offset needs `height`: mid grey (0.5) is the zero vector";
+                    errors.0.push(SceneError::at(offset.span(), message));
+                }
+                let space = self.space.as_ref();
+                let is_tangent = space.is_some_and(|space| *space.get_ref() == Space::Tangent);
+                let field = errors.take(TangentField::of_space(is_tangent, tangent, axis));
+                field.map(|field| (vectors, field.map_or(Motion::Object, Motion::Tangent)))
+            }
+            (Some(_), Some(vectors)) => {
+                let span = vectors.span.clone().unwrap_or(place);
+                let message = "either `height` or `vector_map`, not both";
+                errors.0.push(SceneError::at(span, message));
+                None
+            }
+            (None, None) => {
+                let message = "a displacement needs `height` or `vector_map`";
+                errors.0.push(SceneError::at(place, message));
+                None
+            }
+        };
+        match found {
+            Some(found) => errors.into_result(found),
+            None => Err(errors),
+        }
+    }
 }
 
 /// Displaces the points of a surface.
 pub(super) fn displace(
     surface: &mut Surface,
-    how: &Displacement,
+    how: &Spanned<Displacement>,
     context: &mut dyn Context,
 ) -> Result<(), SceneErrors> {
-    let place = how.height.span.clone().unwrap_or(0..0);
-    let height = context.texture(&how.height)?;
-    let by_uv = height.needs().contains(SurfaceAttributes::UV);
+    let table = how.span();
+    let how = how.get_ref();
+    let (reference, motion) = how.motion(table)?;
+    let place = reference.span.clone().unwrap_or(0..0);
+    let texture = context.texture(reference)?;
+    let by_uv = texture.needs().contains(SurfaceAttributes::UV);
     if by_uv && surface.uvs.is_empty() {
         let error = SceneError::at(
             place,
@@ -78,17 +182,19 @@ pub(super) fn displace(
     let relief = Relief {
         surface,
         normals: &normals,
-        height: &height,
+        texture: &texture,
         place,
     };
-    let heights = if by_uv {
-        relief.heights_by_uv()?
+    let values = if by_uv {
+        relief.values_by_uv()?
     } else {
-        relief.heights()?
+        relief.values()?
     };
-    let (scale, offset) = (how.scale.get_ref().get(), how.offset.get());
-    let moved = surface.points.par_iter_mut().zip(&normals).zip(&heights);
-    moved.for_each(|((point, n), height)| *point += scale * (height - offset) * *n);
+    let scale = how.scale.get_ref().get();
+    let moved = surface.points.par_iter_mut().zip(&normals).zip(&values);
+    moved
+        .filter(|((_, n), _)| **n != DVec3::ZERO)
+        .for_each(|((point, n), value)| *point += scale * motion.of(*value, *n));
     if surface.points.iter().any(|point| !point.is_finite()) {
         let message = "this moves a vertex out of the range of double precision";
         return Err(SceneError::at(how.scale.span(), message).into());
@@ -99,37 +205,37 @@ pub(super) fn displace(
 /// A running mean.
 #[derive(Clone, Copy, Default)]
 struct Mean {
-    sum: f64,
+    sum: Rgb,
     count: u32,
 }
 
 /// Marks texture coordinates that no triangle uses.
 const NOWHERE: u32 = u32::MAX;
 
-/// The height lookup.
+/// The texture lookup.
 struct Relief<'a> {
     surface: &'a Surface,
     /// Unit length, or zero.
     normals: &'a [DVec3],
-    height: &'a ColorSource,
+    texture: &'a ColorSource,
     /// Source span of the texture, for messages.
     place: Range<usize>,
 }
 
 impl Relief<'_> {
-    /// The height at each point.
-    fn heights(&self) -> Result<Vec<f64>, SceneError> {
+    /// The value at each point.
+    fn values(&self) -> Result<Vec<Rgb>, SceneError> {
         let points = 0..self.surface.points.len();
-        let heights: Vec<f64> = points
+        let values: Vec<Rgb> = points
             .into_par_iter()
             .map(|point| self.at(point, DVec2::ZERO))
             .collect();
-        self.check(heights.iter().copied().zip(0..))?;
-        Ok(heights)
+        self.check(values.iter().copied().zip(0..))?;
+        Ok(values)
     }
 
-    /// The mean height of each point over its corners, each with its own texture coordinates.
-    fn heights_by_uv(&self) -> Result<Vec<f64>, SceneError> {
+    /// The mean value of each point over its corners, each with its own texture coordinates.
+    fn values_by_uv(&self) -> Result<Vec<Rgb>, SceneError> {
         let Surface {
             points,
             sides,
@@ -143,10 +249,10 @@ impl Relief<'_> {
             }
         }
         let at = |(&point, &uv)| match point {
-            NOWHERE => 0.0,
+            NOWHERE => Rgb::BLACK,
             point => self.at(point as usize, uv),
         };
-        let seen: Vec<f64> = point_of.par_iter().zip(uvs).map(at).collect();
+        let seen: Vec<Rgb> = point_of.par_iter().zip(uvs).map(at).collect();
         self.check(seen.iter().copied().zip(point_of.iter().copied()))?;
         let mut means = vec![Mean::default(); points.len()];
         for (corners, points) in corners.iter().zip(sides) {
@@ -157,28 +263,30 @@ impl Relief<'_> {
             }
         }
         // Points without a triangle have no normal to move along.
-        let mean = |mean: &Mean| mean.sum / f64::from(mean.count.max(1));
+        let mean = |mean: &Mean| mean.sum.map(|sum| sum / f64::from(mean.count.max(1)));
         Ok(means.iter().map(mean).collect())
     }
 
-    /// The height at one corner.
-    fn at(&self, point: usize, uv: DVec2) -> f64 {
+    /// The value at one corner.
+    fn at(&self, point: usize, uv: DVec2) -> Rgb {
         let (position, normal) = (self.surface.points[point], self.normals[point]);
         if normal == DVec3::ZERO {
-            return 0.0;
+            return Rgb::BLACK;
         }
         let mut there = SurfaceInteraction::new(position, 0.0, normal);
         there.uv = uv;
-        self.height.value(&there).r
+        self.texture.value(&there)
     }
 
-    /// Checks that all heights, each with its point, are finite.
-    fn check(&self, mut heights: impl Iterator<Item = (f64, u32)>) -> Result<(), SceneError> {
-        let Some((height, point)) = heights.find(|(height, _)| !height.is_finite()) else {
+    /// Checks that all values, each with its point, are finite.
+    fn check(&self, mut values: impl Iterator<Item = (Rgb, u32)>) -> Result<(), SceneError> {
+        let finite = |value: Rgb| value.to_array().iter().all(|channel| channel.is_finite());
+        let Some((value, point)) = values.find(|(value, _)| !finite(*value)) else {
             return Ok(());
         };
         let position = self.surface.points[point as usize];
-        let message = format!("the height at the vertex {position} is {height}, not a finite number");
+        let Rgb { r, g, b } = value;
+        let message = format!("the texture at the vertex {position} is [{r}, {g}, {b}], not finite");
         Err(SceneError::at(self.place.clone(), message))
     }
 }
@@ -208,6 +316,19 @@ mod tests {
         }
     }
 
+    /// The position, shifted so that it is not negative.
+    struct Position;
+
+    impl Texture for Position {
+        fn needs(&self) -> SurfaceAttributes {
+            SurfaceAttributes::NOTHING
+        }
+
+        fn value(&self, point: &SurfaceInteraction) -> Rgb {
+            Rgb::from(DVec3::ONE + point.position)
+        }
+    }
+
     const OCTAHEDRON: &str = "v 1 0 0\nv 0 1 0\nv 0 0 1\nv -1 0 0\nv 0 -1 0\nv 0 0 -1\n\
                               f 1 2 3\nf 2 4 3\nf 4 5 3\nf 5 1 3\nf 2 1 6\nf 4 2 6\nf 5 4 6\nf 1 5 6\n";
 
@@ -224,6 +345,7 @@ mod tests {
                 "out",
                 Height(|p| p.n_s.z.abs(), SurfaceAttributes::SHADING_NORMAL),
             )
+            .with_texture("position", Position)
             .with_texture("u", Height(|p| p.uv.x, SurfaceAttributes::UV))
             .with_texture(
                 "nan",
@@ -275,6 +397,53 @@ mod tests {
             let expected = *before - 0.25 * plain.normals[k];
             assert!((*after - expected).length() < 1e-15);
         }
+    }
+
+    #[test]
+    fn vectors_move_vertices_along_the_axes_of_the_object_or_the_surface() {
+        // The vector (0.5, -0.25, 1).
+        let vector = "displacement = { vector_map = [0.75, 0.375, 1], scale = 2";
+        let moved = |more: &str| load(OCTAHEDRON, &format!("{vector}{more} }}")).unwrap().positions;
+        let plain = load(OCTAHEDRON, "displacement = { height = 0 }")
+            .unwrap()
+            .positions;
+        for (before, after) in plain.iter().zip(moved("")) {
+            assert_eq!(after - *before, DVec3::new(1.0, -0.5, 2.0));
+        }
+        // At +y, whose normal is y: tangent x, bitangent -z. At +x the tangent has no direction.
+        let along = moved(", space = \"tangent\"");
+        assert_eq!(along[0], DVec3::X);
+        assert!(
+            (along[1] - DVec3::new(1.0, 3.0, 0.5)).length() < 1e-15,
+            "{}",
+            along[1]
+        );
+        // At +x: the tangent around y is -z, the bitangent y.
+        let around = moved(", space = \"tangent\", axis = [0, 2, 0]");
+        assert!(
+            (around[0] - DVec3::new(3.0, -0.5, -1.0)).length() < 1e-15,
+            "{}",
+            around[0]
+        );
+        assert_eq!(around[1], DVec3::Y);
+    }
+
+    /// Overhangs: vectors that vary over the position move points sideways, and normals follow.
+    #[test]
+    fn solid_textures_of_vectors_move_points_by_their_position() {
+        let divided = "subdivision = { scheme = \"loop\", levels = 3 }";
+        let more = format!("{divided}\ndisplacement = {{ vector_map = \"position\", scale = 0.5 }}");
+        let plain = load(OCTAHEDRON, divided).unwrap();
+        let mesh = load(OCTAHEDRON, &more).unwrap();
+        for (before, after) in plain.positions.iter().zip(&mesh.positions) {
+            // 0.5 (2 (1 + p) - 1): each point moves by itself and a half.
+            let expected = *before + 0.5 * (2.0 * (DVec3::ONE + *before) - DVec3::ONE);
+            assert!((*after - expected).length() < 1e-15);
+        }
+        for (before, after) in plain.normals.iter().zip(&mesh.normals) {
+            assert!((*after - *before).length() < 1e-14);
+        }
+        shape_laws(LoweredShape::Triangles(mesh), 4_000);
     }
 
     /// The two sides of a seam have different texture coordinates; the point moves by the mean of
@@ -344,14 +513,26 @@ mod tests {
         let message = place("displacement = { height = \"nan\" }", "\"nan\"");
         assert_eq!(
             message,
-            "the height at the vertex [1, 0, 0] is inf, not a finite number"
+            "the texture at the vertex [1, 0, 0] is [inf, 77, 77], not finite"
         );
         let message = place("displacement = { height = 1e300, scale = 1e300 }", "1e300");
         assert!(message.contains("out of the range of double precision"));
         place("displacement = { height = 1, scale = inf }", "inf");
         place("displacement = { height = -1 }", "-1");
         place("displacement = { height = 1, depth = 2 }", "depth");
-        assert!(load(OCTAHEDRON, "displacement = { scale = 1 }").is_err());
+        let message = place("displacement = { scale = 1 }", "{ scale = 1 }");
+        assert_eq!(message, "a displacement needs `height` or `vector_map`");
+        place("displacement = { height = 1, vector_map = 1 }", "1");
+        place("displacement = { height = 1, space = \"object\" }", "\"object\"");
+        place("displacement = { height = 1, axis = [0, 1, 0] }", "[0, 1, 0]");
+        place("displacement = { vector_map = 1, offset = 0 }", "0");
+        place("displacement = { vector_map = 1, axis = [0, 1, 0] }", "[0, 1, 0]");
+        let tangent = "displacement = { vector_map = 1, space = \"tangent\"";
+        place(&format!("{tangent}, axis = [0, 0, 0] }}"), "[0, 0, 0]");
+        place(
+            &format!("{tangent}, tangent = [1, 0, 0], axis = [0, 1, 0] }}"),
+            "[0, 1, 0]",
+        );
         let point = load(
             "v 0 0 0\nv 0 0 0\nv 1 0 0\nf 1 2 3\n",
             "displacement = { height = 1 }",

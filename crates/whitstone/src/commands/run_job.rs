@@ -219,6 +219,7 @@ fn render(
             true => ControlFlow::Break(()),
             false => ControlFlow::Continue(()),
         }),
+        ..RenderOptions::default()
     });
     film.check().map_err(Failure::usage)?;
     if !film.is_complete {

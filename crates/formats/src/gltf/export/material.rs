@@ -227,6 +227,11 @@ impl<'a> Exporter<'a> {
                     .get("front")
                     .map_or(grey, |front| self.look(front, place, depth + 1))
             }
+            "reflection_map" => {
+                self.note("[material] reflection_map", place);
+                let inner = material.get("material");
+                inner.map_or(grey, |inner| self.look(inner, place, depth + 1))
+            }
             "normal_map" | "bump" => {
                 let inner = material.get("material");
                 let mut look = inner.map_or(grey, |inner| self.look(inner, place, depth + 1));

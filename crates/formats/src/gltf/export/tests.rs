@@ -182,7 +182,7 @@ fn shapes_come_back_exactly() {
     }
 }
 
-const TABLES: [&str; 41] = [
+const TABLES: [&str; 42] = [
     "[[light]]\ntype = 'point'\nposition = [1, 2, 3]\nintensity = [1, 2, 3]\nfalloff = 'none'",
     "[[light]]\ntype = 'directional'\ndirection = [1, -2, 3]\nirradiance = 2",
     "[[light]]\ntype = 'spot'\nposition = [1, 2, 3]\ntarget = [0, 0, 0]\nintensity = 5",
@@ -214,6 +214,7 @@ const TABLES: [&str; 41] = [
     "[[shape]]\ntype = 'box'\nmaterial = { type = 'mask', material = 'm', opacity = { type = 'checker' } }\n[material.m]\ntype = 'mirror'",
     "[[shape]]\ntype = 'box'\nmaterial = { type = 'mix', a = { type = 'matte' }, b = { type = 'mirror' }, weight = 0.3 }",
     "[[shape]]\ntype = 'box'\nmaterial = { type = 'two_sided', front = { type = 'matte' }, back = { type = 'mirror' } }",
+    "[[shape]]\ntype = 'box'\nmaterial = { type = 'reflection_map', radiance = [1, 2, 3], material = { type = 'mirror' } }",
     "[[shape]]\ntype = 'box'\nmaterial = { type = 'normal_map', map = [0.5, 0.6, 1], material = { type = 'matte' } }",
     "[[shape]]\ntype = 'box'\nmaterial = { type = 'bump', height = { type = 'noise' }, material = { type = 'matte' } }",
     "[[shape]]\ntype = 'box'\nmaterial = { type = 'matte', reflectance = 't' }\n[texture.t]\ntype = 'checker'\na = [1, 0, 0]",

@@ -218,6 +218,13 @@ impl<'a> Exporter<'a> {
                     None => Node::new("bsdf", "diffuse"),
                 }
             }
+            "reflection_map" => {
+                self.note("[material] reflection_map", name);
+                match material.get("material") {
+                    Some(inner) => self.bsdf(inner, sides, name),
+                    None => Node::new("bsdf", "diffuse"),
+                }
+            }
             // Its radiance is the emitter of the shape.
             "emissive" => match material.get("material") {
                 Some(inner) => self.bsdf(inner, sides, name),

@@ -269,6 +269,10 @@ fn what_has_no_counterpart_is_noted() {
             shape("type = 'bump', height = 1, material = { type = 'matte' }"),
             "[material] bump",
         ),
+        (
+            shape("type = 'reflection_map', radiance = 1, material = { type = 'mirror' }"),
+            "[material] reflection_map",
+        ),
         (shape("type = 'strange'"), "[*] plugins of third parties"),
     ] {
         assert!(notes(&scene).contains(&feature), "{scene}: {:?}", notes(&scene));

@@ -199,6 +199,10 @@ impl<'a> Exporter<'a> {
                 self.note("[material] normal_map, bump", place);
                 self.inner(material, "material", place)
             }
+            "reflection_map" => {
+                self.note("[material] reflection_map", place);
+                self.inner(material, "material", place)
+            }
             "mask" => {
                 self.note("[material] mask in another material", place);
                 self.inner(material, "material", place)

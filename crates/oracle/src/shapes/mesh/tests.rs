@@ -63,6 +63,7 @@ fn unsupported_files_and_keys_are_refused() {
         "subdivision = { scheme = \"loop\", levels = 1, bogus = 1 }",
         "subdivision = { scheme = \"other\", levels = 1 }",
         "displacement = { height = 1, bogus = 1 }",
+        "displacement = { scale = 1 }",
         "primitive = 0",
         "weights = [1]",
         "uv_sets = [1]",
@@ -78,6 +79,25 @@ fn unsupported_files_and_keys_are_refused() {
         operands = [{operand}, {{ type = \"box\" }}]"
     );
     assert!(refusals(&csg, &files)[1].is_some());
+}
+
+/// The vector (0.5, -0.25, 1), twice, along the axes of the object and of the surface.
+#[test]
+fn vectors_displace() {
+    let files = [("m.obj", TRIANGLE)];
+    let first = |more: &str| {
+        let keys =
+            format!("file = \"m.obj\"\ndisplacement = {{ vector_map = [0.75, 0.375, 1], scale = 2{more} }}");
+        mesh(&keys, &files).unwrap().triangles[0][0]
+    };
+    assert_eq!(first(""), [1.0, -0.5, 2.0]);
+    assert_eq!(first(", space = \"tangent\""), [1.0, -0.5, 2.0]);
+    // The tangent is y, the bitangent -x.
+    let along = first(", space = \"tangent\", tangent = [0, 3, 4]");
+    assert_eq!(along, [0.5, 1.0, 2.0]);
+    assert_eq!(first(", space = \"tangent\", axis = [-2, 0, 0]"), along);
+    // Around the normal there is none.
+    assert_eq!(first(", space = \"tangent\", axis = [0, 0, 1]"), [0.0; 3]);
 }
 
 #[test]

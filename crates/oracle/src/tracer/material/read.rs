@@ -1,12 +1,14 @@
 //! Parses the tables of materials.
 
 use super::medium::Medium;
-use super::{Highlight, Interface, Kind, Tangent, lobe};
+use super::{Highlight, Interface, Kind, lobe};
+use crate::tracer::light::{Faces, Sky};
+use crate::tracer::tangent::Tangent;
 use crate::tracer::texture::{Texture, table};
 use crate::tracer::unknown;
 use serde::Deserialize;
 use whitstone_core::config::{Color, PluginRef, TextureRef, decode};
-use whitstone_core::{DVec3, Rgb, SceneError, SceneErrors};
+use whitstone_core::{Rgb, SceneError, SceneErrors};
 use whitstone_scene::{Description, ShapeTable};
 
 #[derive(Deserialize)]
@@ -124,6 +126,14 @@ struct NormalMap {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
+struct Mapped {
+    radiance: Option<TextureRef>,
+    faces: Option<Faces>,
+    material: MaterialRef,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
 struct Bump {
     height: Option<TextureRef>,
     vector_map: Option<TextureRef>,
@@ -133,15 +143,6 @@ struct Bump {
     scale: Option<f64>,
     step: Option<f64>,
     material: MaterialRef,
-}
-
-impl Tangent {
-    fn new(along: Option<[f64; 3]>, axis: Option<[f64; 3]>) -> Self {
-        match axis {
-            Some(axis) => Self::Around(DVec3::from_array(axis).normalize()),
-            None => Self::Along(along.map_or(DVec3::X, DVec3::from_array).normalize()),
-        }
-    }
 }
 
 /// Named metals: eta and k.
@@ -235,6 +236,11 @@ impl Source<'_, '_> {
                 let emissive: Emissive = decode(&plugin.table)?;
                 let inner = emissive.material.as_ref().map(|inner| self.boxed(inner));
                 Kind::Emissive(self.texture(emissive.radiance, 1.0)?, inner.transpose()?)
+            }
+            "reflection_map" => {
+                let mapped: Mapped = decode(&plugin.table)?;
+                let map = Sky::new(self.description, mapped.radiance.as_ref(), mapped.faces.as_ref())?;
+                Kind::Mapped(map, self.boxed(&mapped.material)?)
             }
             "mix" => {
                 let mix: Mix = decode(&plugin.table)?;
