@@ -279,8 +279,8 @@ fn is_error_worse(ours: &Step, textbook: &Step, floor: f64) -> bool {
 /// The accepted error in units in the last place times the condition number.
 const ULPS: f64 = 4.0;
 
-/// Where the textbook formula in double precision is not usable but Whitstone is, which has the same
-/// numbers, the method is the reason.
+/// Where the textbook formula in double precision is not usable but Whitstone is, which has the
+/// same numbers, the method is the reason.
 fn blame_method(engines: &mut [EngineReport]) {
     let usable = |engine: &EngineReport, parameter: f64| {
         let mut steps = engine.steps.iter();

@@ -32,9 +32,9 @@ use whitstone_validate::report::Diagram;
 /// Sweep parameters logarithmically to find the values at which renderers fail
 ///
 /// Every family runs the same queries on Whitstone, on deliberately naive variants of its formulas,
-/// on Mitsuba, and on Embree and obvhs where they are built in, and checks the answers against the oracle or a
-/// closed form. The frontier is the first value of the parameter at which a renderer's answers are
-/// unusable; "none" is best. The next `report` shows the diagrams.
+/// on Mitsuba, and on Embree and obvhs where they are built in, and checks the answers against the
+/// oracle or a closed form. The frontier is the first value of the parameter at which a renderer's
+/// answers are unusable; "none" is best. The next `report` shows the diagrams.
 ///
 /// With --subject, another renderer gets the families as scenes, from easy to hard, until a pixel
 /// is wrong, and the oracle judges its images; families that no image shows are skipped, with the
