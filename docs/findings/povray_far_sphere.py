@@ -1,4 +1,4 @@
-"""POV-Ray 3.7: what is farther than ten million units from the camera is not there.
+"""POV-Ray 3.7: a hit farther than ten million units from the start of the ray is missed.
 
 A sphere whose radius is half of the distance of its centre fills the view at every size.
 

@@ -1,4 +1,4 @@
-"""POV-Ray 3.7: a blocker closer than a millimetre to a surface casts no shadow.
+"""POV-Ray 3.7: a blocker closer than 0.001 units to a surface casts no shadow.
 
 A disc a metre wide lies above a white floor, and is invisible for the camera, which looks at the
 floor below it. Shadow rays ignore what they meet within 0.001 units.

@@ -327,7 +327,7 @@ fn other_channels_have_limits_of_their_own() {
     assert_eq!(json["channels"][0]["worst"]["at"], serde_json::json!([1, 1]));
 }
 
-/// The page has all images, with what differs first.
+/// The page has all images.
 #[test]
 fn a_page_shows_all_images() {
     let folder = tempfile::tempdir().unwrap();
@@ -373,6 +373,22 @@ fn a_page_shows_all_images() {
     assert!(html.contains("1 image compared, no differences"));
     let html = page("ours/new.exr", "refs/none.exr", 2);
     assert!(html.contains("not comparable") && html.contains("none.exr"));
+    // The files for programs tell it, too.
+    let [json, junit] = ["all.json", "all.xml"].map(at);
+    let words = ["compare", &at("ours/new.exr"), &at("refs/none.exr")];
+    check(
+        &[&words[..], &["--json", &json, "--junit", &junit]].concat(),
+        2,
+        &[],
+    );
+    let json: Value = serde_json::from_slice(&fs::read(json).unwrap()).unwrap();
+    assert_eq!(json["status"], "error");
+    assert!(json["problems"][0].as_str().unwrap().contains("none.exr"));
+    let junit = fs::read_to_string(junit).unwrap();
+    assert!(
+        junit.contains("<error") && junit.contains("errors=\"1\""),
+        "{junit}"
+    );
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! Textbook intersection formulas in single, double or double-double precision, deliberately
-//! without care for rounding errors.
+//! without care for rounding errors. Only the inverses of transforms are computed with care, so
+//! that they are the same matrix in each precision.
 //!
 //! Sources: Glassner (ed.), *An Introduction to Ray Tracing* (1989), ch. 2 and 3, and those named
 //! in the files. Benchmarks use them as the baseline. Every accuracy test must find them

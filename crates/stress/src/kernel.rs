@@ -91,7 +91,7 @@ pub struct KernelReport {
     pub examples: Vec<String>,
     /// Requests that the kernel does not support, with its reason.
     pub skipped: Option<String>,
-    /// Time that the kernel took for its answers, in seconds.
+    /// Time until the kernel gave its answers, in seconds, while the answers before were judged.
     pub seconds: f64,
 }
 

@@ -1,6 +1,7 @@
 //! Families that query the nearest hit of rays with one shape; the oracle gives the truth.
 
 use crate::lab::{Backends, join, single};
+use crate::report::UNANSWERED;
 use crate::{About, Answer, Engine, Family, Judged, Lab, Sample, view};
 use std::hint::black_box;
 use std::time::Instant;
@@ -80,11 +81,9 @@ impl Family for RayFamily {
 
         let unknown = truths.iter().filter(|truth| matches!(truth, Nearest::Unknown));
         let unknown = unknown.count();
-        if unknown as f64 > MOST_UNKNOWN * rays.len() as f64 {
-            return Err(format!(
-                "the oracle cannot answer {unknown} of {} rays",
-                rays.len()
-            ));
+        // On a busy machine the oracle may give up on a single ray.
+        if unknown >= 5 && unknown as f64 > MOST_UNKNOWN * rays.len() as f64 {
+            return Err(format!("{UNANSWERED} {unknown} of {} rays", rays.len()));
         }
 
         let bounds = bounds_of(&subject.pipeline);

@@ -126,7 +126,7 @@ impl FamilyReport {
             let answers = match family.step(*parameter, lab) {
                 Ok(answers) => answers,
                 // Beyond the reach, a scene may be refused.
-                Err(problem) if number > until => {
+                Err(problem) if number > until && !problem.starts_with(UNANSWERED) => {
                     refused = Some((*parameter, problem));
                     break;
                 }
@@ -298,6 +298,9 @@ fn blame_method(engines: &mut [EngineReport]) {
         }
     }
 }
+
+/// The start of the error of a step without a truth, which says nothing about the engines.
+pub(crate) const UNANSWERED: &str = "the oracle cannot answer";
 
 /// The start of the reason why an engine takes no part if it has no such feature.
 pub(crate) const NO_TWIN: &str = "no twin";

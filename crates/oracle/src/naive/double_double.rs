@@ -155,7 +155,7 @@ mod tests {
             assert!(same(square * square, x.abs()), "square root of {x:?}");
             assert!(same(DoubleDouble::of(1.0) / x * x, DoubleDouble::of(1.0)));
         }
-        // cos 1e6 and tan 1e6 by 50 digits.
+        // By 50 digits.
         let cos = DoubleDouble(Quad(0.936_752_127_533_144_7, 4.637_088_260_214_747e-17));
         let million = DoubleDouble::of(1e6);
         assert!(
@@ -163,6 +163,15 @@ mod tests {
             "{:?}",
             million.cos()
         );
+        // tan -x = -tan x, and tan² + 1 = 1 / cos².
+        for x in [0.7, 2.5, -4.0] {
+            let x = DoubleDouble::of(x);
+            let (cos, tan) = (x.cos(), x.tan());
+            let one = DoubleDouble::of(1.0);
+            assert!(same(tan * tan + one, one / (cos * cos)), "tangent of {x:?}");
+            assert_eq!((-x).tan(), -tan);
+            assert_eq!(tan.to_f64().signum(), x.to_f64().tan().signum());
+        }
     }
 
     #[test]

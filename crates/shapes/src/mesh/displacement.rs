@@ -522,7 +522,7 @@ mod tests {
         place("displacement = { height = 1, depth = 2 }", "depth");
         let message = place("displacement = { scale = 1 }", "{ scale = 1 }");
         assert_eq!(message, "a displacement needs `height` or `vector_map`");
-        place("displacement = { height = 1, vector_map = 1 }", "1");
+        place("displacement = { height = 1, vector_map = 2 }", "2");
         place("displacement = { height = 1, space = \"object\" }", "\"object\"");
         place("displacement = { height = 1, axis = [0, 1, 0] }", "[0, 1, 0]");
         place("displacement = { vector_map = 1, offset = 0 }", "0");

@@ -269,7 +269,7 @@ fn what_is_no_patch_is_refused() {
 }
 
 #[test]
-fn a_search_that_runs_out_says_so() {
+fn a_search_without_pieces_is_not_complete() {
     let points = wave(1.0).map(|p| p.truncate() - DVec2::new(0.1, 0.2));
     let piece = Piece {
         net: Net(points),
@@ -279,7 +279,7 @@ fn a_search_that_runs_out_says_so() {
     let mut found = 0;
     assert!(roots::roots(piece, 1e-12, roots::MAX_PIECES, |_| found += 1));
     assert_eq!(found, 1);
-    // No known surface needs all pieces; with none, nothing is found.
+    // No known surface needs all of them.
     assert!(!roots::roots(piece, 1e-12, 0, |_| found += 1));
     assert_eq!(found, 1);
 }

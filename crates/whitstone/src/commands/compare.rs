@@ -299,9 +299,7 @@ fn run_files(arguments: &Arguments) -> Result<Exit, Failure> {
     let exit = match &found {
         Ok(found) => found.comparison.exit(),
         Err(_) => {
-            if arguments.html.is_some() {
-                write(arguments, &found, false)?;
-            }
+            write(arguments, &found, false)?;
             return found.map(|_| Exit::Differs);
         }
     };
@@ -381,16 +379,25 @@ fn write(arguments: &Arguments, found: &Result<Compared, Failure>, accepted: boo
         seconds: 0.0,
         outcome: junit::Outcome::Pass,
     };
-    if let Ok(found) = found {
-        let [ours, reference] = &found.images;
-        if let Some(path) = &arguments.png {
-            write_trio(arguments, ours, reference, path)?;
+    match found {
+        Ok(found) => {
+            let [ours, reference] = &found.images;
+            if let Some(path) = &arguments.png {
+                write_trio(arguments, ours, reference, path)?;
+            }
+            value = found
+                .comparison
+                .json(arguments, &arguments.ours, &found.reference);
+            if !accepted {
+                case = found.comparison.junit(name);
+            }
         }
-        value = found
-            .comparison
-            .json(arguments, &arguments.ours, &found.reference);
-        if !accepted {
-            case = found.comparison.junit(name);
+        Err(problem) => {
+            value["status"] = "error".into();
+            value["problems"] = serde_json::json!([problem.text()]);
+            if !accepted {
+                case.outcome = junit::Outcome::Error(problem.text().to_owned());
+            }
         }
     }
     if accepted {
