@@ -43,8 +43,8 @@ const FIRST_BITS: usize = 128;
 /// Precision of the last attempt, in bits: sums of products of up to eight doubles are exact.
 pub const MAX_BITS: usize = 1024;
 
-/// The same for single questions. They may combine the smallest doubles with ordinary numbers, which
-/// are 1074 bits apart.
+/// The same for single questions. They may combine the smallest doubles with ordinary numbers,
+/// which are 1074 bits apart.
 const LAST_BITS: usize = 2 * MAX_BITS;
 
 /// After this time, an undecided ray is not repeated with more bits: each attempt takes at least as
