@@ -43,6 +43,8 @@ pub trait Real:
 {
     /// Twice the largest relative error of a rounding.
     const EPSILON: f64;
+    /// π.
+    const PI: Self;
     /// The nearest number of this precision.
     fn of(x: f64) -> Self;
     /// The nearest number of this precision.
@@ -61,12 +63,17 @@ pub trait Real:
     fn tan(self) -> Self;
     /// Arc cosine in radians.
     fn acos(self) -> Self;
+    /// Exponential function.
+    fn exp(self) -> Self;
+    /// A power of a positive number.
+    fn powf(self, exponent: Self) -> Self;
 }
 
 macro_rules! real {
     ($($float:ident)*) => { $(
         impl Real for $float {
             const EPSILON: f64 = $float::EPSILON as f64;
+            const PI: Self = std::$float::consts::PI;
             #[inline]
             fn of(x: f64) -> Self {
                 x as Self
@@ -102,6 +109,14 @@ macro_rules! real {
             #[inline]
             fn acos(self) -> Self {
                 self.acos()
+            }
+            #[inline]
+            fn exp(self) -> Self {
+                self.exp()
+            }
+            #[inline]
+            fn powf(self, exponent: Self) -> Self {
+                self.powf(exponent)
             }
         }
     )* };

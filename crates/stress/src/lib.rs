@@ -94,6 +94,20 @@ impl Engine {
         matches!(self, Self::Embree | Self::EmbreeNotRobust | Self::Obvhs)
     }
 
+    /// The digits of its numbers, from few to many.
+    fn digits(self) -> u32 {
+        match self {
+            Self::Mitsuba
+            | Self::MitsubaNotRobust
+            | Self::Embree
+            | Self::EmbreeNotRobust
+            | Self::Obvhs
+            | Self::NaiveF32 => 24,
+            Self::Whitstone | Self::NaiveF64 => 53,
+            Self::NaiveDoubleDouble => 106,
+        }
+    }
+
     /// The name for people.
     pub fn name(self) -> &'static str {
         match self {
@@ -146,12 +160,13 @@ pub const WORSE: f64 = 4.0;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Limit {
-    /// Its numbers are too coarse: the answers are as good as their format can hold.
+    /// Its numbers are too coarse: the answers are as good as their format can hold, or longer
+    /// numbers alone make the textbook formula usable.
     Format,
     /// The question is ill-conditioned: the answers are right for an input that differs by a few
     /// roundings.
     Condition,
-    /// Its method loses digits.
+    /// Its method loses digits, or another engine is usable whose numbers are as short or shorter.
     Method,
     /// The scene is refused with an error message.
     Refused,

@@ -156,7 +156,7 @@ impl FamilyReport {
         for engine in &mut engines {
             engine.conclude(until + 1, &about);
         }
-        blame_method(&mut engines);
+        compare_at_frontiers(&mut engines);
         let ours = engines
             .iter_mut()
             .find(|engine| engine.engine == Engine::Whitstone);
@@ -279,23 +279,56 @@ fn is_error_worse(ours: &Step, textbook: &Step, floor: f64) -> bool {
 /// The accepted error in units in the last place times the condition number.
 const ULPS: f64 = 4.0;
 
-/// Where the textbook formula in double precision is not usable but Whitstone is, which has the
-/// same numbers, the method is the reason.
-fn blame_method(engines: &mut [EngineReport]) {
-    let usable = |engine: &EngineReport, parameter: f64| {
-        let mut steps = engine.steps.iter();
-        steps.any(|step| step.parameter == parameter && step.usable)
+/// Finds the reasons of frontiers that are not measured, from the engines that are usable there.
+fn compare_at_frontiers(engines: &mut [EngineReport]) {
+    let found: Vec<Option<Limit>> = engines.iter().map(|engine| reason(engine, engines)).collect();
+    for (engine, found) in engines.iter_mut().zip(found) {
+        engine.limit = engine.limit.or(found);
+    }
+}
+
+/// The reason of an engine's frontier, from the others.
+///
+/// - An engine whose numbers are as short or shorter is usable: the method.
+/// - The textbook formula with longer numbers is: the format.
+/// - Whitstone is, whose numbers are longer, but the textbook formula with such numbers is not: the
+///   method.
+/// - For the textbook formula in double precision, where Whitstone is unusable, too: its reason.
+fn reason(engine: &EngineReport, all: &[EngineReport]) -> Option<Limit> {
+    let frontier = engine.frontier?;
+    let own = engine.engine.digits();
+    let usable: Vec<Engine> = all
+        .iter()
+        .filter(|other| {
+            let mut steps = other.steps.iter();
+            steps.any(|step| step.parameter == frontier && step.usable)
+        })
+        .map(|other| other.engine)
+        .collect();
+    let takes_part = |engine| {
+        let mut all = all.iter();
+        all.any(|other| other.engine == engine && !other.steps.is_empty())
     };
-    let ours = engines.iter().find(|engine| engine.engine == Engine::Whitstone);
-    let Some(ours) = ours.cloned() else {
-        return;
+    let longer = match own {
+        24 => Engine::NaiveF64,
+        _ => Engine::NaiveDoubleDouble,
     };
-    for engine in engines {
-        if let (Engine::NaiveF64, Some(frontier), None) = (engine.engine, engine.frontier, engine.limit)
-            && usable(&ours, frontier)
-        {
-            engine.limit = Some(Limit::Method);
-        }
+    if engine.engine == Engine::Whitstone {
+        None
+    } else if usable.iter().any(|other| other.digits() <= own) {
+        Some(Limit::Method)
+    } else if usable.contains(&longer) {
+        Some(Limit::Format)
+    } else if usable.contains(&Engine::Whitstone) && takes_part(longer) {
+        Some(Limit::Method)
+    } else if engine.engine == Engine::NaiveF64 {
+        all.iter()
+            .find(|other| other.engine == Engine::Whitstone)
+            .filter(|ours| !ours.steps.is_empty())
+            .and_then(|ours| ours.limit)
+            .filter(|limit| *limit != Limit::Refused)
+    } else {
+        None
     }
 }
 
@@ -676,7 +709,7 @@ mod tests {
         assert_eq!(report.verdict, Verdict::Pass);
         assert_eq!(report.frontier(Whitstone), "none");
         assert_eq!(report.frontier(Mitsuba), "1e2");
-        assert_eq!(report.frontier(NaiveF32), "1e1");
+        assert_eq!(report.frontier(NaiveF32), "1e1 (method)");
         // A broken promise, even where the answer is still usable.
         let broken = (Whitstone, [0.0, 1.1, 1.0]);
         assert_eq!(
@@ -738,9 +771,9 @@ mod tests {
         assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
         assert!(
             headline(std::slice::from_ref(&report))
-                .contains("| fixed | nothing: 1e0 to 1e2 | none | – | 1e2 | first step |")
+                .contains("| fixed | nothing: 1e0 to 1e2 | none | – | 1e2 | first step (method) |")
         );
-        assert!(table(&[report]).contains("| none | 1e2 | – | – | first step | pass |"));
+        assert!(table(&[report]).contains("| none | 1e2 | – | – | first step (method) | pass |"));
     }
 
     #[test]
@@ -756,8 +789,8 @@ mod tests {
                 "| family | parameter | Whitstone | Mitsuba | Embree | textbook double-double | textbook f64 | textbook f32 | verdict |"
             )
         );
-        assert!(table(one).contains("| none | – | 1e1 | – | – | first step | pass |"));
-        assert!(headline(one).contains("| none | – | – | 1e1 | first step |"));
+        assert!(table(one).contains("| none | – | 1e1 | – | – | first step (method) | pass |"));
+        assert!(headline(one).contains("| none | – | – | 1e1 | first step (method) |"));
         assert!(crate::plot::svg(&report).contains("embree (frontier 1e1)"));
         assert!(triangles(one).contains("| family | Whitstone | Mitsuba | Mitsuba, not robust | Embree |"));
         assert!(triangles(one).contains("| fixed | none | – | – | 1e1 |"));
@@ -776,12 +809,28 @@ mod tests {
     }
 
     #[test]
-    fn the_same_numbers_with_a_better_method_blame_the_method() {
-        use Engine::{Mitsuba, NaiveF64, Whitstone};
+    fn engines_that_are_usable_name_the_reason() {
+        use Engine::{Mitsuba, NaiveDoubleDouble, NaiveF32, NaiveF64, Whitstone};
         let ours = (Whitstone, [0.0, 0.5, 1.0]);
-        let report = judged([ours, (Mitsuba, [0.0, 20.0, 20.0]), (NaiveF64, [0.0, 20.0, 20.0])]);
+        let fails = |engine| (engine, [0.0, 20.0, 20.0]);
+        // Neither textbook formula is usable: only Whitstone's method is.
+        let report = judged([ours, fails(Mitsuba), fails(NaiveF64)]);
         assert_eq!(report.frontier(NaiveF64), "1e1 (method)");
-        assert_eq!(report.frontier(Mitsuba), "1e1");
+        assert_eq!(report.frontier(Mitsuba), "1e1 (method)");
+        // The same formula with more digits is usable, and nothing with as few.
+        let report = judged([(NaiveF64, [0.0; 3]), fails(Mitsuba), fails(NaiveF32)]);
+        assert_eq!(report.frontier(Mitsuba), "1e1 (format)");
+        assert_eq!(report.frontier(NaiveF32), "1e1 (format)");
+        // Another engine with as few digits is usable.
+        let report = judged([(NaiveF64, [0.0; 3]), (Mitsuba, [0.0; 3]), fails(NaiveF32)]);
+        assert_eq!(report.frontier(NaiveF32), "1e1 (method)");
+        // Double precision is too short for both, whatever the method.
+        let report = judged([fails(Whitstone), fails(NaiveF64), (NaiveDoubleDouble, [0.0; 3])]);
+        assert_eq!(report.frontier(NaiveF64), "1e1 (format)");
+        assert_eq!(report.frontier(Whitstone), "1e1");
+        // More digits than Whitstone's do not help the textbook.
+        let report = judged([ours, fails(NaiveDoubleDouble), fails(NaiveF64)]);
+        assert_eq!(report.frontier(NaiveDoubleDouble), "1e1 (method)");
     }
 
     #[test]

@@ -89,6 +89,7 @@ impl PartialOrd for DoubleDouble {
 
 impl Real for DoubleDouble {
     const EPSILON: f64 = f64::EPSILON * f64::EPSILON;
+    const PI: Self = PI;
 
     fn of(x: f64) -> Self {
         Self(Quad::from_f64(x))
@@ -132,6 +133,14 @@ impl Real for DoubleDouble {
         let angle = near + (cos - self) / sin;
         if angle.0.is_finite() { angle } else { near }
     }
+
+    fn exp(self) -> Self {
+        Self::checked(self.0.exp(), self.0.0.exp())
+    }
+
+    fn powf(self, exponent: Self) -> Self {
+        (Self(self.0.ln()) * exponent).exp()
+    }
 }
 
 #[cfg(test)]
@@ -172,6 +181,14 @@ mod tests {
             assert_eq!((-x).tan(), -tan);
             assert_eq!(tan.to_f64().signum(), x.to_f64().tan().signum());
         }
+        let e = DoubleDouble(Quad(std::f64::consts::E, 1.445_646_891_729_250_2e-16));
+        assert!(
+            same(DoubleDouble::of(1.0).exp(), e),
+            "{:?}",
+            DoubleDouble::of(1.0).exp()
+        );
+        let root = DoubleDouble::of(3.0).powf(DoubleDouble::of(0.5));
+        assert!(same(root * root, DoubleDouble::of(3.0)), "{root:?}");
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use crate::{About, Answer, Engine, Family, Lab, Limit, Sample};
 use serde_json::json;
 use whitstone_core::DVec3;
-use whitstone_oracle::naive::Real;
+use whitstone_oracle::naive::{DoubleDouble, Real};
 
 /// Size of the image in pixels, in both directions.
 const SIZE: u32 = 64;
@@ -139,11 +139,13 @@ fn look(
         let number = |at: usize, axis: usize| answer["directions"][at][axis].as_f64().unwrap_or(f64::NAN);
         judge(&|at, _| DVec3::new(number(at, 0), number(at, 1), number(at, 2)))
     });
+    let wide = judge(&|_, pixel| textbook::<DoubleDouble>(fov, center(pixel), basis));
     let double = judge(&|_, pixel| textbook::<f64>(fov, center(pixel), basis));
     let single = judge(&|_, pixel| textbook::<f32>(fov, center(pixel), basis));
     Ok(vec![
         (Engine::Whitstone, Ok(ours)),
         (Engine::Mitsuba, theirs),
+        (Engine::NaiveDoubleDouble, Ok(wide)),
         (Engine::NaiveF64, Ok(double)),
         (Engine::NaiveF32, Ok(single)),
     ])
@@ -151,9 +153,10 @@ fn look(
 
 /// The image window by the textbook formula.
 fn textbook<R: Real>(fov: f64, center: [f64; 2], basis: &Basis) -> DVec3 {
-    let half = (R::of(fov) * R::of(std::f64::consts::PI) / R::of(360.0)).tan();
+    let half = (R::of(fov) * R::PI / R::of(360.0)).tan();
     let [x, y] = center.map(|k| (R::of(2.0 * k) / R::of(f64::from(SIZE)) - R::of(1.0)) * half);
-    let scale = R::of(basis.forward.length());
+    let square = basis.forward.to_array().map(|k| R::of(k) * R::of(k));
+    let scale = (square[0] + square[1] + square[2]).sqrt();
     let [right, up, forward] =
         [basis.right, basis.up, basis.forward].map(|axis| axis.to_array().map(|k| R::of(k) / scale));
     let d = [0, 1, 2].map(|k| forward[k] + x * right[k] - y * up[k]);

@@ -2,7 +2,7 @@
 
 use crate::{About, Answer, Engine, Family, Lab, Sample, decades};
 use whitstone_core::Scratch;
-use whitstone_oracle::naive::Real;
+use whitstone_oracle::naive::{DoubleDouble, Real};
 use whitstone_testkit::Random;
 
 /// Texels of the image along each side, and of one of its squares.
@@ -108,7 +108,7 @@ impl Family for FilterFootprint {
 
     fn step(&self, anisotropy: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
         let mut random = Random::new(anisotropy.to_bits());
-        let [mut ours, mut double, mut single] = [Sample::default(); 3];
+        let [mut ours, mut wide, mut double, mut single] = [Sample::default(); 4];
         let mut scratch = Scratch::default();
         for _ in 0..lab.rays.min(100) {
             let look = Look::random(&mut random);
@@ -117,6 +117,7 @@ impl Family for FilterFootprint {
             for cap in CAPS {
                 let pipeline = lab.pipeline(&look.scene(anisotropy, cap))?;
                 add(&mut ours, pipeline.pixel([0, 0], &mut scratch).r);
+                add(&mut wide, textbook::<DoubleDouble>(&look, anisotropy, cap));
                 add(&mut double, textbook::<f64>(&look, anisotropy, cap));
                 add(&mut single, textbook::<f32>(&look, anisotropy, cap));
             }
@@ -127,6 +128,7 @@ impl Family for FilterFootprint {
                 Engine::Mitsuba,
                 Err("no twin: Mitsuba has no texture filter with footprints".to_owned()),
             ),
+            (Engine::NaiveDoubleDouble, Ok(wide)),
             (Engine::NaiveF64, Ok(double)),
             (Engine::NaiveF32, Ok(single)),
         ])

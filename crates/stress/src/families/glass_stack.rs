@@ -6,7 +6,7 @@ use crate::lab::{rows, textbook_of, tree};
 use crate::{About, Answer, Engine, Family, Lab, Limit, Sample, decades};
 use serde_json::json;
 use whitstone_core::{DVec3, Ray};
-use whitstone_oracle::naive::{Real, Textbook};
+use whitstone_oracle::naive::{DoubleDouble, Real, Textbook};
 use whitstone_oracle::optics::{power, refract};
 use whitstone_render::Pipeline;
 use whitstone_testkit::Random;
@@ -81,12 +81,16 @@ impl Family for GlassStack {
     }
 
     fn step(&self, ratio: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
-        let [mut ours, mut double, mut single_precision] = [Sample::default(); 3];
+        let [mut ours, mut wide, mut double, mut single_precision] = [Sample::default(); 4];
         let mut theirs: Answer = Ok(Sample::default());
         for ior in INDICES {
             let scene = Self::scene(ratio, ior);
             let pipeline = lab.pipeline(&scene)?;
-            let textbooks = (textbook_of::<f64>(&scene, 0)?, textbook_of::<f32>(&scene, 0)?);
+            let textbooks = (
+                textbook_of::<DoubleDouble>(&scene, 0)?,
+                textbook_of::<f64>(&scene, 0)?,
+                textbook_of::<f32>(&scene, 0)?,
+            );
             let mut random = Random::new(ratio.to_bits());
             let mut rays = Vec::new();
             for _ in 0..lab.rays.min(100) {
@@ -102,8 +106,9 @@ impl Family for GlassStack {
                     None => sample.failures += 1,
                 };
                 add(&mut ours, Self::passed(&pipeline, ray));
-                add(&mut double, through::<f64>(&*textbooks.0, ray, ior));
-                add(&mut single_precision, through::<f32>(&*textbooks.1, ray, ior));
+                add(&mut wide, through(&*textbooks.0, ray, ior));
+                add(&mut double, through(&*textbooks.1, ray, ior));
+                add(&mut single_precision, through(&*textbooks.2, ray, ior));
             }
             let request = json!({ "op": "walk", "scene": scene, "rays": rows(&rays), "mode": "through", "limit": 4 * PANES });
             theirs = theirs.and_then(|mut sample| {
@@ -119,6 +124,7 @@ impl Family for GlassStack {
         Ok(vec![
             (Engine::Whitstone, Ok(ours)),
             (Engine::Mitsuba, theirs),
+            (Engine::NaiveDoubleDouble, Ok(wide)),
             (Engine::NaiveF64, Ok(double)),
             (Engine::NaiveF32, Ok(single_precision)),
         ])
@@ -136,15 +142,12 @@ fn through<R: Real>(stack: &dyn Textbook<R>, ray: &Ray, ior: f64) -> Option<f64>
         if faces > 2 * PANES {
             return None;
         }
-        let eta = if faces % 2 == 1 { ior } else { 1.0 / ior };
-        let [reflectance, cosine] = fresnel::<R>(-direction[2].to_f64(), eta)?;
-        light = light * (R::of(1.0) - R::of(reflectance));
+        let ior = R::of(ior);
+        let eta = if faces % 2 == 1 { ior } else { R::of(1.0) / ior };
+        let [reflectance, cosine] = fresnel(-direction[2], eta)?;
+        light = light * (R::of(1.0) - reflectance);
         let place = [0, 1, 2].map(|i| origin[i] + t * direction[i]);
-        direction = [
-            direction[0] / R::of(eta),
-            direction[1] / R::of(eta),
-            R::of(-cosine),
-        ];
+        direction = [direction[0] / eta, direction[1] / eta, -cosine];
         origin = [0, 1, 2].map(|i| place[i] + offset::<R>() * direction[i]);
     }
     (faces == 2 * PANES).then(|| light.to_f64())

@@ -3,7 +3,7 @@
 use crate::{About, Answer, Engine, Family, Lab, Sample, decades};
 use std::f64::consts::PI;
 use whitstone_core::Scratch;
-use whitstone_oracle::naive::Real;
+use whitstone_oracle::naive::{DoubleDouble, Real};
 
 /// Number of pixels, in a single row.
 const WIDTH: u32 = 16;
@@ -63,7 +63,7 @@ impl Family for Horizon {
         let pixels: Vec<[u32; 2]> = (0..WIDTH).map(|x| [x, 0]).collect();
         let add =
             |sample: &mut Sample, value: f64| sample.add(((value - DARK) / (BRIGHT - DARK) - 0.5).abs());
-        let [mut ours, mut double, mut single] = [Sample::default(); 3];
+        let [mut ours, mut wide, mut double, mut single] = [Sample::default(); 4];
         for filter in ["trilinear", "ewa"] {
             let pipeline = lab.pipeline(&Self::scene(slope, filter))?;
             let mut scratch = Scratch::default();
@@ -73,6 +73,7 @@ impl Family for Horizon {
         }
         for [x, _] in &pixels {
             let across = HALF * (2.0 * (f64::from(*x) + 0.5) / f64::from(WIDTH) - 1.0);
+            add(&mut wide, point_sampled::<DoubleDouble>(slope, across));
             add(&mut double, point_sampled::<f64>(slope, across));
             add(&mut single, point_sampled::<f32>(slope, across));
         }
@@ -86,6 +87,7 @@ impl Family for Horizon {
         Ok(vec![
             (Engine::Whitstone, Ok(ours)),
             (Engine::Mitsuba, theirs),
+            (Engine::NaiveDoubleDouble, Ok(wide)),
             (Engine::NaiveF64, Ok(double)),
             (Engine::NaiveF32, Ok(single)),
         ])

@@ -12,8 +12,8 @@ use whitstone_testkit::Random;
 
 /// Textbook Fresnel equations: reflectance and cosine of the transmitted ray. `None` for total
 /// internal reflection.
-pub(crate) fn fresnel<R: Real>(cosine: f64, ior: f64) -> Option<[f64; 2]> {
-    let (one, here, eta) = (R::of(1.0), R::of(cosine), R::of(ior));
+pub(crate) fn fresnel<R: Real>(here: R, eta: R) -> Option<[R; 2]> {
+    let one = R::of(1.0);
     let square = one - (one - here * here) / (eta * eta);
     if square < R::of(0.0) {
         return None;
@@ -21,10 +21,15 @@ pub(crate) fn fresnel<R: Real>(cosine: f64, ior: f64) -> Option<[f64; 2]> {
     let there = square.sqrt();
     let s = (here - eta * there) / (here + eta * there);
     let p = (eta * here - there) / (eta * here + there);
-    Some([(R::of(0.5) * (s * s + p * p)).to_f64(), there.to_f64()])
+    Some([R::of(0.5) * (s * s + p * p), there])
 }
 
-/// Mitsuba's results, in the form of [`fresnel`].
+/// The results of [`fresnel`] in this precision, as doubles.
+fn textbook_fresnel<R: Real>(cosine: f64, ior: f64) -> Option<[f64; 2]> {
+    fresnel(R::of(cosine), R::of(ior)).map(|both| both.map(R::to_f64))
+}
+
+/// Mitsuba's results, in the form of [`textbook_fresnel`].
 fn mitsuba(lab: &Lab<'_>, cosines: &[f64], ior: f64) -> Result<Vec<Option<[f64; 2]>>, String> {
     let answer = lab.mitsuba(json!({ "op": "fresnel", "cosines": cosines, "ior": ior }))?;
     let number = |key: &str, at: usize| answer[key][at].as_f64().unwrap_or(f64::NAN);
@@ -97,9 +102,10 @@ impl Family for IndexNearOne {
         let cosines: Vec<f64> = directions.iter().map(|direction| -direction.z).collect();
         let theirs = mitsuba(lab, &cosines, ior)
             .map(|all| judged(&mut |number| all[number].map(|[reflectance, _]| reflectance)));
-        let wide = judged(&mut |number| fresnel::<DoubleDouble>(cosines[number], ior).map(|[r, _]| r));
-        let double = judged(&mut |number| fresnel::<f64>(cosines[number], ior).map(|[r, _]| r));
-        let single = judged(&mut |number| fresnel::<f32>(cosines[number], ior).map(|[r, _]| r));
+        let wide =
+            judged(&mut |number| textbook_fresnel::<DoubleDouble>(cosines[number], ior).map(|[r, _]| r));
+        let double = judged(&mut |number| textbook_fresnel::<f64>(cosines[number], ior).map(|[r, _]| r));
+        let single = judged(&mut |number| textbook_fresnel::<f32>(cosines[number], ior).map(|[r, _]| r));
         Ok(vec![
             (Engine::Whitstone, Ok(ours)),
             (Engine::Mitsuba, theirs),
@@ -179,10 +185,13 @@ impl Family for CriticalAngle {
         let cosines: Vec<f64> = directions.iter().map(|direction| direction.z).collect();
         let theirs = mitsuba(lab, &cosines, 0.5)
             .map(|all| judged(&mut |number| all[number].map(|[_, cosine]| cosine)));
-        let wide =
-            judged(&mut |number| fresnel::<DoubleDouble>(cosines[number], 0.5).map(|[_, cosine]| cosine));
-        let double = judged(&mut |number| fresnel::<f64>(cosines[number], 0.5).map(|[_, cosine]| cosine));
-        let single = judged(&mut |number| fresnel::<f32>(cosines[number], 0.5).map(|[_, cosine]| cosine));
+        let wide = judged(&mut |number| {
+            textbook_fresnel::<DoubleDouble>(cosines[number], 0.5).map(|[_, cosine]| cosine)
+        });
+        let double =
+            judged(&mut |number| textbook_fresnel::<f64>(cosines[number], 0.5).map(|[_, cosine]| cosine));
+        let single =
+            judged(&mut |number| textbook_fresnel::<f32>(cosines[number], 0.5).map(|[_, cosine]| cosine));
         Ok(vec![
             (Engine::Whitstone, Ok(ours)),
             (Engine::Mitsuba, theirs),
@@ -218,7 +227,7 @@ impl Family for PhongExponent {
 
     fn step(&self, exponent: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
         let mut random = Random::new(exponent.to_bits());
-        let [mut ours, mut double, mut single] = [Sample::default(); 3];
+        let [mut ours, mut wide, mut double, mut single] = [Sample::default(); 4];
         for _ in 0..lab.rays.min(100) {
             // The mirror direction of the lamp, and a viewer offset from it so that about 1/e of
             // the highlight is left.
@@ -247,10 +256,10 @@ impl Family for PhongExponent {
             let unmirrored = DVec3::new(-lamp.x, -lamp.y, lamp.z);
             let [truth, base] = [exponent, 1.0].map(|exponent| lobe(unmirrored, eye, exponent));
             ours.add(((value? / plain?) / (truth / base) - 1.0).abs());
-            let cosine = unmirrored.normalize().dot(eye);
-            double.add((cosine.powf(exponent) / truth - 1.0).abs());
-            let cosine = unmirrored.as_vec3().normalize().dot(eye.as_vec3());
-            single.add((f64::from(cosine.powf(exponent as f32)) / truth - 1.0).abs());
+            let add = |sample: &mut Sample, found: f64| sample.add((found / truth - 1.0).abs());
+            add(&mut wide, highlight::<DoubleDouble>(unmirrored, eye, exponent));
+            add(&mut double, highlight::<f64>(unmirrored, eye, exponent));
+            add(&mut single, highlight::<f32>(unmirrored, eye, exponent));
         }
         Ok(vec![
             (Engine::Whitstone, Ok(ours)),
@@ -258,10 +267,21 @@ impl Family for PhongExponent {
                 Engine::Mitsuba,
                 Err("the Phong highlight is a formula of the driver".to_owned()),
             ),
+            (Engine::NaiveDoubleDouble, Ok(wide)),
             (Engine::NaiveF64, Ok(double)),
             (Engine::NaiveF32, Ok(single)),
         ])
     }
+}
+
+/// The textbook highlight: a power of the cosine.
+fn highlight<R: Real>(mirrored: DVec3, eye: DVec3, exponent: f64) -> f64 {
+    let [mirrored, eye] = [mirrored, eye].map(|v| v.to_array().map(R::of));
+    let dot = |a: [R; 3], b: [R; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let length = dot(mirrored, mirrored).sqrt();
+    dot(mirrored.map(|part| part / length), eye)
+        .powf(R::of(exponent))
+        .to_f64()
 }
 
 /// Glass that absorbs nearly everything.
@@ -288,7 +308,7 @@ impl Family for Absorption {
     }
 
     fn step(&self, depth: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
-        let [mut ours, mut double, mut single] = [Sample::default(); 3];
+        let [mut ours, mut wide, mut double, mut single] = [Sample::default(); 4];
         for part in [1.0, 0.77, 0.5, 0.3] {
             let sigma = depth * part;
             let pipeline = lab.pipeline(&format!(
@@ -312,8 +332,9 @@ impl Family for Absorption {
                 sample.strict = sample.strict.max(error / (f64::EPSILON * sigma.max(1.0)));
             };
             judge(&mut ours, through / (0.96 * 0.96));
-            judge(&mut double, (-sigma).exp());
-            judge(&mut single, f64::from((-sigma as f32).exp()));
+            judge(&mut wide, DoubleDouble::of(-sigma).exp().to_f64());
+            judge(&mut double, f64::of(-sigma).exp());
+            judge(&mut single, f32::of(-sigma).exp().to_f64());
         }
         Ok(vec![
             (Engine::Whitstone, Ok(ours)),
@@ -321,6 +342,7 @@ impl Family for Absorption {
                 Engine::Mitsuba,
                 Err("absorption is a formula of the driver".to_owned()),
             ),
+            (Engine::NaiveDoubleDouble, Ok(wide)),
             (Engine::NaiveF64, Ok(double)),
             (Engine::NaiveF32, Ok(single)),
         ])

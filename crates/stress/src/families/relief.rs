@@ -5,7 +5,7 @@
 
 use crate::{About, Answer, Engine, Family, Lab, Sample, decades};
 use whitstone_core::{DVec3, SpecularRays, SurfaceInteraction};
-use whitstone_oracle::naive::Real;
+use whitstone_oracle::naive::{DoubleDouble, Real};
 use whitstone_testkit::Random;
 
 /// The slope of the height along x, divided by the amplitude.
@@ -62,7 +62,7 @@ impl Family for Relief {
     }
 
     fn step(&self, amplitude: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
-        let [mut ours, mut double, mut single] = [Sample::default(); 3];
+        let [mut ours, mut wide, mut double, mut single] = [Sample::default(); 4];
         for (scene, normal) in Self::scenes(amplitude) {
             let pipeline = lab.pipeline(&scene)?;
             let normal = normal.normalize();
@@ -88,6 +88,7 @@ impl Family for Relief {
                     Some(branch) => ours.add(branch.direction.distance(truth)),
                     None => ours.failures += 1,
                 }
+                wide.add(textbook::<DoubleDouble>(amplitude, place.x, view).distance(truth));
                 double.add(textbook::<f64>(amplitude, place.x, view).distance(truth));
                 single.add(textbook::<f32>(amplitude, place.x, view).distance(truth));
             }
@@ -98,6 +99,7 @@ impl Family for Relief {
                 Engine::Mitsuba,
                 Err("the perturbed shading frame is a formula of the driver".to_owned()),
             ),
+            (Engine::NaiveDoubleDouble, Ok(wide)),
             (Engine::NaiveF64, Ok(double)),
             (Engine::NaiveF32, Ok(single)),
         ])

@@ -4,7 +4,7 @@ use crate::families::gaps::offset;
 use crate::lab::{radiance, textbook_of};
 use crate::{About, Answer, Engine, Family, Lab, Limit, Sample, view};
 use whitstone_core::{DVec3, Ray, Scratch};
-use whitstone_oracle::naive::{Real, Textbook};
+use whitstone_oracle::naive::{DoubleDouble, Real, Textbook};
 
 const WIDTH: u32 = 24;
 const HEIGHT: u32 = 16;
@@ -153,12 +153,8 @@ fn step(scales: &[f64], lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> 
     let plain = ours(lab, 1.0)?;
     let clear = well_conditioned(lab)?;
     let mean = plain.iter().sum::<f64>() / plain.len() as f64;
-    let judge = |sample: &mut Sample, found: &[f64], expected: &[f64]| {
-        let pairs = found
-            .iter()
-            .zip(expected)
-            .zip(&clear)
-            .filter(|(_, clear)| **clear);
+    let judge = |sample: &mut Sample, clear: &[bool], found: &[f64], expected: &[f64]| {
+        let pairs = found.iter().zip(expected).zip(clear).filter(|(_, clear)| **clear);
         let errors: Vec<f64> = pairs.map(|((a, b), _)| (a - b).abs() / mean).collect();
         let wrong = errors
             .iter()
@@ -169,21 +165,40 @@ fn step(scales: &[f64], lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> 
         sample.nonfinite += errors.iter().filter(|error| !error.is_finite()).count() as u64;
     };
     let mut whitstone = Sample::default();
-    let [mut double, mut single] = [Sample::default(); 2];
-    let (f64_plain, f32_plain) = (lit::<f64>(1.0)?, lit::<f32>(1.0)?);
+    let [mut wide, mut double, mut single] = [Sample::default(); 3];
+    let straight = DVec3::ZERO;
+    let wide_plain = lit::<DoubleDouble>(1.0, straight)?;
+    let f64_plain = lit::<f64>(1.0, straight)?;
+    let f32_plain = lit::<f32>(1.0, straight)?;
+    let mut is_same = vec![true; f64_plain.len()];
+    for side in SIDES {
+        for (is_same, (a, b)) in is_same
+            .iter_mut()
+            .zip(f64_plain.iter().zip(lit::<f64>(1.0, TURN * side)?))
+        {
+            *is_same &= *a == b;
+        }
+    }
     let mut mitsuba: Answer = Ok(Sample::default());
     for scale in scales.iter().copied() {
-        judge(&mut whitstone, &ours(lab, scale)?, &plain);
-        judge(&mut double, &lit::<f64>(scale)?, &f64_plain);
-        judge(&mut single, &lit::<f32>(scale)?, &f32_plain);
+        judge(&mut whitstone, &clear, &ours(lab, scale)?, &plain);
+        judge(
+            &mut wide,
+            &is_same,
+            &lit::<DoubleDouble>(scale, straight)?,
+            &wide_plain,
+        );
+        judge(&mut double, &is_same, &lit::<f64>(scale, straight)?, &f64_plain);
+        judge(&mut single, &is_same, &lit::<f32>(scale, straight)?, &f32_plain);
         mitsuba = mitsuba.and_then(|mut sample| {
-            judge(&mut sample, &theirs(lab, scale)?, &theirs(lab, 1.0)?);
+            judge(&mut sample, &clear, &theirs(lab, scale)?, &theirs(lab, 1.0)?);
             Ok(sample)
         });
     }
     Ok(vec![
         (Engine::Whitstone, Ok(whitstone)),
         (Engine::Mitsuba, mitsuba),
+        (Engine::NaiveDoubleDouble, Ok(wide)),
         (Engine::NaiveF64, Ok(double)),
         (Engine::NaiveF32, Ok(single)),
     ])
@@ -193,16 +208,20 @@ fn pixels() -> impl Iterator<Item = [u32; 2]> {
     (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| [x, y]))
 }
 
-/// The pixels whose value does not change by 1 % if their rays are turned by 1e-5 radians, far more
-/// than single precision does.
+/// Directions in which rays are turned by [`TURN`] radians, far more than single precision does:
+/// pixels that change are ill-conditioned.
+const SIDES: [DVec3; 4] = [DVec3::X, DVec3::Y, DVec3::NEG_X, DVec3::NEG_Y];
+const TURN: f64 = 1e-5;
+
+/// The pixels whose value does not change by 1 % if their rays are turned.
 fn well_conditioned(lab: &Lab<'_>) -> Result<Vec<bool>, String> {
     let pipeline = lab.pipeline(&scene(1.0))?;
     let is_clear = |pixel: [u32; 2]| {
         let ray = pipeline.camera_ray(pixel, 0);
         let value = radiance(&pipeline, &ray).r;
-        let sides = [DVec3::X, DVec3::Y, DVec3::NEG_X, DVec3::NEG_Y].into_iter();
-        sides
-            .map(|side| Ray::new(ray.origin, (ray.direction + 1e-5 * side).normalize()))
+        SIDES
+            .into_iter()
+            .map(|side| Ray::new(ray.origin, (ray.direction + TURN * side).normalize()))
             .all(|ray| (radiance(&pipeline, &ray).r - value).abs() < 0.01 * value)
     };
     Ok(pixels().map(is_clear).collect())
@@ -222,30 +241,40 @@ fn theirs(lab: &Lab<'_>, scale: f64) -> Result<Vec<f64>, String> {
     lab.mitsuba_pixels(&scene(scale), &all)
 }
 
-/// The pixels that see a lit point, by textbook formulas.
-fn lit<R: Real>(scale: f64) -> Result<Vec<f64>, String> {
+/// The pixels that see a lit point, by textbook formulas; `turned` is added to the directions.
+fn lit<R: Real>(scale: f64, turned: DVec3) -> Result<Vec<f64>, String> {
     let text = scene(scale);
     let shapes: Vec<Box<dyn Textbook<R>>> = (0..SHAPES)
         .map(|number| textbook_of(&text, number))
         .collect::<Result<_, _>>()?;
-    let intersect = |ray: &Ray| {
-        let [o, d] = [ray.origin, ray.direction].map(|v| v.to_array().map(R::of));
+    let intersect = |o: [R; 3], d: [R; 3]| {
         let hits = shapes.iter().filter_map(|shape| shape.intersect(o, d));
-        hits.reduce(|a, b| if b < a { b } else { a }).map(R::to_f64)
+        hits.reduce(|a, b| if b < a { b } else { a })
     };
-    let lamp = scale * DVec3::new(2.0, 4.0, 2.0);
+    let place = |place: DVec3| (scale * place).to_array().map(R::of);
+    let (eye, lamp) = (place(DVec3::new(0.0, 1.0, 4.0)), place(DVec3::new(2.0, 4.0, 2.0)));
+    let axes = [0, 1, 2];
     Ok(pixels()
         .map(|[x, y]| {
             let [across, down] =
                 [(x, WIDTH), (y, HEIGHT)].map(|(k, of)| f64::from(k) + 0.5 - 0.5 * f64::from(of));
             let direction = DVec3::new(across, -down, -1.2 * f64::from(WIDTH)).normalize();
-            let ray = Ray::new(scale * DVec3::new(0.0, 1.0, 4.0), direction);
-            let Some(t) = intersect(&ray) else { return 0.0 };
-            let place = ray.at(t);
-            let to = (lamp - place).normalize();
+            let direction = (direction + turned).to_array().map(R::of);
+            let Some(t) = intersect(eye, direction) else {
+                return 0.0;
+            };
+            let place = axes.map(|axis| eye[axis] + t * direction[axis]);
+            let to = axes.map(|axis| lamp[axis] - place[axis]);
+            let length = (to[0] * to[0] + to[1] * to[1] + to[2] * to[2]).sqrt();
+            let to = to.map(|part| part / length);
             // An offset in proportion to the coordinates, as robust textbook code has it.
-            let off = offset::<R>().to_f64() * place.abs().max_element();
-            f64::from(u8::from(intersect(&Ray::new(place + off * to, to)).is_none()))
+            let largest = axes.iter().fold(R::of(0.0), |most, &axis| {
+                let size = place[axis].abs();
+                if size > most { size } else { most }
+            });
+            let off = offset::<R>() * largest;
+            let origin = axes.map(|axis| place[axis] + off * to[axis]);
+            f64::from(u8::from(intersect(origin, to).is_none()))
         })
         .collect())
 }

@@ -4,7 +4,7 @@ use crate::lab::radiance;
 use crate::{About, Answer, Engine, Family, Lab, Sample, decades};
 use std::f64::consts::{PI, TAU};
 use whitstone_core::{DVec3, Ray};
-use whitstone_oracle::naive::Real;
+use whitstone_oracle::naive::{DoubleDouble, Real};
 use whitstone_testkit::Random;
 
 /// Columns and rows of the image.
@@ -93,12 +93,13 @@ impl Family for Sky {
             values.collect::<Vec<f64>>()
         ))?;
         let mut random = Random::new(angle.to_bits());
-        let [mut ours, mut double, mut single] = [Sample::default(); 3];
+        let [mut ours, mut wide, mut double, mut single] = [Sample::default(); 4];
         for _ in 0..lab.rays {
             let (direction, place) = (self.look)(angle, &mut random);
             let truth = shown(place, true);
             let found = radiance(&pipeline, &Ray::new(DVec3::ZERO, direction)).r;
             ours.add((found - truth).abs());
+            wide.add((shown(textbook::<DoubleDouble>(direction), self.naive_wraps) - truth).abs());
             double.add((shown(textbook::<f64>(direction), self.naive_wraps) - truth).abs());
             single.add((shown(textbook::<f32>(direction), self.naive_wraps) - truth).abs());
         }
@@ -108,6 +109,7 @@ impl Family for Sky {
                 Engine::Mitsuba,
                 Err("the mapping of directions to texture coordinates is a formula of the driver".to_owned()),
             ),
+            (Engine::NaiveDoubleDouble, Ok(wide)),
             (Engine::NaiveF64, Ok(double)),
             (Engine::NaiveF32, Ok(single)),
         ])
@@ -150,6 +152,6 @@ fn textbook<R: Real>(direction: DVec3) -> [f64; 2] {
     let sine = (R::of(1.0) - y * y).sqrt();
     let turn = (-z / sine).acos();
     let turn = if x < R::of(0.0) { -turn } else { turn };
-    let (u, v) = (turn / R::of(TAU), y.acos() / R::of(PI));
+    let (u, v) = (turn / (R::of(2.0) * R::PI), y.acos() / R::PI);
     [(R::of(0.5) + u).to_f64(), (R::of(1.0) - v).to_f64()]
 }
