@@ -39,8 +39,8 @@ const MOST_SAMPLES: u64 = 5_000;
 /// A scene must be answered within this time plus [`PER_RAY`] for each of its rays. Without an
 /// accelerator it may take longer.
 const LIMIT: Duration = Duration::from_secs(10);
-/// Time of a ray with a hit on a fractal, or on 768 long shapes of a repeated field that overlap, on
-/// a loaded machine.
+/// Time of a ray that hits a fractal, or a repeated field of 768 long shapes that overlap, on a
+/// loaded machine.
 const PER_RAY: Duration = Duration::from_millis(20);
 /// Time after which a worker is given up.
 const PATIENCE: Duration = Duration::from_secs(300);
