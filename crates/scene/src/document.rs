@@ -1,9 +1,10 @@
 //! The merged TOML document of a scene, with source positions.
 
 use crate::Sources;
+use crate::companions::companions;
 use serde::Serialize as _;
 use std::borrow::Cow;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -340,7 +341,7 @@ pub struct Flattened {
     /// Folder that the paths are relative to; absolute if the working folder is known.
     pub base: PathBuf,
     /// Hash of everything that the image depends on: the document without `accelerator` and
-    /// `expect`, and the bytes of every file that it names.
+    /// `expect`, and the bytes of every file that it or a glTF file of a mesh names.
     pub hash: String,
     /// The named files, relative to the working folder.
     pub files: Vec<PathBuf>,
@@ -370,6 +371,13 @@ impl Flattened {
         hasher.update(shorter.as_ref().unwrap_or(&text).as_bytes());
         let mut files: Vec<_> = files.iter().map(|path| sources.base().join(path)).collect();
         files.extend_from_slice(sources.companions());
+        let mut known: BTreeSet<PathBuf> = files.iter().cloned().collect();
+        for path in known.clone() {
+            let of_mesh = companions(&path).into_iter();
+            files.extend(
+                of_mesh.filter(|path| sources.check_root(path).is_ok() && known.insert(path.clone())),
+            );
+        }
         let mut hashes = BTreeMap::new();
         for path in &files {
             // A file is read once, however often the scene names it.

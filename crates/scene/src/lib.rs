@@ -4,6 +4,7 @@
 //! nothing; `whitstone-render` does.
 
 mod checked;
+mod companions;
 mod description;
 mod document;
 mod groups;

@@ -195,6 +195,29 @@ fn includes_are_merged_first_and_their_paths_stay_right() {
 }
 
 #[test]
+fn the_hash_includes_the_files_that_a_gltf_mesh_refers_to() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path();
+    fs::create_dir(root.join("meshes")).unwrap();
+    let scene = "[camera]\ntype = 'c'\n[[shape]]\ntype = 'mesh'\nfile = 'meshes/a.gltf'\n";
+    fs::write(root.join("scene.toml"), scene).unwrap();
+    fs::write(
+        root.join("meshes/a.gltf"),
+        r#"{ "buffers": [{ "uri": "a.bin" }] }"#,
+    )
+    .unwrap();
+    let hash = |contents: &str| {
+        fs::write(root.join("meshes/a.bin"), contents).unwrap();
+        let sources = Sources::load(&root.join("scene.toml"), &[], &Registry::default()).unwrap();
+        let flattened = Description::parse(&sources).into_result().unwrap().flattened;
+        assert!(flattened.files.contains(&root.join("meshes/a.bin")));
+        flattened.hash
+    };
+    assert_eq!(hash("one"), hash("one"));
+    assert_ne!(hash("one"), hash("two"));
+}
+
+#[test]
 fn include_cycles_and_missing_files_are_errors_at_the_include() {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path();
