@@ -447,7 +447,7 @@ mod tests {
         }
     }
 
-    fn every_set_of_rays_obeys_the_laws<const AVX512: bool>() {
+    fn with_all_sets_of_rays<const AVX512: bool>() {
         for sets in ["none", "packets", "tiles"] {
             accelerator_laws::<Of<AVX512>>(&format!("ray_sets = \"{sets}\""));
         }
@@ -460,7 +460,7 @@ mod tests {
         accelerator_laws::<Of<false>>("quality = \"balanced\"");
         accelerator_laws::<Of<false>>("quality = \"fast\"");
         accelerator_laws::<Of<false>>("quality = \"best\"");
-        every_set_of_rays_obeys_the_laws::<false>();
+        with_all_sets_of_rays::<false>();
     }
 
     #[test]
@@ -469,6 +469,6 @@ mod tests {
         accelerator_laws::<Of<true>>("quality = \"balanced\"");
         accelerator_laws::<Of<true>>("quality = \"fast\"");
         accelerator_laws::<Of<true>>("quality = \"best\"");
-        every_set_of_rays_obeys_the_laws::<true>();
+        with_all_sets_of_rays::<true>();
     }
 }
