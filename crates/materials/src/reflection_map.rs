@@ -6,7 +6,8 @@
 //! still trace theirs. `bake cubemap` makes a map from a scene; docs/comparisons.md measures its
 //! error.
 //!
-//! - Twin: a formula of the Mitsuba driver, which looks up the directions that Mitsuba's BSDFs give.
+//! - Twin: a formula of the Mitsuba driver, which looks up the directions that Mitsuba's BSDFs
+//!   give.
 //! - Example: `scenes/materials/reflection_map.toml`.
 
 use schemars::JsonSchema;

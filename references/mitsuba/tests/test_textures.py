@@ -356,8 +356,8 @@ class Textures(Case):
             weight, exact = quilting._weight(error), error**0.6
             self.assertTrue(2**32 / max(1, exact) - 1 <= weight <= 2**32 / max(1, exact - 1), error)
         self.assertEqual([quilting._weight(e) for e in (0, 31, 32)], [2**32, 2**32 // 7, 2**29])
-        # Three neighbourhoods in a row: two columns of the first and the second do not match, and one
-        # of the third. In the third column, the piece of the first is 100, and of the others 0.
+        # Three neighbourhoods in a row: two columns of the first and the second do not match, and
+        # one of the third. In the third column, the piece of the first is 100, of the others 0.
         sample, picture = (np.array(row)[None, :, None].repeat(5, axis=0).repeat(3, axis=2) for row in ([0] * 5 + [100] * 5, [100, 100, 100, 0, 0, 100, 100]))
         two, one = (quilting._weight(5 * 3 * columns * 100**2) for columns in (2, 1))
         expected = (2 * 100 * two + 2 * two + one) // (2 * (2 * two + one))

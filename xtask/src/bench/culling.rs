@@ -1,8 +1,8 @@
 //! `bench culling`: what it gains to ignore whole sets of rays, each step measured alone.
 //!
 //! The accelerator `bvh` traces coherent rays as packets, culls boxes by bounds on a packet, and
-//! skips whole tiles by their frusta; its key `ray_sets` switches each step. Tiles are also counted:
-//! how many no ray of them hits, and how many of those the frusta find.
+//! skips whole tiles by their frusta; its key `ray_sets` switches each step. Tiles are also
+//! counted: those whose rays all miss, and those that the frusta find.
 
 use super::machine::{date, load, processor, processor_time};
 use super::median;
@@ -110,9 +110,14 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         }];
         let tiles = width.div_ceil(TILE) * height.div_ceil(TILE);
         let share = |count: f64| 100.0 * count / f64::from(tiles);
+        // No proxies if a shape is unbounded.
+        let skipped_share = match share(after - before) {
+            share if share.is_nan() => "–".to_owned(),
+            share => format!("{share:.0} %"),
+        };
         let _ = write!(
             text,
-            "\n| {name} | {} | {:.0} | {:.0} | {:.0} | {:.0} | {:.2} | {:.2} | {:.2} | {:.0} % | {:.0} % |",
+            "\n| {name} | {} | {:.0} | {:.0} | {:.0} | {:.0} | {:.2} | {:.2} | {:.2} | {:.0} % | {} |",
             if rays.is_some() { "camera" } else { "all" },
             times[0],
             times[1],
@@ -122,7 +127,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
             times[1] / times[2],
             times[2] / times[3],
             share(f64::from(empty_tiles(&pipelines[3], [width, height]))),
-            share(after - before),
+            skipped_share,
         );
     }
     let _ = write!(text, "\n\n{}", proxies(&film, arguments, registry)?);
