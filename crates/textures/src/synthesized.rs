@@ -7,7 +7,7 @@
 //! 2005), by plain or by robust least squares, with neighbourhoods of several sides and at several
 //! resolutions. All errors and weights are integers, so every machine and the reference choose the
 //! same pieces. `scenes/showcase/texture_optimization.toml` shows a quilt without and with plain
-//! least squares, and `docs/variants.md` measures all choices against the sample.
+//! least squares, and `docs/comparisons.md` measures all choices against the sample.
 //!
 //! - Twin: Mitsuba `bitmap` (native; `trilinear` and `ewa` are hosted), of a picture quilted in
 //!   Python, written from the model.
