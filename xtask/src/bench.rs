@@ -4,6 +4,7 @@ mod accelerators;
 mod backend;
 mod chart;
 mod choice;
+mod culling;
 mod data;
 mod efficiency;
 mod fetch;
@@ -49,6 +50,7 @@ pub(crate) struct Arguments {
 #[derive(Subcommand, Debug)]
 enum What {
     Accelerators(accelerators::Arguments),
+    Culling(culling::Arguments),
     Efficiency(efficiency::Arguments),
     Growth(growth::Arguments),
     Import(import::Arguments),
@@ -69,6 +71,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     match &arguments.what {
         None => picture::run(&arguments.picture, registry),
         Some(What::Accelerators(arguments)) => accelerators::run(arguments, registry),
+        Some(What::Culling(arguments)) => culling::run(arguments, registry),
         Some(What::Efficiency(arguments)) => efficiency::run(arguments, registry),
         Some(What::Growth(arguments)) => growth::run(arguments, registry),
         Some(What::Import(arguments)) => import::run(arguments, registry),

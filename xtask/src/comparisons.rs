@@ -2,6 +2,7 @@
 
 use crate::readme::{of_text, of_text_in};
 use crate::run_time::wrapped;
+use crate::synthesis;
 use serde_json::Value;
 use std::fmt::Write as _;
 use whitstone::Failure;
@@ -26,11 +27,12 @@ const SIDE: u32 = 96;
 pub(crate) fn page(registry: &Registry, times: &Value) -> Result<String, Failure> {
     Ok(format!(
         "# Methods compared\n\n<!-- Written by `cargo xtask readme`. -->\n\n\
-         The lecture notes compare methods in words. These are the numbers.\n{}{}{}{}",
+         The lecture notes compare methods in words. These are the numbers.\n{}{}{}{}{}",
         shading(registry)?,
         order(registry)?,
         order_times(times),
-        cube_map(registry)?
+        cube_map(registry)?,
+        synthesis::section(registry)?
     ))
 }
 

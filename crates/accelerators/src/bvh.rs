@@ -17,6 +17,7 @@
 
 mod binned;
 mod exact;
+mod frustum;
 mod morton;
 mod node;
 mod packet;
@@ -35,6 +36,7 @@ use crate::support::leaves::state::{Query, Search};
 use crate::support::leaves::{Leaves, Number};
 use binned::Binned;
 use exact::Sixteen;
+use frustum::Proxies;
 use morton::Keys;
 use node::Node;
 use packet::USUAL_DEPTH;
@@ -59,6 +61,26 @@ pub struct Config {
     /// Trade-off between build time and ray tracing speed.
     #[serde(default)]
     quality: Quality,
+    /// Sets of rays that are tested against a box at once. The hits do not depend on it.
+    #[serde(default)]
+    ray_sets: RaySets,
+}
+
+/// Sets of rays that are tested against a box at once.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize, JsonSchema, PartialEq, Eq)]
+#[serde(rename_all = "snake_case")]
+pub enum RaySets {
+    /// None: each ray is traced alone. For measurements.
+    None,
+    /// Packets: sixteen neighbours whose directions have the same signs visit nodes together; each
+    /// box is tested with each of them. For measurements.
+    Packets,
+    /// Packets, and boxes that bounds on all rays of a packet miss are culled.
+    #[default]
+    CulledPackets,
+    /// Also whole tiles: the up to 256 rays of a stream are skipped if their frustum misses all
+    /// boxes at the top of the hierarchy. Gains where large parts of an image are empty.
+    Tiles,
 }
 
 /// Trade-off between build time and ray tracing speed.
@@ -79,6 +101,8 @@ pub enum Quality {
 /// The `bvh` accelerator; see the module documentation.
 pub struct Bvh {
     hierarchy: Hierarchy,
+    /// Boxes that frusta of tiles are tested against, if they are.
+    proxies: Option<Proxies>,
     statistics: Statistics,
 }
 
@@ -98,6 +122,7 @@ struct Eight {
     root: Option<Child>,
     /// Whether the tree is too deep for the stack of the packet traversal.
     deep: bool,
+    sets: RaySets,
 }
 
 /// With fewer rays an element than this, a fast build saves more time than its rays cost. Measured
@@ -133,7 +158,9 @@ impl Plugin<Accelerators> for Bvh {
             Quality::Auto if !context.expected_rays().is_some_and(few) => Quality::Balanced,
             quality => quality,
         };
-        Ok(Box::new(Self::new(geometry, quality, Level::current())))
+        Ok(Box::new(
+            Self::new(geometry, quality, Level::current()).with(config.ray_sets),
+        ))
     }
 }
 
@@ -151,6 +178,7 @@ impl Bvh {
                 nodes: wide.nodes,
                 root: wide.root,
                 deep: wide.depth > USUAL_DEPTH,
+                sets: RaySets::default(),
             })
         } else {
             let (wide, leaves) = if items.frame.exact().is_some() {
@@ -170,8 +198,49 @@ impl Bvh {
         ]);
         Self {
             hierarchy,
+            proxies: None,
             statistics,
         }
+    }
+
+    /// The same with these sets of rays.
+    fn with(mut self, sets: RaySets) -> Self {
+        match &mut self.hierarchy {
+            Hierarchy::Eight(eight) => eight.sets = sets,
+            Hierarchy::Sixteen(sixteen) => sixteen.sets = sets,
+        }
+        self.proxies = (sets == RaySets::Tiles && self.leaves().unbounded.is_empty())
+            .then(|| Proxies::new(&self.leaves().frame, self.top(frustum::MAX_PROXIES)));
+        self
+    }
+
+    /// At most this number of boxes around everything (one more level if the root has more
+    /// children): the largest inner nodes are replaced by their children.
+    fn top(&self, most: usize) -> Vec<Aabb> {
+        let mut found = Vec::new();
+        found.extend(self.root().map(|root| (root, self.leaves().bounds())));
+        loop {
+            let inner = |(_, (child, _)): &(usize, &(Child, Aabb))| matches!(child.kind(), Kind::Inner(_));
+            let area = |(_, aabb): &(Child, Aabb)| aabb.half_area();
+            let largest = found
+                .iter()
+                .enumerate()
+                .filter(inner)
+                .max_by(|(_, a), (_, b)| area(a).total_cmp(&area(b)));
+            let Some((place, (child, _))) = largest else { break };
+            let Kind::Inner(node) = child.kind() else { break };
+            let children = self.children(node);
+            if found.len() > 1 && found.len() - 1 + children.len() > most {
+                break;
+            }
+            found.swap_remove(place);
+            let world = |p: DVec3| self.leaves().frame.world(p);
+            found.extend(children.into_iter().map(|(child, [min, max])| {
+                let (min, max) = (world(min), world(max));
+                (child, Aabb { min, max })
+            }));
+        }
+        found.into_iter().map(|(_, aabb)| aabb).collect()
     }
 
     fn leaves(&self) -> &Leaves {
@@ -318,6 +387,13 @@ impl Accelerator for Bvh {
 
     fn intersect_stream(&self, rays: &RayStream, hits: &mut HitStream) {
         hits.clear(rays);
+        if self
+            .proxies
+            .as_ref()
+            .is_some_and(|proxies| proxies.are_missed_by(rays))
+        {
+            return;
+        }
         match &self.hierarchy {
             Hierarchy::Eight(eight) => stream::intersect(eight, rays, hits),
             Hierarchy::Sixteen(sixteen) => sixteen.find_stream::<false>(rays, hits),
@@ -332,7 +408,10 @@ impl Accelerator for Bvh {
     }
 
     fn statistics(&self) -> Statistics {
-        self.statistics.clone()
+        let mut statistics = self.statistics.clone();
+        let skipped = self.proxies.as_ref().map(Proxies::skipped);
+        statistics.extend(skipped.map(|count| ("skipped_streams", count as f64)));
+        statistics
     }
 
     fn debug_bounds(&self, deepest: usize) -> Option<Vec<DebugBounds>> {
@@ -348,7 +427,7 @@ impl Accelerator for Bvh {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_testkit::accelerator_laws;
+    use whitstone_testkit::{accelerator_laws, accelerator_laws_of_part};
 
     /// A `bvh` for processors of one level, which runs on all.
     struct Of<const AVX512: bool>;
@@ -363,7 +442,14 @@ mod tests {
             _: &mut dyn Context,
         ) -> Result<Box<dyn Accelerator>, SceneErrors> {
             let level = if AVX512 { Level::Avx512 } else { Level::Avx2 };
-            Ok(Box::new(Bvh::new(geometry, config.quality, level)))
+            let bvh = Bvh::new(geometry, config.quality, level).with(config.ray_sets);
+            Ok(Box::new(bvh))
+        }
+    }
+
+    fn with_all_sets_of_rays<const AVX512: bool>() {
+        for sets in ["none", "packets", "tiles"] {
+            accelerator_laws_of_part::<Of<AVX512>>(&format!("ray_sets = \"{sets}\""), 4);
         }
     }
 
@@ -374,6 +460,7 @@ mod tests {
         accelerator_laws::<Of<false>>("quality = \"balanced\"");
         accelerator_laws::<Of<false>>("quality = \"fast\"");
         accelerator_laws::<Of<false>>("quality = \"best\"");
+        with_all_sets_of_rays::<false>();
     }
 
     #[test]
@@ -382,5 +469,6 @@ mod tests {
         accelerator_laws::<Of<true>>("quality = \"balanced\"");
         accelerator_laws::<Of<true>>("quality = \"fast\"");
         accelerator_laws::<Of<true>>("quality = \"best\"");
+        with_all_sets_of_rays::<true>();
     }
 }

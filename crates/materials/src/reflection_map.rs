@@ -6,7 +6,8 @@
 //! still trace theirs. `bake cubemap` makes a map from a scene; docs/comparisons.md measures its
 //! error.
 //!
-//! - Twin: hosted by the Mitsuba driver, which looks up the directions that Mitsuba's BSDFs give.
+//! - Twin: a formula of the Mitsuba driver, which looks up the directions that Mitsuba's BSDFs
+//!   give.
 //! - Example: `scenes/materials/reflection_map.toml`.
 
 use schemars::JsonSchema;
@@ -147,7 +148,7 @@ impl Material for ReflectionMap {
 #[cfg(all(test, feature = "all"))]
 mod tests {
     use super::*;
-    use crate::{dielectric::Dielectric, glossy::Glossy, matte::Matte, mirror::Mirror};
+    use crate::{bump::Bump, dielectric::Dielectric, glossy::Glossy, matte::Matte, mirror::Mirror};
     use whitstone_core::Texture;
     use whitstone_testkit::{TestContext, build_in, material_laws};
 
@@ -237,6 +238,21 @@ mod tests {
                 .contains(BsdfFlags::TRANSMISSION | BsdfFlags::EMISSION)
         );
         assert!(!glass.flags().contains(BsdfFlags::REFLECTION));
+    }
+
+    /// A slope of 0.75 along x turns the normal (0, 0, 1) to (0.6, 0, 0.8).
+    #[test]
+    fn bumps_bend_what_is_looked_up() {
+        let mut context = TestContext::default()
+            .with_texture("directions", Directions)
+            .with_material::<Mirror>("mirror", "reflectance = 0.5")
+            .with_material::<ReflectionMap>("map", "radiance = \"directions\"\nmaterial = \"mirror\"");
+        let text = "vector_map = [1, 0.5, 0.5]\nscale = 0.75\nmaterial = \"map\"";
+        let bent = build_in::<Materials, Bump>(text, (), &mut context).unwrap();
+        let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let found = DVec3::from_array(bent.emission(&point, DVec3::Z).to_array());
+        let expected = 0.5 * (DVec3::ONE + DVec3::new(0.96, 0.0, 0.28));
+        assert!((found - expected).length() < 1e-14, "{found}");
     }
 
     #[test]

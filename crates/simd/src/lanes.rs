@@ -100,13 +100,33 @@ fn portable<K: Kernel>(kernel: K) -> K::Output {
 #[derive(Clone, Copy, Debug)]
 pub struct Portable;
 
+/// Loops, not closures, here and below: in large kernels closures are not inlined, and each number
+/// would take a call.
 macro_rules! each {
-    (|$($x:ident),+| $value:expr) => {
-        std::array::from_fn(|i| {
+    (|$($x:ident),+| $value:expr) => {{
+        let mut values = [0.0; N];
+        for (i, value) in values.iter_mut().enumerate() {
             $(let $x = $x[i];)+
-            $value
-        })
-    };
+            *value = $value;
+        }
+        values
+    }};
+}
+
+/// Reduces all numbers, whose number is a power of two, to one by halving.
+macro_rules! halve {
+    ($x:expr, |$a:ident, $b:ident| $value:expr) => {{
+        let mut x = $x;
+        let mut half = N / 2;
+        while half > 0 {
+            for i in 0..half {
+                let ($a, $b) = (x[i], x[i + half]);
+                x[i] = $value;
+            }
+            half /= 2;
+        }
+        x[0]
+    }};
 }
 
 impl<const N: usize> Lanes<N> for Portable {
@@ -162,15 +182,19 @@ impl<const N: usize> Lanes<N> for Portable {
     }
     #[inline(always)]
     fn at_most(self, a: [f32; N], b: [f32; N]) -> u32 {
-        (0..N).fold(0, |mask, i| mask | u32::from(a[i] <= b[i]) << i)
+        let mut mask = 0;
+        for (i, (a, b)) in a.iter().zip(&b).enumerate() {
+            mask |= u32::from(a <= b) << i;
+        }
+        mask
     }
     #[inline(always)]
     fn smallest(self, x: [f32; N]) -> f32 {
-        x.iter().copied().fold(f32::INFINITY, f32::min)
+        halve!(x, |a, b| if a < b { a } else { b })
     }
     #[inline(always)]
     fn largest(self, x: [f32; N]) -> f32 {
-        x.iter().copied().fold(f32::NEG_INFINITY, f32::max)
+        halve!(x, |a, b| if a > b { a } else { b })
     }
 }
 

@@ -4,10 +4,10 @@
 //! square is a piece of the sample that nearly matches its neighbours in the overlap, and is cut
 //! along the path with the least difference. Optionally, the result is then brought closer to the
 //! sample (Kwatra, Essa, Bobick and Kwatra, *Texture optimization for example-based synthesis*,
-//! 2005) by plain least squares. All errors are integers, so every machine and the reference choose
-//! the same pieces. The weights of that paper, error^(r - 2) with r = 0.8, are not integers and
-//! would let rounding choose. `scenes/showcase/texture_optimization.toml` shows a quilt without
-//! and with this optimisation.
+//! 2005), by plain or by robust least squares, with neighbourhoods of several sides and at several
+//! resolutions. All errors and weights are integers, so every machine and the reference choose the
+//! same pieces. `scenes/showcase/texture_optimization.toml` shows a quilt without and with plain
+//! least squares, and `docs/comparisons.md` measures all choices against the sample.
 //!
 //! - Twin: Mitsuba `bitmap` (native; `trilinear` and `ewa` are hosted), of a picture quilted in
 //!   Python, written from the model.
@@ -97,7 +97,7 @@ pub struct Config {
 }
 
 /// Texture optimisation. Each iteration lowers the sum of squared differences between all
-/// neighbourhoods of the image and their nearest pieces of the sample.
+/// neighbourhoods of the image and their nearest pieces of the sample, or a robust one.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct Optimize {
@@ -106,8 +106,23 @@ struct Optimize {
     #[serde(default)]
     #[schemars(extend("default" = DEFAULT_NEIGHBORHOOD), with = "IntegerIn<4, 256>")]
     neighborhood: Option<Spanned<IntegerIn<4, 256>>>,
-    /// Number of iterations: each one searches all pieces, and sets each texel to the mean of the
-    /// pieces that cover it. 0 keeps the quilt.
+    /// In place of `neighborhood`: 1 to 8 sides, one after the other at each resolution, usually
+    /// from large to small. At coarse resolutions those that do not fit are left out.
+    #[serde(default)]
+    #[schemars(extend("x-default" = "`neighborhood` alone"), with = "Vec<IntegerIn<4, 256>>")]
+    neighborhoods: Option<Spanned<Vec<IntegerIn<4, 256>>>>,
+    /// Number of resolutions, the coarsest first: each has half the texels along a side of the
+    /// next. Coarse ones arrange large features.
+    #[serde(default)]
+    #[schemars(extend("default" = 1), with = "IntegerIn<1, 8>")]
+    resolutions: Option<Spanned<IntegerIn<1, 8>>>,
+    /// Weight neighbourhoods that match badly less: instead of the sum of squared errors, that of
+    /// errors to the power of 0.8 is lowered. The image becomes sharper.
+    #[serde(default)]
+    robust: bool,
+    /// Number of iterations, of each side at each resolution: each one searches all pieces, and
+    /// sets each texel to the mean of the pieces that cover it. 0 with one resolution keeps the
+    /// quilt.
     #[serde(default = "four")]
     iterations: IntegerIn<0, 64>,
 }
@@ -122,21 +137,28 @@ impl Optimize {
         before: u64,
         place: SourceSpan,
     ) -> Result<Optimization, SceneErrors> {
-        let side = self
-            .neighborhood
-            .as_ref()
-            .map_or(DEFAULT_NEIGHBORHOOD, |n| n.get_ref().get()) as usize;
-        let most = sample.width.min(sample.height).min(size[0]).min(size[1]);
-        if side > most {
+        let (sides, where_sides) = self.sides(&place)?;
+        let most = optimization::smallest(sample, size);
+        let refuse = |place: SourceSpan, message: String| Err(SceneError::at(place, message).into());
+        if let Some(side) = sides.iter().find(|side| **side > most) {
             let message = format!(
                 "expected a neighborhood within the sample and the image, at most {most}, found {side}"
             );
-            let place = self.neighborhood.as_ref().map_or(place, |n| n.span());
-            return Err(SceneError::at(place, message).into());
+            return refuse(where_sides, message);
+        }
+        let resolutions = self.resolutions.as_ref().map_or(1, |n| n.get_ref().get());
+        let coarse = most >> (resolutions - 1);
+        if sides.iter().all(|side| *side > coarse) {
+            let message = format!(
+                "expected a neighborhood that fits the coarsest of {resolutions} resolutions, at most {coarse}"
+            );
+            return refuse(self.resolutions.as_ref().map_or(place, |n| n.span()), message);
         }
         let optimization = Optimization {
-            side,
+            sides,
+            resolutions,
             iterations: self.iterations.get(),
+            robust: self.robust,
         };
         let steps = before.saturating_add(optimization.steps(sample, size));
         if steps > MAX_STEPS {
@@ -146,6 +168,27 @@ impl Optimize {
                 .into());
         }
         Ok(optimization)
+    }
+
+    /// The sides of the neighbourhoods, and where they are.
+    fn sides(&self, place: &SourceSpan) -> Result<(Vec<usize>, SourceSpan), SceneErrors> {
+        let Some(sides) = &self.neighborhoods else {
+            let side = self.neighborhood.as_ref();
+            return Ok((
+                vec![side.map_or(DEFAULT_NEIGHBORHOOD, |n| n.get_ref().get()) as usize],
+                side.map_or(place.clone(), |n| n.span()),
+            ));
+        };
+        let count = sides.get_ref().len();
+        if self.neighborhood.is_some() || !(1..=8).contains(&count) {
+            let message = match count {
+                1..=8 => "expected `neighborhood` or `neighborhoods`, found both".to_owned(),
+                _ => format!("expected 1 to 8 neighborhoods, found {count}"),
+            };
+            return Err(SceneError::at(sides.span(), message).into());
+        }
+        let sides_of = sides.get_ref().iter().map(|n| n.get() as usize);
+        Ok((sides_of.collect(), sides.span()))
     }
 }
 
@@ -236,7 +279,7 @@ impl Plugin<Textures> for Synthesized {
         };
         context.reserve(quilt.bytes())?;
         if let Some(optimization) = &optimization {
-            context.reserve(optimization.bytes(quilt.size))?;
+            context.reserve(optimization.bytes(&sample, quilt.size))?;
         }
         let picture = recalled_or_made(&sample, &quilt, optimization.as_ref(), SHORT, context);
         let store = picture.store(config.color_space);
@@ -254,7 +297,7 @@ impl Plugin<Textures> for Synthesized {
 
 /// Version of the algorithm in the cache key. Change it whenever the same parameters give another
 /// image.
-const VERSION: &[u8] = b"synthesized 1";
+const VERSION: &[u8] = b"synthesized 2";
 
 /// Images that are made faster than this are not cached.
 const SHORT: Duration = Duration::from_millis(50);
@@ -329,6 +372,7 @@ mod tests {
             "filter = \"nearest\"\nwrap = \"mirror\"",
             "scale = 1e200\nseed = 4294967295",
             "optimize = { neighborhood = 9, iterations = 2 }",
+            "optimize = { neighborhoods = [8, 4], resolutions = 3, robust = true, iterations = 1 }",
         ] {
             texture_laws(&*build(&format!("file = \"a.png\"\nsize = [33, 20]\nblock = 6\n{more}")).unwrap());
         }
@@ -338,7 +382,12 @@ mod tests {
     fn what_took_long_is_kept_and_belongs_to_all_that_it_is_made_of() {
         let mut context = TestContext::default();
         let from = noise(20, 17);
-        let improve = |iterations| Optimization { side: 6, iterations };
+        let improve = |iterations, resolutions, robust| Optimization {
+            sides: vec![6],
+            resolutions,
+            iterations,
+            robust,
+        };
         let made = recalled_or_made(&from, &quilt(0), None, Duration::MAX, &mut context);
         assert!(context.kept.is_empty());
         let mut changed = from.clone();
@@ -352,8 +401,10 @@ mod tests {
             (&changed, quilt(0), None),
             (&from, quilt(1), None),
             (&from, other, None),
-            (&from, quilt(0), Some(improve(1))),
-            (&from, quilt(0), Some(improve(2))),
+            (&from, quilt(0), Some(improve(1, 1, false))),
+            (&from, quilt(0), Some(improve(2, 1, false))),
+            (&from, quilt(0), Some(improve(2, 2, false))),
+            (&from, quilt(0), Some(improve(2, 2, true))),
         ]
         .into_iter()
         .enumerate()
@@ -411,6 +462,26 @@ mod tests {
                 "file = \"a.png\"\nsize = [4096, 4096]\noptimize = { neighborhood = 4 }",
                 "{ neighborhood = 4 }",
                 "comparisons",
+            ),
+            (
+                "file = \"a.png\"\nsize = [90, 90]\noptimize = { neighborhoods = [18, 8] }",
+                "[18, 8]",
+                "at most 17",
+            ),
+            (
+                "file = \"a.png\"\nsize = [90, 90]\noptimize = { neighborhoods = [] }",
+                "[]",
+                "1 to 8",
+            ),
+            (
+                "file = \"a.png\"\nsize = [90, 90]\noptimize = { neighborhood = 8, neighborhoods = [7] }",
+                "[7]",
+                "found both",
+            ),
+            (
+                "file = \"a.png\"\nsize = [90, 90]\noptimize = { neighborhoods = [16, 5], resolutions = 3 }",
+                "3",
+                "at most 4",
             ),
             (
                 "file = \"a.png\"\nsize = [9, 9]\noptimize = { iterations = 65 }",

@@ -103,6 +103,14 @@ class ReflectionMaps(Case):
         self.near(self.value(mirror), [0.4, 0, 0], atol=1e-6)
         self.assertEqual([node["path"] for node in self.nodes(mirror)], [""])
 
+    def test_what_is_not_native_is_listed(self):
+        """The lookup is a formula of the driver, and textures of the map are listed too."""
+        _, answer = self.render(self.seen('{ type = "mirror" }'))
+        kinds = {entry["type"]: entry["twin"] for entry in answer["hosted"]}
+        self.assertEqual((kinds["reflection_map"], kinds["pattern"]), ("formula", "hosted"))
+        _, answer = self.render(self.seen('{ type = "mirror" }', "radiance = 1"))
+        self.assertNotIn("pattern", {entry["type"] for entry in answer["hosted"]})
+
     def test_the_rest_is_traced(self):
         pane = self.seen('{ type = "thin_dielectric" }', "radiance = [5, 0, 0]")
         self.assertEqual([node["path"] for node in self.nodes(pane)], ["", "T"])
@@ -111,6 +119,15 @@ class ReflectionMaps(Case):
         sky = self.value(traced + floor('type = "mirror"'))
         shares = [np.array(through[path]["throughput"]) for path in "RT"]
         self.near(self.value(pane), shares[0] * [5, 0, 0] + shares[1] * sky)
+
+    def test_bumps_bend_what_is_looked_up(self):
+        mapped = f'{{ type = "reflection_map", radiance = {self.RAMP}, material = {{ type = "mirror", reflectance = 0.5 }} }}'
+        head = film() + '[camera]\ntype = "perspective"\nlook_at = { origin = [-3, 4, 0], target = [0, 0, 0] }\n'
+        n = np.array([0.25, 1, 0]) / np.hypot(0.25, 1)
+        v = np.array([-0.6, 0.8, 0])
+        r = 2 * n.dot(v) * n - v
+        bent = head + SKY + floor(f'type = "bump", vector_map = [1, 0.5, 0.5], scale = 0.25, material = {mapped}')
+        self.near(self.value(bent), [0.25 * (1 + r[0]), 0, 0], atol=1e-6)
 
     def test_glossy_reflections_are_means(self):
         inner = '{ type = "glossy", exponent = 200, samples = 3 }'

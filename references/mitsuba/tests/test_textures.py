@@ -341,13 +341,51 @@ class Textures(Case):
             with unittest.mock.patch.object(quilting, "MOST_NUMBERS", numbers):
                 self.assertTrue(np.all(quilting.optimized(np.full((7, 6, 3), 128), sample, 5, 1) == 126))
         for length, starts in ((13, [0, 2, 4, 5]), (12, [0, 2, 4]), (8, [0])):
-            with unittest.mock.patch.object(quilting, "_nearest", return_value=[0] * len(starts)) as asked:
+            with unittest.mock.patch.object(quilting, "_nearest", return_value=([0] * len(starts),) * 2) as asked:
                 quilting.optimized(np.zeros((8, length, 3), dtype=np.int64), np.zeros((8, 8, 3), dtype=np.int64), 8, 1)
             self.assertEqual(len(asked.call_args.args[0]), len(starts))
         mi.Bitmap(sample.astype(np.uint8)).write(os.path.join(self.base, "o.png"))
         text = '{{ type = "synthesized", file = "o.png", size = [9, 9], block = 4, optimize = {} }}'
-        for bad in ("{ neighborhood = 10 }", "{ neighborhood = 3 }", "{}", "{ neighborhood = 4, iterations = 65 }", "1"):
+        several = ("[]", "[4, 10]", "[3]", "4", "[4], resolutions = 3", "[4], resolutions = 9")
+        for bad in ("{ neighborhood = 10 }", "{ neighborhood = 3 }", "{}", "{ neighborhood = 4, iterations = 65 }", "1", *(f"{{ neighborhoods = {more} }}" for more in several)):
             self.refuse(scene(1, 1, text.format(bad)), "scene", "expected", base=self.base)
+
+    def test_robust_weights(self):
+        """The weights are the greatest integers of the model, and badly matching pieces count less."""
+        for error in (0, 1, 2, 31, 32, 33, 99_999, 100_000, 3 * 255**2 * 256**2):
+            weight, exact = quilting._weight(error), error**0.6
+            self.assertTrue(2**32 / max(1, exact) - 1 <= weight <= 2**32 / max(1, exact - 1), error)
+        self.assertEqual([quilting._weight(e) for e in (0, 31, 32)], [2**32, 2**32 // 7, 2**29])
+        # Three neighbourhoods in a row: two columns of the first and the second do not match, and
+        # one of the third. In the third column, the piece of the first is 100, of the others 0.
+        sample, picture = (np.array(row)[None, :, None].repeat(5, axis=0).repeat(3, axis=2) for row in ([0] * 5 + [100] * 5, [100, 100, 100, 0, 0, 100, 100]))
+        two, one = (quilting._weight(5 * 3 * columns * 100**2) for columns in (2, 1))
+        expected = (2 * 100 * two + 2 * two + one) // (2 * (2 * two + one))
+        self.assertTrue(np.all(quilting.optimized(picture, sample, 5, 1, True)[:, 2] == expected))
+        self.assertTrue(np.all(quilting.optimized(picture, sample, 5, 1, False)[:, 2] == 33))
+        self.assertEqual(expected, 28)
+
+    def test_resolutions(self):
+        """Halves and doubles by the model's definition, and the order of the stages."""
+        random = np.random.default_rng(12)
+        fine = random.integers(0, 256, (7, 9, 3))
+        half = quilting._halved(fine)
+        self.assertEqual(half.shape, (3, 4, 3))
+        for j, i in itertools.product(range(3), range(4)):
+            s = fine[2 * j : 2 * j + 2, 2 * i : 2 * i + 2].sum(axis=(0, 1))
+            np.testing.assert_array_equal(half[j, i], (s + 2) // 4)
+        done = []
+
+        def record(picture: np.ndarray, sample: np.ndarray, side: int, iterations: int, robust: bool) -> np.ndarray:
+            done.append((picture.shape[:2], sample.shape[:2], side, iterations, robust))
+            return picture
+
+        with unittest.mock.patch.object(quilting, "optimized", record):
+            found = quilting.at_all_resolutions(fine, random.integers(0, 256, (12, 13, 3)), (7, 4, 3), 2, 5, True)
+        # 7 is greater than the image at the coarser resolution, and so is 4.
+        self.assertEqual(done, [((3, 4), (6, 6), 3, 5, True)] + [((7, 9), (12, 13), side, 5, True) for side in (7, 4, 3)])
+        for j, i in itertools.product(range(7), range(9)):
+            np.testing.assert_array_equal(found[j, i], half[min(j // 2, 2), min(i // 2, 3)])
 
     def test_shared_and_range(self):
         shared = '[texture.t]\ntype = "constant"\nvalue = [0.1, 0.2, 0.3]\n'

@@ -105,7 +105,12 @@ class Document:
         for shape in self.shapes:
             if shape.surface is not None:
                 found[shape.type] = {"type": shape.type, "twin": "hosted", "reason": shape.reason}
+        maps = [self.materials[number].directions for number in sorted(used) if self.materials[number].directions is not None]
+        if maps:
+            reason = "the driver looks up the map by the directions of Mitsuba's BSDFs"
+            found["reflection_map"] = {"type": "reflection_map", "twin": "formula", "reason": reason}
         whole = [texture for number in used for texture in (*self.materials[number].textures.values(), self.materials[number].ambient)]
+        whole += [texture for texture in maps if not isinstance(texture, lights.Cube)]
         textures = [leaf for texture in whole for leaf in compounds.leaves(texture)]
         if any(isinstance(texture, compounds.Compound) for texture in whole):
             reason = "the driver combines the values of textures: Mitsuba evaluates its own, one by one"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import List, Tuple
+from typing import List, Sequence, Tuple
 
 import numpy as np
 
@@ -59,9 +59,9 @@ def quilt(sample: np.ndarray, size: Tuple[int, int], block: int, overlap: int, t
 MOST_NUMBERS = 1 << 23
 
 
-def _nearest(squares: np.ndarray, pieces: np.ndarray) -> np.ndarray:
-    """For each square, the index of the piece with the least sum of squared differences; the lowest
-    index wins ties.
+def _nearest(squares: np.ndarray, pieces: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """For each square, the index of the piece with the least sum of squared differences, and this
+    sum; the lowest index wins ties.
 
     It uses matrix products in double precision. All sums are integers below 2^53, so they are exact
     in any order.
@@ -81,10 +81,43 @@ def _nearest(squares: np.ndarray, pieces: np.ndarray) -> np.ndarray:
             lower = errors < best[part]
             best[part] = np.where(lower, errors, best[part])
             chosen[part] = np.where(lower, first * wide + least, chosen[part])
-    return chosen
+    return chosen, best
 
 
-def optimized(picture: np.ndarray, sample: np.ndarray, side: int, iterations: int) -> np.ndarray:
+def _weight(error: int) -> int:
+    """The weight of a neighbourhood with this error."""
+    root = int(float(error) ** 0.6)
+    while root**5 > error**3:
+        root -= 1
+    while (root + 1) ** 5 <= error**3:
+        root += 1
+    return int(2**32 // max(1, root))
+
+
+def _halved(fine: np.ndarray) -> np.ndarray:
+    """The next coarser resolution of (H, W, 3) codes."""
+    h, w = fine.shape[0] // 2, fine.shape[1] // 2
+    return (fine[: 2 * h, : 2 * w].reshape(h, 2, w, 2, 3).sum(axis=(1, 3)) + 2) // 4
+
+
+def at_all_resolutions(picture: np.ndarray, sample: np.ndarray, sides: Sequence[int], resolutions: int, iterations: int, robust: bool) -> np.ndarray:
+    """(H, W, 3) codes after the iterations with all neighbourhoods at all resolutions."""
+    samples, sizes = [sample], [picture.shape[:2]]
+    for _ in range(resolutions - 1):
+        samples.append(_halved(samples[-1]))
+        picture = _halved(picture)
+        sizes.append(picture.shape[:2])
+    for sample, (height, width) in zip(samples[::-1], sizes[::-1]):
+        if picture.shape[:2] != (height, width):
+            rows = np.minimum(np.arange(height) // 2, picture.shape[0] - 1)
+            picture = picture[rows][:, np.minimum(np.arange(width) // 2, picture.shape[1] - 1)]
+        for side in sides:
+            if side <= min(sample.shape[:2] + (height, width)):
+                picture = optimized(picture, sample, side, iterations, robust)
+    return picture
+
+
+def optimized(picture: np.ndarray, sample: np.ndarray, side: int, iterations: int, robust: bool = False) -> np.ndarray:
     """(H, W, 3) codes after this number of iterations."""
     height, width = picture.shape[:2]
     pieces = np.lib.stride_tricks.sliding_window_view(sample, (side, side), axis=(0, 1))
@@ -97,9 +130,10 @@ def optimized(picture: np.ndarray, sample: np.ndarray, side: int, iterations: in
     for _ in range(iterations):
         windows = [picture[y : y + side, x : x + side].transpose(2, 0, 1).ravel() for y, x in corners]
         sums, counts = np.zeros_like(picture), np.zeros((height, width, 1), dtype=np.int64)
-        for (y, x), number in zip(corners, _nearest(np.array(windows), pieces)):
+        for (y, x), number, error in zip(corners, *_nearest(np.array(windows), pieces)):
             v, u = divmod(int(number), wide)
-            sums[y : y + side, x : x + side] += sample[v : v + side, u : u + side]
-            counts[y : y + side, x : x + side] += 1
+            weight = _weight(int(error)) if robust else 1
+            sums[y : y + side, x : x + side] += weight * sample[v : v + side, u : u + side]
+            counts[y : y + side, x : x + side] += weight
         picture = (2 * sums + counts) // (2 * counts)
     return picture

@@ -375,14 +375,24 @@ def _image(fields: Fields, base: Folder) -> Any:
         return Constant((0.0, 0.0, 0.0))
 
 
-def _optimize(fields: Fields) -> Tuple[int, int]:
-    """Side length of the neighbourhoods, and number of iterations; 0 if it is disabled."""
+def _optimize(fields: Fields) -> Tuple[List[int], int, int, bool]:
+    """Side lengths of the neighbourhoods (none if it is disabled), resolutions, iterations, and
+    whether it is robust.
+    """
     if not fields.has("optimize"):
-        return 0, 0
+        return [], 1, 0, False
     inner = Fields(fields.take("optimize"), f"{fields.where}.optimize", fields.errors)
-    side, iterations = inner.integer("neighborhood", 16, 4, 256), inner.integer("iterations", 4, 0, 64)
+    if inner.has("neighborhoods"):
+        sides = inner.take("neighborhoods")
+        if not isinstance(sides, list) or not 1 <= len(sides) <= 8 or not all(type(n) is int and 4 <= n <= 256 for n in sides):
+            inner.error("neighborhoods", f"expected 1 to 8 integers from 4 to 256, found {sides!r}")
+            sides = [4]
+    else:
+        sides = [inner.integer("neighborhood", 16, 4, 256)]
+    resolutions, iterations = inner.integer("resolutions", 1, 1, 8), inner.integer("iterations", 4, 0, 64)
+    robust = inner.flag("robust", False)
     inner.close()
-    return side, iterations
+    return sides, resolutions, iterations, robust
 
 
 def _synthesized(fields: Fields, base: Folder) -> Any:
@@ -394,7 +404,7 @@ def _synthesized(fields: Fields, base: Folder) -> Any:
     overlap = fields.integer("overlap", max(1, block // 4), 1, 128)
     tolerance = fields.number("tolerance", 0.1, lambda number: number >= 0, "a number >= 0")
     seed = fields.integer("seed", 0, 0, 2**32 - 1)
-    side, iterations = _optimize(fields)
+    sides, resolutions, iterations, robust = _optimize(fields)
     filtering, most = _filter(fields)
     wrap = _wrap(fields)
     space = fields.choice("color_space", "auto", ("auto", "srgb", "linear"))
@@ -410,11 +420,12 @@ def _synthesized(fields: Fields, base: Folder) -> Any:
         fields.error("block", f"expected a block no larger than the sample and an overlap of at most half the block, found {block} and {overlap}")
         return Constant((0.0, 0.0, 0.0))
     room = min(sample.shape[:2] + tuple(size))
-    if side > room:
-        fields.error("optimize", f"expected a neighborhood of at most {room}, found {side}")
+    if sides and (max(sides) > room or min(sides) > room >> resolutions - 1):
+        coarsest = f"one of at most {room >> resolutions - 1}"
+        fields.error("optimize", f"expected neighborhoods of at most {room}, {coarsest}, found {sides}")
         return Constant((0.0, 0.0, 0.0))
     picture = quilting.quilt(sample, (size[0], size[1]), block, overlap, tolerance, seed)
-    values = quilting.optimized(picture, sample, side, iterations) / 255.0 if side else picture / 255.0
+    values = quilting.at_all_resolutions(picture, sample, sides, resolutions, iterations, robust) / 255.0
     values = values if space == "linear" else images.srgb_to_linear(values)
     pixels = np.ascontiguousarray(values, dtype=np.float32)
     return Image(pixels, filtering, wrap, scale, offset, mapping, True, most)

@@ -12,6 +12,7 @@ mod search;
 mod stack;
 mod stream;
 
+use super::RaySets;
 use super::stream::Answers;
 use super::wide::Wide;
 use crate::support::leaves::Leaves;
@@ -30,6 +31,7 @@ pub(super) struct Sixteen {
     /// Arbitrary if there are no elements.
     pub(super) root: Child,
     depth: usize,
+    pub(super) sets: RaySets,
 }
 
 impl Sixteen {
@@ -39,6 +41,7 @@ impl Sixteen {
             nodes: node::sorted(&wide.nodes),
             root: wide.root.unwrap_or_default(),
             depth: wide.depth,
+            sets: RaySets::default(),
         }
     }
 

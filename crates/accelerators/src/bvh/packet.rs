@@ -7,9 +7,9 @@
 //! at once (Boulos, Wald, Shirley, *Geometric and arithmetic culling methods for entire ray
 //! packets*, 2006, section 3).
 
-use super::Eight;
 use super::node::Node;
 use super::search::{SingleRay, Stack};
+use super::{Eight, RaySets};
 use crate::support::leaves::child::{Child, Kind, WIDTH};
 use crate::support::leaves::filter::{Beam, NUMBERS, filter};
 use crate::support::leaves::frame::{Alone, LocalLane, LocalRays};
@@ -109,7 +109,10 @@ impl Packet<'_, '_> {
                 let mut nears = [l.splat(0.0); WIDTH];
                 let mut wants = [0; WIDTH];
                 let mut hit = 0;
-                let mut some = self.cull(m, node, farthest, &bounds);
+                let mut some = match self.bvh.sets {
+                    RaySets::Packets => (1 << WIDTH) - 1,
+                    _ => self.cull(m, node, farthest, &bounds),
+                };
                 while some != 0 {
                     let i = some.trailing_zeros() as usize % WIDTH;
                     some &= some - 1;

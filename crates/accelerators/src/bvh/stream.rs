@@ -1,9 +1,9 @@
 //! Traversal of ray streams. The work before and after traversal is done for many rays at once in
 //! SIMD registers. During traversal, rays of one octant go together (`packet`).
 
-use super::Eight;
 use super::packet::{Packet, Wanted, WantedStack};
 use super::search::{SingleRay, Stack};
+use super::{Eight, RaySets};
 use crate::support::leaves::Slot;
 use crate::support::leaves::child::Child;
 use crate::support::leaves::frame::{Alone, LocalLane, LocalRays};
@@ -122,7 +122,8 @@ impl<const ANY: bool, A: Answers> Kernel for Stream<'_, ANY, A> {
                     limits[k] = states[k].limit(&LocalLane(&local, k));
                 }
             }
-            let octant = if len == GROUP { local.octant() } else { None };
+            let packed = len == GROUP && bvh.sets != RaySets::None;
+            let octant = if packed { local.octant() } else { None };
             if let Some(octant) = octant {
                 let mut packet = Packet {
                     bvh,

@@ -153,6 +153,7 @@ pub(super) struct Lookup<'a> {
 
 /// An image with the numbers of its file. Integer formats keep their codes, and `most` is the
 /// largest one.
+#[derive(Clone)]
 pub(super) struct Codes {
     pub(super) size: [usize; 2],
     pub(super) values: Vec<[f64; 3]>,

@@ -33,6 +33,10 @@ pub(super) struct SynthesizedConfig {
 #[serde(deny_unknown_fields)]
 struct Optimize {
     neighborhood: Option<usize>,
+    neighborhoods: Option<Vec<usize>>,
+    resolutions: Option<u32>,
+    #[serde(default)]
+    robust: bool,
     iterations: Option<u32>,
 }
 
@@ -54,9 +58,7 @@ pub(super) fn synthesized(config: &SynthesizedConfig, sources: &Sources) -> Resu
     };
     let quilted = match &config.optimize {
         None => quilted,
-        Some(how) => {
-            (0..how.iterations.unwrap_or(4)).fold(quilted, |picture, _| nearer(&picture, &sample, how))
-        }
+        Some(how) => optimized(quilted, &sample, how),
     };
     Picture::of(&quilted, config.color_space.as_deref(), &lookup)
 }
@@ -121,9 +123,78 @@ fn quilted(config: &SynthesizedConfig, sample: &Codes) -> Vec<Texel> {
         .collect()
 }
 
-/// The image after one iteration: means of the patches that are nearest to its neighbourhoods.
-fn nearer(picture: &Codes, sample: &Codes, how: &Optimize) -> Codes {
-    let n = how.neighborhood.unwrap_or(16);
+/// The image after all iterations at all resolutions.
+fn optimized(quilted: Codes, sample: &Codes, how: &Optimize) -> Codes {
+    let sides = match &how.neighborhoods {
+        Some(sides) => sides.clone(),
+        None => vec![how.neighborhood.unwrap_or(16)],
+    };
+    let fitting = |picture: &Codes, sample: &Codes| -> Vec<usize> {
+        let fits = |side: &&usize| picture.size.iter().chain(&sample.size).all(|n| n >= *side);
+        sides.iter().filter(fits).copied().collect()
+    };
+    let coarser = how.resolutions.unwrap_or(1) - 1;
+    let at = |codes: &Codes, resolution: u32| (0..resolution).fold(codes.clone(), |codes, _| halved(&codes));
+    let mut picture = at(&quilted, coarser);
+    for resolution in (0..=coarser).rev() {
+        let sample = at(sample, resolution);
+        for side in fitting(&picture, &sample) {
+            for _ in 0..how.iterations.unwrap_or(4) {
+                picture = nearer(&picture, &sample, side, how.robust);
+            }
+        }
+        if resolution > 0 {
+            let [w, h] = quilted.size.map(|n| n >> (resolution - 1));
+            let from = |i: usize, j: usize| {
+                let [x, y] = [(i / 2).min(picture.size[0] - 1), (j / 2).min(picture.size[1] - 1)];
+                picture.values[y * picture.size[0] + x]
+            };
+            let values = (0..h).flat_map(|j| (0..w).map(move |i| (i, j)));
+            picture = Codes {
+                size: [w, h],
+                values: values.map(|(i, j)| from(i, j)).collect(),
+                most: picture.most,
+            };
+        }
+    }
+    picture
+}
+
+/// The next coarser resolution.
+fn halved(fine: &Codes) -> Codes {
+    let [w, h] = fine.size.map(|n| n / 2);
+    let mean = |i: usize, j: usize| {
+        [0, 1, 2].map(|c| {
+            let code = |a: usize, b: usize| fine.values[(2 * j + b) * fine.size[0] + 2 * i + a][c];
+            ((code(0, 0) + code(1, 0) + code(0, 1) + code(1, 1) + 2.0) / 4.0).floor()
+        })
+    };
+    Codes {
+        size: [w, h],
+        values: (0..h).flat_map(|j| (0..w).map(move |i| mean(i, j))).collect(),
+        most: fine.most,
+    }
+}
+
+/// The weight of a neighbourhood with this error.
+fn weight(error: f64) -> f64 {
+    let cube = (error as u128).pow(3);
+    // Bisection: errors are below 2^34, and so their power 0.6 is below 2^21.
+    let (mut low, mut high) = (0_u128, 1 << 21);
+    while high - low > 1 {
+        let middle = (low + high) / 2;
+        if middle.pow(5) <= cube {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    ((1_u64 << 32) / low.max(1) as u64) as f64
+}
+
+/// The image after one iteration: means of the patches that are nearest to its neighbourhoods of
+/// n x n texels.
+fn nearer(picture: &Codes, sample: &Codes, n: usize, robust: bool) -> Codes {
     let starts = |length: usize| {
         let apart = (0..length).filter(move |at| at % (n / 4) == 0 && *at < length - n);
         apart.chain([length - n])
@@ -131,7 +202,7 @@ fn nearer(picture: &Codes, sample: &Codes, how: &Optimize) -> Codes {
     let [width, height] = picture.size;
     let all = || (0..n).flat_map(|j| (0..n).map(move |i| (i, j)));
     let piece = |[x, y]: [usize; 2], (i, j): (usize, usize)| sample.values[(y + j) * sample.size[0] + x + i];
-    let mut covering: Vec<Vec<Texel>> = vec![Vec::new(); width * height];
+    let mut covering: Vec<Vec<(f64, Texel)>> = vec![Vec::new(); width * height];
     for y in starts(height) {
         for x in starts(width) {
             let at = |(i, j): (usize, usize)| (y + j) * width + x + i;
@@ -148,13 +219,15 @@ fn nearer(picture: &Codes, sample: &Codes, how: &Optimize) -> Codes {
                     nearest = (place, error);
                 }
             }
-            all().for_each(|k| covering[at(k)].push(piece(nearest.0, k)));
+            let weight = if robust { weight(nearest.1) } else { 1.0 };
+            all().for_each(|k| covering[at(k)].push((weight, piece(nearest.0, k))));
         }
     }
-    let mean = |texels: &Vec<Texel>| {
-        let count = texels.len() as f64;
+    // All sums are integers below 2^53.
+    let mean = |texels: &Vec<(f64, Texel)>| {
+        let count: f64 = texels.iter().map(|(weight, _)| weight).sum();
         [0, 1, 2].map(|c| {
-            let sum: f64 = texels.iter().map(|texel| texel[c]).sum();
+            let sum: f64 = texels.iter().map(|(weight, texel)| weight * texel[c]).sum();
             ((2.0 * sum + count) / (2.0 * count)).floor()
         })
     };

@@ -183,6 +183,7 @@ pub(super) fn displace(
         surface,
         normals: &normals,
         texture: &texture,
+        of_vectors: !matches!(motion, Motion::Height(_)),
         place,
     };
     let values = if by_uv {
@@ -218,6 +219,8 @@ struct Relief<'a> {
     /// Unit length, or zero.
     normals: &'a [DVec3],
     texture: &'a ColorSource,
+    /// Whether all channels count, not the first one only.
+    of_vectors: bool,
     /// Source span of the texture, for messages.
     place: Range<usize>,
 }
@@ -278,9 +281,10 @@ impl Relief<'_> {
         self.texture.value(&there)
     }
 
-    /// Checks that all values, each with its point, are finite.
+    /// Checks that all values, each with its point, are finite in the channels that count.
     fn check(&self, mut values: impl Iterator<Item = (Rgb, u32)>) -> Result<(), SceneError> {
-        let finite = |value: Rgb| value.to_array().iter().all(|channel| channel.is_finite());
+        let rest = |value: Rgb| !self.of_vectors || (value.g.is_finite() && value.b.is_finite());
+        let finite = |value: Rgb| value.r.is_finite() && rest(value);
         let Some((value, point)) = values.find(|(value, _)| !finite(*value)) else {
             return Ok(());
         };
@@ -311,8 +315,8 @@ mod tests {
         }
 
         fn value(&self, point: &SurfaceInteraction) -> Rgb {
-            // Only the first channel counts.
-            Rgb::new((self.0)(point), 77.0, 77.0)
+            // Only the first channel of a height counts.
+            Rgb::new((self.0)(point), f64::NAN, f64::INFINITY)
         }
     }
 
@@ -513,8 +517,13 @@ mod tests {
         let message = place("displacement = { height = \"nan\" }", "\"nan\"");
         assert_eq!(
             message,
-            "the texture at the vertex [1, 0, 0] is [inf, 77, 77], not finite"
+            "the texture at the vertex [1, 0, 0] is [inf, NaN, inf], not finite"
         );
+        // All channels of a vector count.
+        let message = place("displacement = { vector_map = \"u\" }", "\"u\"");
+        assert!(message.contains("no texture coordinates"), "{message}");
+        let message = place("displacement = { vector_map = \"out\" }", "\"out\"");
+        assert!(message.ends_with("NaN, inf], not finite"), "{message}");
         let message = place("displacement = { height = 1e300, scale = 1e300 }", "1e300");
         assert!(message.contains("out of the range of double precision"));
         place("displacement = { height = 1, scale = inf }", "inf");

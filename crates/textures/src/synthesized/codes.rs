@@ -26,6 +26,44 @@ impl Codes {
         &self.data[y * self.width + x..][..length]
     }
 
+    /// The next coarser resolution: means of 2 x 2 texels, halves rounded up.
+    pub(super) fn halved(&self) -> Self {
+        let (width, height) = (self.width / 2, self.height / 2);
+        let mean = |x: usize, y: usize| {
+            let rows = [0, 1].map(|row| self.row(2 * x, 2 * y + row, 2));
+            [0, 1, 2].map(|c| {
+                let sum: u32 = rows
+                    .iter()
+                    .flat_map(|row| row.iter())
+                    .map(|t| u32::from(t[c]))
+                    .sum();
+                ((sum + 2) / 4) as u8
+            })
+        };
+        Self {
+            width,
+            height,
+            data: (0..width * height)
+                .map(|at| mean(at % width, at / width))
+                .collect(),
+        }
+    }
+
+    /// The next finer resolution, of this size: each texel becomes four.
+    pub(super) fn doubled(&self, [width, height]: [usize; 2]) -> Self {
+        let texel = |x: usize, y: usize| {
+            let [x, y] = [(x / 2).min(self.width - 1), (y / 2).min(self.height - 1)];
+            self.data[y * self.width + x]
+        };
+        Self {
+            width,
+            height,
+            data: (0..width * height)
+                .map(|at| texel(at % width, at / width))
+                .collect(),
+        }
+    }
+
     pub(super) fn store(self, color_space: ColorSpace) -> Store {
         Store::eight(self.data, color_space != ColorSpace::Linear)
     }

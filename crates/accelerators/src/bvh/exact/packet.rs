@@ -7,6 +7,7 @@
 //! sixteen at once (Boulos, Wald, Shirley, *Geometric and arithmetic culling methods for entire ray
 //! packets*, 2006, section 3).
 
+use super::super::RaySets;
 use super::super::node::Node;
 use super::Sixteen;
 use super::leaf::{Beam, Best, Sides};
@@ -104,7 +105,10 @@ impl Packet<'_> {
                 let mut nears = [m.splat(0.0); 16];
                 let mut wants = [0; 16];
                 let mut hit = 0;
-                let mut some = self.cull(m, node, farthest, &bounds);
+                let mut some = match self.tree.sets {
+                    RaySets::Packets => (1 << 16) - 1,
+                    _ => self.cull(m, node, farthest, &bounds),
+                };
                 while some != 0 {
                     let i = some.trailing_zeros() as usize % 16;
                     some &= some - 1;

@@ -6,6 +6,7 @@
 //! Rays that reach leaves wait until few are left at inner nodes; then all test their leaves, and
 //! new rays take the places of finished ones.
 
+use super::super::RaySets;
 use super::super::stream::Answers;
 use super::Sixteen;
 use super::leaf::Best;
@@ -82,9 +83,10 @@ impl<const ANY: bool, A: Answers> WideKernel for Stream<'_, ANY, A> {
             count: 0,
         };
         let shallow = tree.depth <= USUAL_DEPTH && !tree.leaves.slots.is_empty();
+        let packets = shallow && tree.sets != RaySets::None;
         for start in rays.groups() {
             rays.prefetch(start + GROUP);
-            let coherent = shallow && start + GROUP <= rays.len;
+            let coherent = packets && start + GROUP <= rays.len;
             let packed = match if coherent { octant(rays, start) } else { None } {
                 Some(octant) => packet::<ANY, M>(m, tree, rays, start, octant, answers, places),
                 None => false,
