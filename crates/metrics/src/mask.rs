@@ -1,5 +1,7 @@
 //! Sets of pixels.
 
+use rayon::prelude::*;
+
 /// A set of pixels of an image of `width * height`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Mask {
@@ -31,6 +33,17 @@ impl Mask {
             height,
             members,
         }
+    }
+
+    /// The set of the pixels whose flags `row(y, flags)` sets, in parallel. They are `false` before.
+    #[must_use]
+    pub fn from_rows(width: usize, height: usize, row: impl Fn(usize, &mut [bool]) + Sync) -> Self {
+        let mut mask = Self::new(width, height);
+        mask.members
+            .par_chunks_mut(width.max(1))
+            .enumerate()
+            .for_each(|(y, flags)| row(y, flags));
+        mask
     }
 
     /// Columns.
