@@ -241,10 +241,13 @@ pub fn legend(scale: Scale, width: usize) -> Result<Raster, CompareError> {
     Ok(raster)
 }
 
-/// The text below a panel, cut off at its width.
+/// The text below a panel, cut off at its width: of several words only the last one if there is no
+/// room for all.
 fn caption(text: &str, width: usize) -> Raster {
     let mut raster = Raster::filled(width, CAPTION_HEIGHT, BACKGROUND);
-    write_text(&mut raster, text, 0, 0);
+    let last = text.rsplit(' ').next().unwrap_or(text);
+    let fitting = if text_width(text) > width { last } else { text };
+    write_text(&mut raster, fitting, 0, 0);
     raster
 }
 

@@ -9,7 +9,7 @@
 //! Implemented from the papers, in double precision. The tests contain values of `flip-evaluator`
 //! 1.7.
 
-use crate::metrics::{CompareError, Pair};
+use crate::metrics::{CompareError, PART, Pair};
 use crate::sum::Sum;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -24,7 +24,7 @@ use whitstone_simd::{dispatch, select};
 pub const PIXELS_PER_DEGREE: f64 = 0.7 * (3840.0 / 0.7) * (PI / 180.0);
 
 /// Columns and rows of a tile.
-const TILE: usize = 128;
+const TILE: [usize; 2] = [256, 64];
 
 /// The visibility of a difference.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -81,8 +81,12 @@ pub fn flip_ldr(ours: &Image, reference: &Image) -> Result<Flip, CompareError> {
 type Vec3 = [f64; 3];
 
 fn mean(map: &[f64]) -> f64 {
+    let parts: Vec<Sum> = map
+        .par_chunks(PART)
+        .map(|part| part.iter().copied().collect())
+        .collect();
     let mut sum = Sum::default();
-    map.iter().for_each(|&value| sum.add(value));
+    parts.into_iter().for_each(|part| sum.merge(part));
     sum.total() / map.len().max(1) as f64
 }
 
@@ -250,40 +254,35 @@ impl Filters {
     /// Raises the values of `map` to those of FLIP, of two images whose values are displayed as
     /// `shown`, in [0, 1]. Far from all differences they are 0, so only the tiles next to one are
     /// computed, with the pixels around them that the filters reach.
-    fn map(&self, pair: &Pair<'_>, size: usize, map: &mut [f64], shown: impl Fn(f64) -> f64 + Sync) {
+    fn map(&self, pair: &Pair<'_>, size: [usize; 2], map: &mut [f64], shown: impl Fn(f64) -> f64 + Sync) {
         let (width, height) = (pair.width, pair.height);
-        let across = width.div_ceil(size);
-        let part = |tile: usize, limit: usize| tile * size..((tile + 1) * size).min(limit);
-        let tiles: Vec<(Tile, Vec<f64>)> = (0..across * height.div_ceil(size))
-            .into_par_iter()
-            .filter_map(|index| {
+        let near = |range: &Range<usize>, limit: usize| {
+            range.start.saturating_sub(self.reach)..(range.end + self.reach).min(limit)
+        };
+        let of_band = |(band, values): (usize, &mut [f64])| {
+            let start = band * size[1];
+            for first in (0..width).step_by(size[0]) {
                 let tile = Tile {
-                    columns: part(index % across, width),
-                    rows: part(index / across, height),
-                };
-                let near = |range: &Range<usize>, limit: usize| {
-                    range.start.saturating_sub(self.reach)..(range.end + self.reach).min(limit)
+                    columns: first..(first + size[0]).min(width),
+                    rows: start..start + values.len() / width,
                 };
                 let (columns, mut rows) = (near(&tile.columns, width), near(&tile.rows, height));
                 let is_equal = |y: usize| pair.is_equal(y * width + columns.start..y * width + columns.end);
                 if rows.all(is_equal) {
-                    return None;
+                    continue;
                 }
-                let values = dispatch(
+                let found = dispatch(
                     #[inline(always)]
                     || self.tile(pair, &tile, &shown),
                 );
-                Some((tile, values))
-            })
-            .collect();
-        for (tile, values) in tiles {
-            for (y, values) in tile.rows.zip(values.chunks(tile.columns.len())) {
-                let row = &mut map[y * width + tile.columns.start..y * width + tile.columns.end];
-                row.iter_mut()
-                    .zip(values)
-                    .for_each(|(worst, value)| *worst = worst.max(*value));
+                for (row, found) in values.chunks_mut(width).zip(found.chunks(tile.columns.len())) {
+                    for (worst, value) in row[tile.columns.clone()].iter_mut().zip(found) {
+                        *worst = worst.max(*value);
+                    }
+                }
             }
-        }
+        };
+        map.par_chunks_mut(size[1] * width).enumerate().for_each(of_band);
     }
 
     #[inline(always)]
@@ -522,20 +521,20 @@ mod tests {
         };
         let reference = Image::from_fn(width, height, |x, y| color([x, y])).unwrap();
         let filters = Filters::new(PIXELS_PER_DEGREE);
-        let map = |ours: &Image, size: usize| {
+        let map = |ours: &Image, size: [usize; 2]| {
             let mut map = vec![0.0; width * height];
             filters.map(&Pair::new(ours, &reference).unwrap(), size, &mut map, |x| x);
             map
         };
         assert!(map(&reference, TILE).iter().all(|value| *value == 0.0));
         // The corner, two tiles at once, and the last column.
-        let changed = [[0, 0], [TILE, 40], [width - 1, height - 20]];
+        let changed = [[0, 0], [TILE[0], 40], [width - 1, height - 20]];
         let ours = |x: usize, y: usize| match changed.contains(&[x, y]) {
             true => [1.0, 0.0, 0.0],
             false => color([x, y]),
         };
         let ours = Image::from_fn(width, height, ours).unwrap();
-        let whole = map(&ours, width);
+        let whole = map(&ours, [width, height]);
         assert_eq!(map(&ours, TILE), whole);
         assert!(whole.iter().filter(|value| **value > 0.0).count() > 500);
     }

@@ -73,6 +73,11 @@ impl Mask {
         inside
     }
 
+    /// The flags of a row of the image.
+    pub(crate) fn row_mut(&mut self, y: usize) -> &mut [bool] {
+        &mut self.members[y * self.width..(y + 1) * self.width]
+    }
+
     /// Number of pixels in the set.
     #[must_use]
     pub fn count(&self) -> usize {

@@ -412,7 +412,7 @@ pub fn relative_residual(ours: f64, reference: f64, mean_reference: f64) -> f64 
 }
 
 /// The number of values that are handled at once by one thread.
-const PART: usize = 1 << 14;
+pub(crate) const PART: usize = 1 << 14;
 
 fn mean_absolute(planes: [&[f32]; 3]) -> f64 {
     let of_part = |part: &[f32]| {

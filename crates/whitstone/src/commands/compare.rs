@@ -142,8 +142,7 @@ pub struct Arguments {
     /// Tolerance of a pixel, as a fraction of the mean of the reference
     #[arg(long, value_name = "ABSOLUTE", default_value_t = Tolerance::default().absolute, value_parser = at_least_0)]
     absolute: f64,
-    /// Also compute the visible difference (FLIP), over exposures and at exposure 0; takes seconds
-    /// per megapixel
+    /// Also compute the visible difference (FLIP), over exposures and at exposure 0
     #[arg(long)]
     flip: bool,
     /// Maximum mean of FLIP over exposures, 0 to 1
