@@ -159,6 +159,14 @@ fn conventions_of_lights_are_found() {
             &["the `beam_width` of a spot is three quarters of its cutoff"],
         ),
         (
+            "cosine-spot",
+            &["falls off with the square of a linear function of the cosine"],
+        ),
+        (
+            "steep-spot",
+            &["the image of a spot differs, and no tried hypothesis explains it"],
+        ),
+        (
             "spot-no-falloff",
             &["the light of a spot does not fall off with the squared distance"],
         ),

@@ -494,10 +494,11 @@ impl Scene {
             let angle = (-dot(toward, axis)).clamp(-1.0, 1.0).acos();
             match angle <= beam {
                 true => 1.0,
-                // As in glTF.
-                false if self.faults.has("cosine-spot") => {
+                // As in glTF; by a sixth power, which is no hypothesis.
+                false if self.faults.has("cosine-spot") || self.faults.has("steep-spot") => {
                     let from_edge = (angle.cos() - cutoff.cos()) / (beam.cos() - cutoff.cos());
-                    from_edge.clamp(0.0, 1.0).powi(2)
+                    let power = if self.faults.has("cosine-spot") { 2 } else { 6 };
+                    from_edge.clamp(0.0, 1.0).powi(power)
                 }
                 false => ((cutoff - angle) / (cutoff - beam)).clamp(0.0, 1.0),
             }
