@@ -171,7 +171,8 @@ fn hunt_lab(rgb: Vec3) -> Vec3 {
     [l, 0.01 * l * 500.0 * (x - y), 0.01 * l * 200.0 * (y - z)]
 }
 
-/// The cube root of a number from 0.008 to 1.1, to the last digits. Unlike `cbrt`, it is vectorised.
+/// The cube root of a number from 0.008 to 1.1, to the last digits. Unlike `cbrt`, it is
+/// vectorised.
 #[inline(always)]
 fn cube_root(t: f64) -> f64 {
     // The quotient of the third and the fourth root is nearly linear in the latter: 2 % off.

@@ -35,7 +35,8 @@ impl Mask {
         }
     }
 
-    /// The set of the pixels whose flags `row(y, flags)` sets, in parallel. They are `false` before.
+    /// The set of the pixels whose flags `row(y, flags)` sets, in parallel. They are `false`
+    /// before.
     #[must_use]
     pub fn from_rows(width: usize, height: usize, row: impl Fn(usize, &mut [bool]) + Sync) -> Self {
         let mut mask = Self::new(width, height);

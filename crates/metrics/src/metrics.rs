@@ -1,8 +1,9 @@
 //! Numbers between an image and its reference.
 //!
 //! Everything is computed in `f64` over the channels R, G, B with compensated sums, in one fixed
-//! order: the rows are summed in parallel, and then added from top to bottom. With `d = ours - reference` at one channel of one pixel, `N` = 3 * pixels, and
-//! `mean_reference` = (1/N) * sum |reference|:
+//! order: the rows are summed in parallel, and then added from top to bottom. With `d = ours -
+//! reference` at one channel of one pixel, `N` = 3 * pixels, and `mean_reference` = (1/N) * sum
+//! |reference|:
 //!
 //! | name | definition |
 //! |---|---|
@@ -630,7 +631,8 @@ impl<'a> Pair<'a> {
                 *member = self.at(index).into_iter().any(|(ours, reference)| {
                     let allowed = tolerance.relative * reference.abs() + tolerance.absolute * mean;
                     let within = (ours - reference).abs() <= allowed;
-                    // Two equal infinities are over as well, and a comparison with NaN is never within.
+                    // Two equal infinities are over as well, and a comparison with NaN is never
+                    // within.
                     !(within && ours.is_finite() && reference.is_finite())
                 });
             }
