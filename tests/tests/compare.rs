@@ -179,6 +179,25 @@ fn masked_pixels_and_other_references_are_accepted() {
     let far = put("far.exr", &wall(|_, _| 5.0));
     let text = ["128 pixels are over tolerance", "reference/a.exr"];
     check(&["compare", &darker, &far, "--or", &reference], 1, &text);
+    // So are other channels than colours.
+    let mut other_ids = wall(|_, _| 0.0);
+    other_ids.channel_mut("shape_id.I").unwrap().fill(7.0);
+    let other_ids = put("other_ids.exr", &other_ids);
+    let one_pixel = wall(|x, y| if (x, y) == (3, 3) { 0.5 } else { 0.0 });
+    let one_pixel = put("one_pixel.exr", &one_pixel);
+    let same = put("same.exr", &wall(|_, _| 0.0));
+    for pair in [[&other_ids, &one_pixel], [&one_pixel, &other_ids]] {
+        let arguments = [
+            "compare",
+            &same,
+            pair[0],
+            "--or",
+            pair[1],
+            "--channel",
+            "shape_id.I",
+        ];
+        check(&arguments, 1, &[&format!("compared with          {one_pixel}")]);
+    }
 
     let at = |name: &str| path.join(name).to_str().unwrap().to_owned();
     let folders = |more: &[&str], code| {

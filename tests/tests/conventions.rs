@@ -147,7 +147,29 @@ fn conventions_of_lights_are_found() {
         ("sky", &["where a ray hits nothing, the image shows (0."]),
         ("light-from", &["comes from its `direction`"]),
         ("whole-spot", &["the angles of a spot are taken as whole ones"]),
+        (
+            "double-spot",
+            &["the angles of a spot are twice as large as stated"],
+        ),
         ("hard-spot", &["a spot has a hard edge at its cutoff"]),
+        ("beam-is-cutoff", &["a spot ends at its `beam_width`"]),
+        ("no-beam", &["the light of a spot falls off from its axis on"]),
+        (
+            "default-beam",
+            &["the `beam_width` of a spot is three quarters of its cutoff"],
+        ),
+        (
+            "cosine-spot",
+            &["falls off with the square of a linear function of the cosine"],
+        ),
+        (
+            "steep-spot",
+            &["the image of a spot differs, and no tried hypothesis explains it"],
+        ),
+        (
+            "spot-no-falloff",
+            &["the light of a spot does not fall off with the squared distance"],
+        ),
         (
             "spot-lumen",
             &[

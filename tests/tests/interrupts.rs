@@ -47,6 +47,22 @@ fn interrupt(child: Child, signals: &[&str]) -> (Output, Duration) {
 }
 
 #[test]
+fn a_kernel_does_not_outlive_the_command() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("process");
+    let target = folder.path().display().to_string();
+    let script = format!("echo $$ > {}; exec sleep 300", file.display());
+    let arguments = ["stress", "--target", &target, "--kernel", "sh", "-c", &script];
+    let (output, _) = interrupt(start(&arguments), &["-TERM"]);
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(143), "{text}");
+    let process = fs::read_to_string(file).unwrap();
+    let mut alive = Command::new("kill");
+    alive.args(["-0", process.trim()]).stderr(Stdio::null());
+    assert!(!alive.status().unwrap().success(), "the kernel still runs");
+}
+
+#[test]
 fn a_rendering_keeps_what_is_finished() {
     for (signal, code) in [("-INT", 130), ("-TERM", 143)] {
         let folder = tempfile::tempdir().unwrap();

@@ -25,6 +25,7 @@ mod reliability;
 mod run_time;
 mod scale;
 mod slim;
+mod subjects;
 mod synthesis;
 mod tidy;
 mod topics;

@@ -4,7 +4,7 @@
 use crate::bench::light_paths;
 use crate::{
     comparisons, diagrams, formats, growth, licences, pages, pictures, plugins, reliability, run_time, scale,
-    topics, traversal, variants, verdict, worst_cases,
+    subjects, topics, traversal, variants, verdict, worst_cases,
 };
 use clap::Args;
 use std::fmt::Write;
@@ -132,6 +132,13 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
             page(
                 scale::PAGE,
                 &[(scale::MARKS, scale::section(&stored(scale::RESULT)?))],
+            )?,
+        ),
+        (
+            PathBuf::from(subjects::PAGE),
+            page(
+                subjects::PAGE,
+                &[(subjects::MARKS, subjects::table(&all_stored(subjects::RESULTS)?))],
             )?,
         ),
         (PathBuf::from("docs/images/showcase.png"), sheet(registry)?),

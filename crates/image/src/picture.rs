@@ -85,7 +85,8 @@ impl Transfer {
         for name in RGB {
             if let Some(plane) = image.channel_mut(name) {
                 for value in plane {
-                    let code = (*value * LAST_CODE).round() as usize;
+                    // The table is used for exact codes only: rounding may err elsewhere.
+                    let code = (*value * LAST_CODE + 0.5) as usize;
                     *value = match table.get(code) {
                         Some(known) if values(code) == *value => *known,
                         _ => decoded(*value),
@@ -193,25 +194,56 @@ fn from_decoder(decoder: impl ImageDecoder, limits: Limits) -> Result<Picture, R
 
 fn from_dynamic(decoded: &DynamicImage) -> Result<Picture, ReadFault> {
     use DynamicImage as D;
-    let codes = match decoded {
-        D::ImageLuma8(_) | D::ImageLumaA8(_) | D::ImageRgb8(_) | D::ImageRgba8(_) => Codes::Bits8,
-        D::ImageLuma16(_) | D::ImageLumaA16(_) | D::ImageRgb16(_) | D::ImageRgba16(_) => Codes::Bits16,
-        D::ImageRgb32F(_) | D::ImageRgba32F(_) => Codes::Float,
+    let eight = |code: u8| f32::from(code) / 255.0;
+    let sixteen = |code: u16| f32::from(code) / LAST_CODE;
+    let size = (decoded.width() as usize, decoded.height() as usize);
+    let channels = usize::from(decoded.color().channel_count());
+    let bits8 = |codes: &[u8]| (Codes::Bits8, planes(size, channels, codes, eight));
+    let bits16 = |codes: &[u16]| (Codes::Bits16, planes(size, channels, codes, sixteen));
+    let floats = |values: &[f32]| (Codes::Float, planes(size, channels, values, |value| value));
+    let (codes, image) = match decoded {
+        D::ImageLuma8(image) => bits8(image),
+        D::ImageLumaA8(image) => bits8(image),
+        D::ImageRgb8(image) => bits8(image),
+        D::ImageRgba8(image) => bits8(image),
+        D::ImageLuma16(image) => bits16(image),
+        D::ImageLumaA16(image) => bits16(image),
+        D::ImageRgb16(image) => bits16(image),
+        D::ImageRgba16(image) => bits16(image),
+        D::ImageRgb32F(image) => floats(image),
+        D::ImageRgba32F(image) => floats(image),
         other => {
             let message = format!("pixels of type {:?}", other.color());
             return Err(ReadFault::Unsupported(message));
         }
     };
-    // Codes of 8 and 16 bits become code / 255 and code / 65535.
-    let rgba = decoded.to_rgba32f();
-    let (width, height) = (rgba.width() as usize, rgba.height() as usize);
-    let plane = |channel: usize| rgba.pixels().map(|pixel| pixel.0[channel]).collect();
+    Ok(Picture { image: image?, codes })
+}
+
+/// The planes of interleaved samples: grey or colours, then alpha if there is one.
+fn planes<T: Copy>(
+    (width, height): (usize, usize),
+    channels: usize,
+    samples: &[T],
+    value: impl Fn(T) -> f32,
+) -> Result<Image, ReadFault> {
+    let pixels = || samples.chunks_exact(channels);
+    let plane = |channel: usize| -> Vec<f32> { pixels().map(|pixel| value(pixel[channel])).collect() };
     let mut image = Image::new(width, height).map_err(invalid)?;
-    add_colors(&mut image, [plane(0), plane(1), plane(2)])?;
-    if decoded.color().has_alpha() {
-        image.add_channel("A", plane(3)).map_err(invalid)?;
+    add_colors(
+        &mut image,
+        match channels {
+            1 | 2 => {
+                let grey = plane(0);
+                [grey.clone(), grey.clone(), grey]
+            }
+            _ => [plane(0), plane(1), plane(2)],
+        },
+    )?;
+    if channels % 2 == 0 {
+        image.add_channel("A", plane(channels - 1)).map_err(invalid)?;
     }
-    Ok(Picture { image, codes })
+    Ok(image)
 }
 
 /// Bytes of the header of a PFM file that are read at most.

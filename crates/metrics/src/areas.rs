@@ -31,26 +31,38 @@ pub fn largest(mask: &Mask) -> Option<Area> {
     largest
 }
 
-/// Removes the component that contains a pixel from the set.
+/// Removes the component that contains a pixel from the set, run by run.
 fn take(rest: &mut Mask, x: usize, y: usize) -> Area {
     let mut area = Area {
         pixels: 0,
         from: [x, y],
         to: [x, y],
     };
-    rest.set(x, y, false);
+    let [last_x, last_y] = [rest.width() - 1, rest.height() - 1];
     let mut open = vec![[x, y]];
     while let Some([x, y]) = open.pop() {
-        area.pixels += 1;
-        area.from = [area.from[0].min(x), area.from[1].min(y)];
-        area.to = [area.to[0].max(x), area.to[1].max(y)];
-        for near_y in y.saturating_sub(1)..=y + 1 {
-            for near_x in x.saturating_sub(1)..=x + 1 {
-                if rest.contains(near_x, near_y) {
-                    rest.set(near_x, near_y, false);
-                    open.push([near_x, near_y]);
-                }
-            }
+        let row = rest.row_mut(y);
+        if !row[x] {
+            continue;
+        }
+        let left = row[..x].iter().rposition(|member| !member).map_or(0, |x| x + 1);
+        let right = row[x..]
+            .iter()
+            .position(|member| !member)
+            .map_or(last_x, |run| x + run - 1);
+        row[left..=right].fill(false);
+        area.pixels += right + 1 - left;
+        area.from = [area.from[0].min(left), area.from[1].min(y)];
+        area.to = [area.to[0].max(right), area.to[1].max(y)];
+        // One pixel of each run above and below, corners included.
+        let (left, right) = (left.saturating_sub(1), (right + 1).min(last_x));
+        for near in [y.checked_sub(1), (y < last_y).then_some(y + 1)]
+            .into_iter()
+            .flatten()
+        {
+            let row = rest.row_mut(near);
+            let starts = (left..=right).filter(|&x| row[x] && (x == left || !row[x - 1]));
+            open.extend(starts.map(|x| [x, near]));
         }
     }
     area
@@ -72,6 +84,33 @@ mod tests {
         let found = largest(&mask(&["##...", ".....", "...##"])).unwrap();
         assert_eq!((found.pixels, found.from, found.to), (2, [0, 0], [1, 0]));
         assert_eq!(largest(&Mask::new(4, 4)), None);
+    }
+
+    /// Runs are the same as single pixels.
+    #[test]
+    fn areas_are_those_of_single_pixels() {
+        let (width, height) = (23, 17);
+        for seed in 0..200_usize {
+            let member =
+                |x: usize, y: usize| (x * 7919 + y * 104_729 + seed * 31 + x * y * (seed + 3)) % 5 < 2;
+            let mask = Mask::from_fn(width, height, member);
+            let mut rest: Vec<[usize; 2]> = mask.pixels().map(|(x, y)| [x, y]).collect();
+            let mut best = 0;
+            while let Some(first) = rest.pop() {
+                let mut area = vec![first];
+                let mut next = 0;
+                while next < area.len() {
+                    let [x, y] = area[next];
+                    next += 1;
+                    let (near, far): (Vec<[usize; 2]>, _) =
+                        (rest.iter().copied()).partition(|[a, b]| a.abs_diff(x) <= 1 && b.abs_diff(y) <= 1);
+                    area.extend(near);
+                    rest = far;
+                }
+                best = best.max(area.len());
+            }
+            assert_eq!(largest(&mask).map_or(0, |area| area.pixels), best, "{seed}");
+        }
     }
 
     #[test]

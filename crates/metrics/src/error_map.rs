@@ -24,6 +24,16 @@ pub enum Quantity {
     Relative,
 }
 
+impl Quantity {
+    /// The caption of a picture of it.
+    fn caption(self) -> &'static str {
+        match self {
+            Self::Difference => "DIFFERENCE",
+            Self::Relative => "RELATIVE ERROR",
+        }
+    }
+}
+
 /// The mapping from numbers to colours.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -191,6 +201,9 @@ pub fn difference_image(ours: &Image, reference: &Image) -> Result<Image, Compar
 /// Height of a legend in pixels: the strip, its ticks and its numbers.
 pub const LEGEND_HEIGHT: usize = STRIP_HEIGHT + TICK_HEIGHT + 2 + GLYPH_SCALE * GLYPH_HEIGHT + 2;
 
+/// Height of a caption in pixels, with the space below it.
+const CAPTION_HEIGHT: usize = GLYPH_SCALE * GLYPH_HEIGHT + 4;
+
 const STRIP_HEIGHT: usize = 12;
 const TICK_HEIGHT: usize = 4;
 const GAP: usize = 8;
@@ -228,8 +241,18 @@ pub fn legend(scale: Scale, width: usize) -> Result<Raster, CompareError> {
     Ok(raster)
 }
 
-/// Our image, the reference and the error map side by side, with the same exposure, and with the
-/// legend below the map.
+/// The text below a panel, cut off at its width: of several words only the last one if there is no
+/// room for all.
+fn caption(text: &str, width: usize) -> Raster {
+    let mut raster = Raster::filled(width, CAPTION_HEIGHT, BACKGROUND);
+    let last = text.rsplit(' ').next().unwrap_or(text);
+    let fitting = if text_width(text) > width { last } else { text };
+    write_text(&mut raster, fitting, 0, 0);
+    raster
+}
+
+/// Our image, the reference and the error map side by side, with the same exposure, with captions,
+/// and with the legend below the map.
 ///
 /// # Errors
 /// [`CompareError`]: sizes, placements or channels that differ, a scale out of range.
@@ -244,11 +267,20 @@ pub fn trio(ours: &Image, reference: &Image, tone: ToneMap, view: ErrorView) -> 
         map,
     ];
     let (width, height) = (ours.width(), ours.height());
-    let mut picture = Raster::filled(3 * width + 2 * GAP, height + GAP + LEGEND_HEIGHT, BACKGROUND);
-    for (index, panel) in panels.iter().enumerate() {
-        picture.draw(panel, index * (width + GAP), 0);
+    let below = height + GAP;
+    let mut picture = Raster::filled(
+        3 * width + 2 * GAP,
+        below + CAPTION_HEIGHT + LEGEND_HEIGHT,
+        BACKGROUND,
+    );
+    let captions = ["OURS", "REFERENCE", view.quantity.caption()];
+    for (index, (panel, text)) in panels.iter().zip(captions).enumerate() {
+        let left = index * (width + GAP);
+        picture.draw(panel, left, 0);
+        picture.draw(&caption(text, width), left, below);
     }
-    picture.draw(&legend(view.scale, width)?, 2 * (width + GAP), height + GAP);
+    let legend = legend(view.scale, width)?;
+    picture.draw(&legend, 2 * (width + GAP), below + CAPTION_HEIGHT);
     Ok(picture)
 }
 
@@ -269,7 +301,7 @@ const GLYPH_HEIGHT: usize = 5;
 const GLYPH_SCALE: usize = 2;
 
 /// Rows of a glyph from the top, three bits each; the left pixel is the highest bit. Only the
-/// characters of numbers exist.
+/// characters of numbers and of captions exist.
 fn glyph(character: char) -> [u8; GLYPH_HEIGHT] {
     match character {
         '0' => [0b111, 0b101, 0b101, 0b101, 0b111],
@@ -285,6 +317,20 @@ fn glyph(character: char) -> [u8; GLYPH_HEIGHT] {
         '.' => [0, 0, 0, 0, 0b010],
         '-' => [0, 0, 0b111, 0, 0],
         'e' => [0, 0b010, 0b111, 0b100, 0b011],
+        'A' => [0b010, 0b101, 0b111, 0b101, 0b101],
+        'C' => [0b011, 0b100, 0b100, 0b100, 0b011],
+        'D' => [0b110, 0b101, 0b101, 0b101, 0b110],
+        'E' => [0b111, 0b100, 0b110, 0b100, 0b111],
+        'F' => [0b111, 0b100, 0b110, 0b100, 0b100],
+        'I' => [0b111, 0b010, 0b010, 0b010, 0b111],
+        'L' => [0b100, 0b100, 0b100, 0b100, 0b111],
+        'N' => [0b110, 0b101, 0b101, 0b101, 0b101],
+        'O' => [0b010, 0b101, 0b101, 0b101, 0b010],
+        'R' => [0b110, 0b101, 0b110, 0b101, 0b101],
+        'S' => [0b011, 0b100, 0b010, 0b001, 0b110],
+        'T' => [0b111, 0b010, 0b010, 0b010, 0b010],
+        'U' => [0b101, 0b101, 0b101, 0b101, 0b111],
+        'V' => [0b101, 0b101, 0b101, 0b101, 0b010],
         _ => [0; GLYPH_HEIGHT],
     }
 }
@@ -440,6 +486,30 @@ mod tests {
     }
 
     #[test]
+    fn captions_have_glyphs_and_stay_below_their_panels() {
+        for quantity in [Quantity::Difference, Quantity::Relative] {
+            for text in ["OURS", "REFERENCE", quantity.caption()] {
+                let letters = text.chars().filter(|letter| *letter != ' ');
+                assert!(
+                    letters.clone().all(|letter| glyph(letter) != [0; GLYPH_HEIGHT]),
+                    "{text}"
+                );
+            }
+        }
+        let wide = Image::from_fn(120, 2, |_, _| [0.0; 3]).unwrap();
+        let picture = trio(&wide, &wide, ToneMap::default(), ErrorView::default()).unwrap();
+        let ink = |columns: std::ops::Range<usize>| {
+            let rows = 2 + GAP..2 + GAP + CAPTION_HEIGHT;
+            let pixels = rows.flat_map(|y| columns.clone().map(move |x| (x, y)));
+            pixels.filter(|&(x, y)| picture.pixel(x, y) == Some(INK)).count()
+        };
+        let panels = [0, 1, 2].map(|panel| ink(panel * (120 + GAP)..panel * (120 + GAP) + 120));
+        assert!(panels.iter().all(|count| *count > 50), "{panels:?}");
+        assert!(panels.is_sorted(), "{panels:?}");
+        assert_eq!(ink(120..120 + GAP), 0);
+    }
+
+    #[test]
     fn a_legend_has_all_colours_and_its_numbers() {
         let scale = Scale::Log { min: 1e-6, max: 1.0 };
         let strip = legend(scale, 200).unwrap();
@@ -463,7 +533,7 @@ mod tests {
         let picture = trio(&ours, &reference, ToneMap::default(), view).unwrap();
         assert_eq!(
             (picture.width(), picture.height()),
-            (3 * 3 + 2 * GAP, 2 + GAP + LEGEND_HEIGHT)
+            (3 * 3 + 2 * GAP, 2 + GAP + CAPTION_HEIGHT + LEGEND_HEIGHT)
         );
         assert_eq!(picture.pixel(0, 0).unwrap(), [255, 0, 0]);
         assert_eq!(picture.pixel(3, 0).unwrap(), BACKGROUND);

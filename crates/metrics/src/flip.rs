@@ -9,20 +9,22 @@
 //! Implemented from the papers, in double precision. The tests contain values of `flip-evaluator`
 //! 1.7.
 
-use crate::metrics::{CompareError, Pair};
+use crate::metrics::{CompareError, PART, Pair};
 use crate::sum::Sum;
+use rayon::prelude::*;
 use serde::Serialize;
 use std::f64::consts::PI;
 use std::ops::Range;
 use whitstone_image::Image;
 use whitstone_image::tone::{ACES, ToneCurve};
+use whitstone_simd::{dispatch, select};
 
 /// Pixels per degree of the visual field for which the values are valid: a screen of 3840 pixels
 /// and 0.7 m, seen from 0.7 m.
 pub const PIXELS_PER_DEGREE: f64 = 0.7 * (3840.0 / 0.7) * (PI / 180.0);
 
 /// Columns and rows of a tile.
-const TILE: usize = 128;
+const TILE: [usize; 2] = [256, 64];
 
 /// The visibility of a difference.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -43,22 +45,14 @@ pub struct Flip {
 pub fn flip(ours: &Image, reference: &Image) -> Result<Flip, CompareError> {
     let pair = Pair::new(ours, reference)?;
     pair.check_finite()?;
-    let [ours, reference] = both(&pair);
-    let (start, stop) = exposures(&reference);
+    let (start, stop) = exposures(&pair);
     let count = (stop - start).ceil().max(2.0) as usize;
     let filters = Filters::new(PIXELS_PER_DEGREE);
     let mut map = vec![0.0_f64; pair.pixels()];
     for i in 0..count {
         let exposure = start + (stop - start) * i as f64 / (count - 1) as f64;
-        let shown = |image: &[Vec3]| -> Vec<Vec3> {
-            let factor = exposure.exp2();
-            let filmic = |x: f64| ToneCurve::Filmic.apply(x * factor);
-            image.iter().map(|rgb| rgb.map(filmic)).collect()
-        };
-        let of_exposure = filters.map(&shown(&ours), &shown(&reference), pair.width);
-        for (worst, value) in map.iter_mut().zip(of_exposure) {
-            *worst = worst.max(value);
-        }
+        let factor = exposure.exp2();
+        filters.map(&pair, TILE, &mut map, |x| ToneCurve::Filmic.apply(x * factor));
     }
     Ok(Flip {
         mean: mean(&map),
@@ -75,11 +69,8 @@ pub fn flip(ours: &Image, reference: &Image) -> Result<Flip, CompareError> {
 pub fn flip_ldr(ours: &Image, reference: &Image) -> Result<Flip, CompareError> {
     let pair = Pair::new(ours, reference)?;
     pair.check_finite()?;
-    let [ours, reference] = both(&pair).map(|image| {
-        let limited = image.into_iter().map(|rgb| rgb.map(|x| x.clamp(0.0, 1.0)));
-        limited.collect::<Vec<Vec3>>()
-    });
-    let map = Filters::new(PIXELS_PER_DEGREE).map(&ours, &reference, pair.width);
+    let mut map = vec![0.0; pair.pixels()];
+    Filters::new(PIXELS_PER_DEGREE).map(&pair, TILE, &mut map, |x| ToneCurve::Clamp.apply(x));
     Ok(Flip {
         mean: mean(&map),
         map,
@@ -89,29 +80,26 @@ pub fn flip_ldr(ours: &Image, reference: &Image) -> Result<Flip, CompareError> {
 
 type Vec3 = [f64; 3];
 
-fn both(pair: &Pair<'_>) -> [Vec<Vec3>; 2] {
-    let image = |of: fn((f64, f64)) -> f64| {
-        let pixels = (0..pair.pixels()).map(|index| pair.at(index).map(|values| of(values).max(0.0)));
-        pixels.collect()
-    };
-    [image(|(ours, _)| ours), image(|(_, reference)| reference)]
-}
-
 fn mean(map: &[f64]) -> f64 {
+    let parts: Vec<Sum> = map
+        .par_chunks(PART)
+        .map(|part| part.iter().copied().collect())
+        .collect();
     let mut sum = Sum::default();
-    map.iter().for_each(|&value| sum.add(value));
+    parts.into_iter().for_each(|part| sum.merge(part));
     sum.total() / map.len().max(1) as f64
 }
 
 /// The exposures in stops at which the brightest and the median pixel are shown at 0.85 (2021,
 /// section 3.1).
-fn exposures(reference: &[Vec3]) -> (f64, f64) {
+fn exposures(pair: &Pair<'_>) -> (f64, f64) {
     const SHOWN: f64 = 0.85;
     let [a, b, c] = [0, 1, 2].map(|i| ACES[i] - SHOWN * ACES[i + 3]);
     let half = -0.5 * b / a;
     let value = half + (half * half - c / a).sqrt();
-    let mut luminance: Vec<f64> = reference.iter().map(luminance_of).collect();
-    luminance.sort_unstable_by(f64::total_cmp);
+    let of = |index| luminance_of(pair.at(index).map(|(_, reference)| reference.max(0.0)));
+    let mut luminance: Vec<f64> = (0..pair.pixels()).into_par_iter().map(of).collect();
+    luminance.par_sort_unstable_by(f64::total_cmp);
     // An image has at least one pixel.
     let n = luminance.len();
     let brightest = luminance[n - 1];
@@ -122,11 +110,12 @@ fn exposures(reference: &[Vec3]) -> (f64, f64) {
 }
 
 /// Rec. 709 luminance.
-fn luminance_of([r, g, b]: &Vec3) -> f64 {
+fn luminance_of([r, g, b]: Vec3) -> f64 {
     0.2126 * r + 0.7152 * g + 0.0722 * b
 }
 
 /// Linear Rec. 709 to CIE XYZ (IEC 61966-2-1), so that white has Y = 1.
+#[inline(always)]
 fn xyz([r, g, b]: Vec3) -> Vec3 {
     [
         (10_135_552.0 * r + 8_788_810.0 * g + 4_435_075.0 * b) / 24_577_794.0,
@@ -136,6 +125,7 @@ fn xyz([r, g, b]: Vec3) -> Vec3 {
 }
 
 /// CIE XYZ to linear Rec. 709: the inverse of [`xyz`].
+#[inline(always)]
 fn rgb([x, y, z]: Vec3) -> Vec3 {
     [
         3.241_003_232_976_358_7 * x - 1.537_398_969_488_785_5 * y - 0.498_615_881_996_362_9 * z,
@@ -145,17 +135,20 @@ fn rgb([x, y, z]: Vec3) -> Vec3 {
 }
 
 /// XYZ divided by that of white.
+#[inline(always)]
 fn relative(xyz_value: Vec3) -> Vec3 {
     let white = xyz([1.0; 3]);
     [0, 1, 2].map(|i| xyz_value[i] / white[i])
 }
 
 /// An opponent space that is linear in light: YCxCz, by Zhang and Wandell.
+#[inline(always)]
 fn ycxcz(rgb: Vec3) -> Vec3 {
     let [x, y, z] = relative(xyz(rgb));
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
 }
 
+#[inline(always)]
 fn from_ycxcz([y, cx, cz]: Vec3) -> Vec3 {
     let y = (y + 16.0) / 116.0;
     let white = xyz([1.0; 3]);
@@ -167,23 +160,42 @@ fn from_ycxcz([y, cx, cz]: Vec3) -> Vec3 {
 }
 
 /// CIELAB with the Hunt effect: chroma counts less at low luminance.
+#[inline(always)]
 fn hunt_lab(rgb: Vec3) -> Vec3 {
     const DELTA: f64 = 6.0 / 29.0;
     let [x, y, z] = relative(xyz(rgb)).map(|t| {
-        if t > DELTA * DELTA * DELTA {
-            t.cbrt()
-        } else {
-            t / (3.0 * DELTA * DELTA) + 4.0 / 29.0
-        }
+        let linear = t / (3.0 * DELTA * DELTA) + 4.0 / 29.0;
+        select(t > DELTA * DELTA * DELTA, cube_root(t), linear)
     });
     let l = 116.0 * y - 16.0;
     [l, 0.01 * l * 500.0 * (x - y), 0.01 * l * 200.0 * (y - z)]
 }
 
+/// The cube root of a number from 0.008 to 1.1, to the last digits. Unlike `cbrt`, it is
+/// vectorised.
+#[inline(always)]
+fn cube_root(t: f64) -> f64 {
+    // The quotient of the third and the fourth root is nearly linear in the latter: 2 % off.
+    let fourth = t.sqrt().sqrt();
+    let mut root = fourth * (0.542 + 0.473 * fourth);
+    // Halley's method triples the number of digits.
+    for _ in 0..2 {
+        let cube = root * root * root;
+        root *= (cube + 2.0 * t) / (2.0 * cube + t);
+    }
+    root
+}
+
 /// The HyAB distance of Abasi, Amani Tehrani and Fairchild (2020), for large differences, to the
 /// power of 0.7.
 fn distance(a: Vec3, b: Vec3) -> f64 {
-    ((a[0] - b[0]).abs() + (a[1] - b[1]).hypot(a[2] - b[2])).powf(0.7)
+    ((a[0] - b[0]).abs() + length(a[1] - b[1], a[2] - b[2])).powf(0.7)
+}
+
+/// The length of a vector whose squares do not overflow. Unlike `hypot`, it is vectorised.
+#[inline(always)]
+fn length(x: f64, y: f64) -> f64 {
+    (x * x + y * y).sqrt()
 }
 
 /// A one-dimensional kernel, centred on its middle element.
@@ -197,6 +209,8 @@ struct Filters {
     feature: [Kernel; 3],
     /// The maximum distance: from green to blue.
     farthest: f64,
+    /// The largest radius of a kernel.
+    reach: usize,
 }
 
 impl Filters {
@@ -231,72 +245,59 @@ impl Filters {
         let second = |i: i64| ((i * i) as f64 / (deviation * deviation) - 1.0) * gaussian(i);
         let kernel = |of: &dyn Fn(i64) -> f64| balanced((-reach..=reach).map(of).collect());
         Self {
+            reach: radius.max(reach) as usize,
             sensitivity,
             feature: [kernel(&gaussian), kernel(&first), kernel(&second)],
             farthest: distance(hunt_lab([0.0, 1.0, 0.0]), hunt_lab([0.0, 0.0, 1.0])),
         }
     }
 
-    /// The FLIP values of two images with values in [0, 1]. Far from all differences they are 0, so
-    /// only tiles next to one are computed, with the pixels around them that the filters reach.
-    fn map(&self, ours: &[Vec3], reference: &[Vec3], width: usize) -> Vec<f64> {
-        let height = ours.len() / width.max(1);
-        let kernels = self.sensitivity.iter().flatten().map(|(_, kernel)| kernel);
-        let reach = kernels.chain(&self.feature).map(|kernel| kernel.len() / 2);
-        let reach = reach.max().unwrap_or(0);
-        let [across, down] = [width, height].map(|size| size.div_ceil(TILE));
-        let mut near = vec![false; across * down];
-        for (index, _) in ours
-            .iter()
-            .zip(reference)
-            .enumerate()
-            .filter(|(_, (a, b))| a != b)
-        {
-            let tiles =
-                |at: usize, size: usize| at.saturating_sub(reach) / TILE..=(at + reach).min(size - 1) / TILE;
-            for y in tiles(index / width, height) {
-                for x in tiles(index % width, width) {
-                    near[y * across + x] = true;
+    /// Raises the values of `map` to those of FLIP, of two images whose values are displayed as
+    /// `shown`, in [0, 1]. Far from all differences they are 0, so only the tiles next to one are
+    /// computed, with the pixels around them that the filters reach.
+    fn map(&self, pair: &Pair<'_>, size: [usize; 2], map: &mut [f64], shown: impl Fn(f64) -> f64 + Sync) {
+        let (width, height) = (pair.width, pair.height);
+        let near = |range: &Range<usize>, limit: usize| {
+            range.start.saturating_sub(self.reach)..(range.end + self.reach).min(limit)
+        };
+        let of_band = |(band, values): (usize, &mut [f64])| {
+            let start = band * size[1];
+            for first in (0..width).step_by(size[0]) {
+                let tile = Tile {
+                    columns: first..(first + size[0]).min(width),
+                    rows: start..start + values.len() / width,
+                };
+                let (columns, mut rows) = (near(&tile.columns, width), near(&tile.rows, height));
+                let is_equal = |y: usize| pair.is_equal(y * width + columns.start..y * width + columns.end);
+                if rows.all(is_equal) {
+                    continue;
+                }
+                let found = dispatch(
+                    #[inline(always)]
+                    || self.tile(pair, &tile, &shown),
+                );
+                for (row, found) in values.chunks_mut(width).zip(found.chunks(tile.columns.len())) {
+                    for (worst, value) in row[tile.columns.clone()].iter_mut().zip(found) {
+                        *worst = worst.max(*value);
+                    }
                 }
             }
-        }
-        if 2 * near.iter().filter(|near| **near).count() > near.len() {
-            return self.whole(ours, reference, width);
-        }
-        let mut map = vec![0.0; ours.len()];
-        for tile in (0..near.len()).filter(|&tile| near[tile]) {
-            let inner = |tile: usize, size: usize| tile * TILE..((tile + 1) * TILE).min(size);
-            let outer = |inner: &Range<usize>, size: usize| {
-                inner.start.saturating_sub(reach)..(inner.end + reach).min(size)
-            };
-            let (columns, rows) = (inner(tile % across, width), inner(tile / across, height));
-            let (wide, high) = (outer(&columns, width), outer(&rows, height));
-            let part = |image: &[Vec3]| -> Vec<Vec3> {
-                let rows = high
-                    .clone()
-                    .flat_map(|y| &image[y * width + wide.start..y * width + wide.end]);
-                rows.copied().collect()
-            };
-            let values = self.whole(&part(ours), &part(reference), wide.len());
-            for y in rows {
-                let from = (y - high.start) * wide.len() + columns.start - wide.start;
-                map[y * width + columns.start..y * width + columns.end]
-                    .copy_from_slice(&values[from..from + columns.len()]);
-            }
-        }
-        map
+        };
+        map.par_chunks_mut(size[1] * width).enumerate().for_each(of_band);
     }
 
-    fn whole(&self, ours: &[Vec3], reference: &[Vec3], width: usize) -> Vec<f64> {
-        let (ours, reference) = (self.seen(ours, width), self.seen(reference, width));
-        let value = |(ours, reference): (&Seen, &Seen)| {
-            let colour = self.spread(distance(ours.color, reference.color));
-            let edge = (ours.edge - reference.edge).abs();
-            let point = (ours.point - reference.point).abs();
+    #[inline(always)]
+    fn tile(&self, pair: &Pair<'_>, tile: &Tile, shown: &impl Fn(f64) -> f64) -> Vec<f64> {
+        let [ours, reference] = [pair.ours, pair.reference]
+            .map(|planes| self.seen(planes, [pair.width, pair.height], tile, shown));
+        let value = |i: usize| {
+            let [a, b] = [&ours, &reference].map(|seen| seen.color.each_ref().map(|plane| plane[i]));
+            let edge = (ours.edge[i] - reference.edge[i]).abs();
+            let point = (ours.point[i] - reference.point[i]).abs();
             let feature = (edge.max(point) / 2.0_f64.sqrt()).sqrt();
-            colour.powf(1.0 - feature)
+            self.spread(distance(a, b)).powf(1.0 - feature)
         };
-        ours.iter().zip(&reference).map(value).collect()
+        (0..tile.columns.len() * tile.rows.len()).map(value).collect()
     }
 
     /// Maps distances to [0, 1]: 0.4 of the maximum becomes 0.95, and larger ones share the rest.
@@ -310,46 +311,96 @@ impl Filters {
         }
     }
 
-    fn seen(&self, image: &[Vec3], width: usize) -> Vec<Seen> {
-        let opponent: Vec<Vec3> = image.iter().map(|&rgb| ycxcz(rgb)).collect();
-        let plane = |i: usize| -> Vec<f64> { opponent.iter().map(|pixel| pixel[i]).collect() };
-        let filtered = [0, 1, 2].map(|i| {
-            let plane = plane(i);
-            let mut sum = vec![0.0; plane.len()];
+    #[inline(always)]
+    fn seen(&self, planes: [&[f32]; 3], size: [usize; 2], tile: &Tile, shown: &impl Fn(f64) -> f64) -> Seen {
+        let reach = self.reach;
+        let (width, wide) = (tile.columns.len(), tile.columns.len() + 2 * reach);
+        let opponent = self.opponent(planes, size, tile, shown);
+        let mut color = [0, 1, 2].map(|i| {
+            let mut sum = vec![0.0; width * tile.rows.len()];
             for (factor, kernel) in &self.sensitivity[i] {
-                let part = separable(&plane, width, kernel, kernel);
+                let part = down(&across(&opponent[i], wide, kernel, reach), width, kernel, reach);
                 sum.iter_mut()
                     .zip(part)
                     .for_each(|(sum, part)| *sum += factor * part);
             }
             sum
         });
-        let grey: Vec<f64> = opponent.iter().map(|pixel| (pixel[0] + 16.0) / 116.0).collect();
-        let [gaussian, first, second] = &self.feature;
-        let both = |kernel: &Kernel| {
-            let across = separable(&grey, width, kernel, gaussian);
-            let down = separable(&grey, width, gaussian, kernel);
-            across
-                .into_iter()
-                .zip(down)
-                .map(|(x, y)| x.hypot(y))
-                .collect::<Vec<f64>>()
+        let [a, b, c] = &mut color;
+        for ((a, b), c) in a.iter_mut().zip(b).zip(c) {
+            [*a, *b, *c] = hunt_lab(from_ycxcz([*a, *b, *c]).map(|x| x.clamp(0.0, 1.0)));
+        }
+        let [luminance, ..] = opponent;
+        let grey: Vec<f64> = luminance.into_iter().map(|y| (y + 16.0) / 116.0).collect();
+        let [smooth, first, second] = self
+            .feature
+            .each_ref()
+            .map(|kernel| across(&grey, wide, kernel, reach));
+        let [gaussian, along_first, along_second] = &self.feature;
+        let both = |plane: &[f64], kernel: &[f64]| -> Vec<f64> {
+            let x = down(plane, width, gaussian, reach);
+            let y = down(&smooth, width, kernel, reach);
+            x.into_iter().zip(y).map(|(x, y)| length(x, y)).collect()
         };
-        let (edges, points) = (both(first), both(second));
-        let pixel = |i: usize| Seen {
-            color: hunt_lab(from_ycxcz(filtered.each_ref().map(|plane| plane[i])).map(|x| x.clamp(0.0, 1.0))),
-            edge: edges[i],
-            point: points[i],
-        };
-        (0..image.len()).map(pixel).collect()
+        Seen {
+            color,
+            edge: both(&first, along_first),
+            point: both(&second, along_second),
+        }
+    }
+
+    /// The opponent colours of a tile and of the pixels within reach. The border of the image is
+    /// extended by its own values.
+    #[inline(always)]
+    fn opponent(
+        &self,
+        planes: [&[f32]; 3],
+        [width, height]: [usize; 2],
+        tile: &Tile,
+        shown: &impl Fn(f64) -> f64,
+    ) -> [Vec<f64>; 3] {
+        let reach = self.reach;
+        let wide = tile.columns.len() + 2 * reach;
+        let from = tile.columns.start.saturating_sub(reach);
+        let to = (tile.columns.end + reach).min(width);
+        let before = reach - (tile.columns.start - from);
+        let mut opponent = [0, 1, 2].map(|_| vec![0.0; wide * (tile.rows.len() + 2 * reach)]);
+        let [a, b, c] = &mut opponent;
+        let rows = a
+            .chunks_exact_mut(wide)
+            .zip(b.chunks_exact_mut(wide))
+            .zip(c.chunks_exact_mut(wide));
+        for (y, ((a, b), c)) in rows.enumerate() {
+            let start = (tile.rows.start + y).saturating_sub(reach).min(height - 1) * width;
+            for (out, plane) in [&mut *a, &mut *b, &mut *c].into_iter().zip(planes) {
+                let row = &plane[start + from..start + to];
+                let (left, rest) = out.split_at_mut(before);
+                let (middle, right) = rest.split_at_mut(row.len());
+                for (out, value) in middle.iter_mut().zip(row) {
+                    *out = shown(f64::from(*value));
+                }
+                left.fill(middle[0]);
+                right.fill(middle[row.len() - 1]);
+            }
+            for ((a, b), c) in a.iter_mut().zip(b).zip(c) {
+                [*a, *b, *c] = ycxcz([*a, *b, *c]);
+            }
+        }
+        opponent
     }
 }
 
-/// A pixel as seen from the viewing distance.
+/// A part of an image.
+struct Tile {
+    columns: Range<usize>,
+    rows: Range<usize>,
+}
+
+/// The pixels of a tile as seen from the viewing distance.
 struct Seen {
-    color: Vec3,
-    edge: f64,
-    point: f64,
+    color: [Vec<f64>; 3],
+    edge: Vec<f64>,
+    point: Vec<f64>,
 }
 
 /// Normalises positive weights to a sum of 1, and negative ones to -1.
@@ -366,32 +417,50 @@ fn balanced(kernel: Kernel) -> Kernel {
     kernel.into_iter().map(scale).collect()
 }
 
-/// Filters a plane horizontally and vertically. The border is extended by its own values.
-fn separable(plane: &[f64], width: usize, across: &[f64], down: &[f64]) -> Vec<f64> {
-    let height = plane.len() / width.max(1);
-    let near = |i: usize, k: usize, radius: usize, size: usize| (i + k).saturating_sub(radius).min(size - 1);
-    let radius = across.len() / 2;
-    let mut rows = vec![0.0; plane.len()];
-    for (row, out) in plane.chunks(width).zip(rows.chunks_mut(width)) {
-        for (x, out) in out.iter_mut().enumerate() {
-            let sum = across
-                .iter()
-                .enumerate()
-                .map(|(k, weight)| weight * row[near(x, k, radius, width)]);
-            *out = sum.sum();
-        }
-    }
-    let radius = down.len() / 2;
-    let mut result = vec![0.0; plane.len()];
-    for (y, out) in result.chunks_mut(width).enumerate() {
-        for (k, weight) in down.iter().enumerate() {
-            let row = &rows[width * near(y, k, radius, height)..][..width];
-            out.iter_mut()
-                .zip(row)
-                .for_each(|(out, value)| *out += weight * value);
-        }
+/// Filters rows of `wide` values. The first and last `reach` columns have no result.
+#[inline(always)]
+fn across(plane: &[f64], wide: usize, kernel: &[f64], reach: usize) -> Vec<f64> {
+    let (width, skipped) = (wide - 2 * reach, reach - kernel.len() / 2);
+    let mut result = vec![0.0; plane.len() / wide * width];
+    for (row, out) in plane.chunks_exact(wide).zip(result.chunks_exact_mut(width)) {
+        weighted(out, kernel, |k| &row[skipped + k..][..width]);
     }
     result
+}
+
+/// Filters columns. The first and last `reach` rows have no result.
+#[inline(always)]
+fn down(plane: &[f64], width: usize, kernel: &[f64], reach: usize) -> Vec<f64> {
+    let skipped = reach - kernel.len() / 2;
+    let mut result = vec![0.0; plane.len() - 2 * reach * width];
+    for (y, out) in result.chunks_exact_mut(width).enumerate() {
+        weighted(out, kernel, |k| &plane[(y + skipped + k) * width..][..width]);
+    }
+    result
+}
+
+/// The sum of the slices `of(k)`, times the weights of a kernel.
+#[inline(always)]
+fn weighted<'a>(out: &mut [f64], kernel: &[f64], of: impl Fn(usize) -> &'a [f64]) {
+    let (blocks, rest) = out.as_chunks_mut::<16>();
+    let done = 16 * blocks.len();
+    for (i, block) in blocks.iter_mut().enumerate() {
+        let mut sum = [0.0; 16];
+        for (k, weight) in kernel.iter().enumerate() {
+            let values = of(k).as_chunks::<16>().0[i];
+            for (sum, value) in sum.iter_mut().zip(values) {
+                *sum += weight * value;
+            }
+        }
+        *block = sum;
+    }
+    for (i, out) in rest.iter_mut().enumerate() {
+        *out = kernel
+            .iter()
+            .enumerate()
+            .map(|(k, weight)| weight * of(k)[done + i])
+            .sum();
+    }
 }
 
 #[cfg(test)]
@@ -447,22 +516,36 @@ mod tests {
     #[test]
     fn tiles_have_the_values_of_the_whole_image() {
         let [width, height] = [420, 300];
-        let color = |index: usize| {
-            let [x, y] = [index % width, index / width].map(|part| part as f64);
+        let color = |place: [usize; 2]| {
+            let [x, y] = place.map(|part| part as f32);
             [0.5 + 0.4 * (0.1 * x).sin(), 0.5 + 0.4 * (0.13 * y).cos(), 0.3]
         };
-        let reference: Vec<Vec3> = (0..width * height).map(color).collect();
+        let reference = Image::from_fn(width, height, |x, y| color([x, y])).unwrap();
         let filters = Filters::new(PIXELS_PER_DEGREE);
-        let same = filters.map(&reference, &reference, width);
-        assert!(same.iter().all(|value| *value == 0.0));
-        let mut ours = reference.clone();
+        let map = |ours: &Image, size: [usize; 2]| {
+            let mut map = vec![0.0; width * height];
+            filters.map(&Pair::new(ours, &reference).unwrap(), size, &mut map, |x| x);
+            map
+        };
+        assert!(map(&reference, TILE).iter().all(|value| *value == 0.0));
         // The corner, two tiles at once, and the last column.
-        for [x, y] in [[0, 0], [TILE, 40], [width - 1, height - 20]] {
-            ours[y * width + x] = [1.0, 0.0, 0.0];
-        }
-        let whole = filters.whole(&ours, &reference, width);
-        assert_eq!(filters.map(&ours, &reference, width), whole);
+        let changed = [[0, 0], [TILE[0], 40], [width - 1, height - 20]];
+        let ours = |x: usize, y: usize| match changed.contains(&[x, y]) {
+            true => [1.0, 0.0, 0.0],
+            false => color([x, y]),
+        };
+        let ours = Image::from_fn(width, height, ours).unwrap();
+        let whole = map(&ours, [width, height]);
+        assert_eq!(map(&ours, TILE), whole);
         assert!(whole.iter().filter(|value| **value > 0.0).count() > 500);
+    }
+
+    #[test]
+    fn the_cube_root_is_exact() {
+        for i in 8..=1100 {
+            let t = f64::from(i) / 1000.0;
+            assert!((cube_root(t) / t.cbrt() - 1.0).abs() < 1e-15, "{t}");
+        }
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! Sets of pixels.
 
+use rayon::prelude::*;
+
 /// A set of pixels of an image of `width * height`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Mask {
@@ -33,6 +35,18 @@ impl Mask {
         }
     }
 
+    /// The set of the pixels whose flags `row(y, flags)` sets, in parallel. They are `false`
+    /// before.
+    #[must_use]
+    pub fn from_rows(width: usize, height: usize, row: impl Fn(usize, &mut [bool]) + Sync) -> Self {
+        let mut mask = Self::new(width, height);
+        mask.members
+            .par_chunks_mut(width.max(1))
+            .enumerate()
+            .for_each(|(y, flags)| row(y, flags));
+        mask
+    }
+
     /// Columns.
     #[must_use]
     pub fn width(&self) -> usize {
@@ -58,6 +72,11 @@ impl Mask {
             self.members[y * self.width + x] = member;
         }
         inside
+    }
+
+    /// The flags of a row of the image.
+    pub(crate) fn row_mut(&mut self, y: usize) -> &mut [bool] {
+        &mut self.members[y * self.width..(y + 1) * self.width]
     }
 
     /// Number of pixels in the set.

@@ -1,8 +1,9 @@
 //! Numbers between an image and its reference.
 //!
 //! Everything is computed in `f64` over the channels R, G, B with compensated sums, in one fixed
-//! order. With `d = ours - reference` at one channel of one pixel, `N` = 3 * pixels, and
-//! `mean_reference` = (1/N) * sum |reference|:
+//! order: the rows are summed in parallel, and then added from top to bottom. With `d = ours -
+//! reference` at one channel of one pixel, `N` = 3 * pixels, and `mean_reference` = (1/N) * sum
+//! |reference|:
 //!
 //! | name | definition |
 //! |---|---|
@@ -22,7 +23,10 @@
 //! In `r`, a denominator below the smallest normal `f32` (about 1.2e-38) counts as that, so that
 //! `r` stays finite for a black reference.
 
+use rayon::prelude::*;
 use serde::{Deserialize, Deserializer, Serialize};
+
+use std::ops::Range;
 
 use crate::mask::Mask;
 use crate::sum::Sum;
@@ -284,36 +288,27 @@ pub fn compare(ours: &Image, reference: &Image, options: &CompareOptions) -> Res
 
     let mean_reference = pair.mean_reference();
     let count = pair.values() as f64;
-    let [
-        mut squares,
-        mut relative_squares,
-        mut absolutes,
-        mut differences,
-        mut interior,
-        mut percents,
-        mut symmetric_percents,
-    ] = [Sum::default(); 7];
-    let (mut max_abs, mut largest) = (0.0_f64, f64::NEG_INFINITY);
-    let mut interior_pixels = 0;
-    for index in 0..pair.pixels() {
-        let inside = options.exclude.is_none_or(|mask| !mask.as_slice()[index]);
-        interior_pixels += usize::from(inside);
-        for (ours, reference) in pair.at(index) {
-            let difference = ours - reference;
-            squares.add(difference * difference);
-            relative_squares.add(difference * difference / (reference * reference + RELMSE_EPSILON));
-            absolutes.add(difference.abs());
-            percents.add(difference.abs() / (reference.abs() + MAPE_EPSILON));
-            let both = ours.abs() + reference.abs() + MAPE_EPSILON;
-            symmetric_percents.add(2.0 * difference.abs() / both);
-            differences.add(difference);
-            max_abs = max_abs.max(difference.abs());
-            largest = largest.max(reference);
-            if inside {
-                interior.add(relative_residual(ours, reference, mean_reference).powi(2));
-            }
-        }
-    }
+    let rows: Vec<Totals> = (0..pair.height)
+        .into_par_iter()
+        .map(|y| pair.row_totals(y, mean_reference, options.exclude))
+        .collect();
+    let mut totals = Totals::default();
+    rows.iter().for_each(|row| totals.add(row));
+    let Totals {
+        sums:
+            [
+                squares,
+                relative_squares,
+                absolutes,
+                percents,
+                symmetric_percents,
+                differences,
+                interior,
+            ],
+        max_abs,
+        largest,
+        interior_pixels,
+    } = totals;
     let rmse = (squares.total() / count).sqrt();
     let psnr_peak = options.psnr_peak.unwrap_or(largest);
     Ok(Metrics {
@@ -363,16 +358,26 @@ pub fn worst(
 ) -> Result<Vec<WorstPixel>, CompareError> {
     let pair = Pair::new(ours, reference)?;
     check_mask(within, &pair)?;
-    let mean = pair.mean_reference();
-    let mut ranked: Vec<(usize, f64)> = (0..pair.pixels())
-        .filter(|&index| within.is_none_or(|mask| mask.as_slice()[index]))
-        .map(|index| (index, pair.residual(index, mean)))
-        .collect();
-    let order = |a: &(usize, f64), b: &(usize, f64)| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0));
-    if count < ranked.len() {
-        ranked.select_nth_unstable_by(count, order);
-        ranked.truncate(count);
+    if within.is_some_and(|mask| mask.count() == 0) {
+        return Ok(Vec::new());
     }
+    let mean = pair.mean_reference();
+    let order = |a: &(usize, f64), b: &(usize, f64)| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0));
+    let first = |mut ranked: Vec<(usize, f64)>| {
+        if count < ranked.len() {
+            ranked.select_nth_unstable_by(count, order);
+            ranked.truncate(count);
+        }
+        ranked
+    };
+    let of_row = |y: usize| {
+        let pixels = pair
+            .row(y)
+            .filter(|&index| within.is_none_or(|mask| mask.as_slice()[index]));
+        first(pixels.map(|index| (index, pair.residual(index, mean))).collect())
+    };
+    let rows: Vec<Vec<(usize, f64)>> = (0..pair.height).into_par_iter().map(of_row).collect();
+    let mut ranked = first(rows.concat());
     ranked.sort_unstable_by(order);
     let pixel = |(index, residual): (usize, f64)| WorstPixel {
         x: index % pair.width,
@@ -407,12 +412,27 @@ pub fn relative_residual(ours: f64, reference: f64, mean_reference: f64) -> f64 
     (ours - reference) / (reference.abs() + mean_reference).max(SMALLEST_DENOMINATOR)
 }
 
+/// The number of values that are handled at once by one thread.
+pub(crate) const PART: usize = 1 << 14;
+
 fn mean_absolute(planes: [&[f32]; 3]) -> f64 {
+    let of_part = |part: &[f32]| {
+        let finite = part.iter().filter(|value| value.is_finite());
+        let mut count = 0_usize;
+        let sum: Sum = finite
+            .inspect(|_| count += 1)
+            .map(|value| f64::from(value.abs()))
+            .collect();
+        (sum, count)
+    };
     let mut sum = Sum::default();
     let mut count = 0_usize;
-    for &value in planes.into_iter().flatten().filter(|value| value.is_finite()) {
-        sum.add(f64::from(value.abs()));
-        count += 1;
+    for plane in planes {
+        let parts: Vec<(Sum, usize)> = plane.par_chunks(PART).map(of_part).collect();
+        for (part, finite) in parts {
+            sum.merge(part);
+            count += finite;
+        }
     }
     if count == 0 {
         0.0
@@ -421,12 +441,46 @@ fn mean_absolute(planes: [&[f32]; 3]) -> f64 {
     }
 }
 
+/// The sums and extremes of [`compare`] over some pixels.
+#[derive(Clone, Copy)]
+struct Totals {
+    /// Squares, relative squares, absolutes, percents, symmetric percents, differences, and the
+    /// squared relative residuals of the interior.
+    sums: [Sum; 7],
+    max_abs: f64,
+    /// The largest value of the reference.
+    largest: f64,
+    interior_pixels: usize,
+}
+
+impl Default for Totals {
+    fn default() -> Self {
+        Self {
+            sums: [Sum::default(); 7],
+            max_abs: 0.0,
+            largest: f64::NEG_INFINITY,
+            interior_pixels: 0,
+        }
+    }
+}
+
+impl Totals {
+    fn add(&mut self, other: &Self) {
+        for (sum, other) in self.sums.iter_mut().zip(&other.sums) {
+            sum.merge(*other);
+        }
+        self.max_abs = self.max_abs.max(other.max_abs);
+        self.largest = self.largest.max(other.largest);
+        self.interior_pixels += other.interior_pixels;
+    }
+}
+
 /// Two images of the same size and placement.
 pub(crate) struct Pair<'a> {
     pub(crate) width: usize,
     pub(crate) height: usize,
-    ours: [&'a [f32]; 3],
-    reference: [&'a [f32]; 3],
+    pub(crate) ours: [&'a [f32]; 3],
+    pub(crate) reference: [&'a [f32]; 3],
 }
 
 impl<'a> Pair<'a> {
@@ -464,6 +518,62 @@ impl<'a> Pair<'a> {
         mean_absolute(self.reference)
     }
 
+    /// The indices of the pixels of a row.
+    fn row(&self, y: usize) -> Range<usize> {
+        y * self.width..(y + 1) * self.width
+    }
+
+    /// Whether both images have the same values in a range of pixels.
+    pub(crate) fn is_equal(&self, range: Range<usize>) -> bool {
+        let mut planes = self.ours.iter().zip(&self.reference);
+        planes.all(|(ours, reference)| ours[range.clone()] == reference[range.clone()])
+    }
+
+    /// The images must be finite.
+    fn row_totals(&self, y: usize, mean: f64, exclude: Option<&Mask>) -> Totals {
+        let mut totals = Totals::default();
+        let row = self.row(y);
+        let inside = |index: usize| exclude.is_none_or(|mask| !mask.as_slice()[index]);
+        totals.interior_pixels = row.clone().filter(|&index| inside(index)).count();
+        for plane in self.reference {
+            let largest = plane[row.clone()]
+                .iter()
+                .copied()
+                .fold(f32::NEG_INFINITY, f32::max);
+            totals.largest = totals.largest.max(f64::from(largest));
+        }
+        // Differences of 0 change no sum.
+        if self.is_equal(row.clone()) {
+            return totals;
+        }
+        for index in row {
+            let inside = inside(index);
+            for (ours, reference) in self.at(index) {
+                let difference = ours - reference;
+                let [absolute, square] = [difference.abs(), difference * difference];
+                let residual = if inside {
+                    relative_residual(ours, reference, mean)
+                } else {
+                    0.0
+                };
+                let terms = [
+                    square,
+                    square / (reference * reference + RELMSE_EPSILON),
+                    absolute,
+                    absolute / (reference.abs() + MAPE_EPSILON),
+                    2.0 * absolute / (ours.abs() + reference.abs() + MAPE_EPSILON),
+                    difference,
+                    residual * residual,
+                ];
+                for (sum, term) in totals.sums.iter_mut().zip(terms) {
+                    sum.add(term);
+                }
+                totals.max_abs = totals.max_abs.max(absolute);
+            }
+        }
+        totals
+    }
+
     /// Largest magnitude of the relative residual over the channels of a pixel.
     fn residual(&self, index: usize, mean: f64) -> f64 {
         self.at(index)
@@ -478,12 +588,10 @@ impl<'a> Pair<'a> {
     }
 
     fn not_finite(&self) -> NotFinite {
-        let count = |planes: [&[f32]; 3]| {
-            planes
-                .into_iter()
-                .flatten()
-                .filter(|value| !value.is_finite())
-                .count()
+        let count = |planes: [&[f32]; 3]| -> usize {
+            let of_part = |part: &[f32]| part.iter().filter(|value| !value.is_finite()).count();
+            let of_plane = |plane: &[f32]| plane.par_chunks(PART).map(of_part).sum::<usize>();
+            planes.into_iter().map(of_plane).sum()
         };
         NotFinite {
             ours: count(self.ours),
@@ -492,6 +600,10 @@ impl<'a> Pair<'a> {
     }
 
     pub(crate) fn check_finite(&self) -> Result<(), CompareError> {
+        let count = self.not_finite();
+        if count == NotFinite::default() {
+            return Ok(());
+        }
         let first = |planes: [&[f32]; 3]| {
             (0..self.pixels()).find(|&index| planes.iter().any(|plane| !plane[index].is_finite()))
         };
@@ -504,57 +616,80 @@ impl<'a> Pair<'a> {
                 x: index % self.width,
                 y: index / self.width,
             };
-            Err(CompareError::NotFinite {
-                count: self.not_finite(),
-                first,
-            })
+            Err(CompareError::NotFinite { count, first })
         })
     }
 
     fn over(&self, tolerance: Tolerance, mean: f64) -> Mask {
-        Mask::from_fn(self.width, self.height, |x, y| {
-            self.at(y * self.width + x).into_iter().any(|(ours, reference)| {
-                let allowed = tolerance.relative * reference.abs() + tolerance.absolute * mean;
-                let within = (ours - reference).abs() <= allowed;
-                // Two equal infinities are over as well, and a comparison with NaN is never within.
-                !(within && ours.is_finite() && reference.is_finite())
-            })
+        Mask::from_rows(self.width, self.height, |y, members| {
+            let row = self.row(y);
+            let is_finite = |plane: &[f32]| plane[row.clone()].iter().all(|value| value.is_finite());
+            if self.is_equal(row.clone()) && self.reference.into_iter().all(is_finite) {
+                return;
+            }
+            for (member, index) in members.iter_mut().zip(row) {
+                *member = self.at(index).into_iter().any(|(ours, reference)| {
+                    let allowed = tolerance.relative * reference.abs() + tolerance.absolute * mean;
+                    let within = (ours - reference).abs() <= allowed;
+                    // Two equal infinities are over as well, and a comparison with NaN is never
+                    // within.
+                    !(within && ours.is_finite() && reference.is_finite())
+                });
+            }
         })
     }
 
     /// The images must be finite.
     fn block_bias(&self, mean: f64, exclude: Option<&Mask>) -> Option<BlockBias> {
+        let rows: Vec<Option<BlockBias>> = (0..self.height.div_ceil(BLOCK))
+            .into_par_iter()
+            .map(|row| self.block_bias_of_row(row * BLOCK, mean, exclude))
+            .collect();
+        let larger = |worst: BlockBias, next: BlockBias| {
+            if next.bias.abs() > worst.bias.abs() {
+                next
+            } else {
+                worst
+            }
+        };
+        rows.into_iter().flatten().reduce(larger)
+    }
+
+    /// As [`Self::block_bias`], of the blocks whose first row is `y`.
+    fn block_bias_of_row(&self, y: usize, mean: f64, exclude: Option<&Mask>) -> Option<BlockBias> {
         let mut worst: Option<BlockBias> = None;
-        for y in (0..self.height).step_by(BLOCK) {
-            for x in (0..self.width).step_by(BLOCK) {
-                let mut sums = [Sum::default(); 3];
-                let mut pixels = 0;
-                for row in y..self.height.min(y + BLOCK) {
-                    for column in x..self.width.min(x + BLOCK) {
-                        let index = row * self.width + column;
-                        if exclude.is_some_and(|mask| mask.as_slice()[index]) {
-                            continue;
-                        }
-                        pixels += 1;
-                        for (sum, (ours, reference)) in sums.iter_mut().zip(self.at(index)) {
-                            sum.add(relative_residual(ours, reference, mean));
-                        }
-                    }
-                }
-                if pixels == 0 {
+        let rows = y..self.height.min(y + BLOCK);
+        for x in (0..self.width).step_by(BLOCK) {
+            let columns = x..self.width.min(x + BLOCK);
+            let in_row = |row: usize| row * self.width + columns.start..row * self.width + columns.end;
+            // No bias is not larger than any.
+            if worst.is_some() && rows.clone().all(|row| self.is_equal(in_row(row))) {
+                continue;
+            }
+            let mut sums = [Sum::default(); 3];
+            let mut pixels = 0;
+            for index in rows.clone().flat_map(in_row) {
+                if exclude.is_some_and(|mask| mask.as_slice()[index]) {
                     continue;
                 }
-                for (channel, sum) in RGB.into_iter().zip(sums) {
-                    let bias = sum.total() / pixels as f64;
-                    if worst.is_none_or(|worst| bias.abs() > worst.bias.abs()) {
-                        worst = Some(BlockBias {
-                            bias,
-                            channel,
-                            x,
-                            y,
-                            pixels,
-                        });
-                    }
+                pixels += 1;
+                for (sum, (ours, reference)) in sums.iter_mut().zip(self.at(index)) {
+                    sum.add(relative_residual(ours, reference, mean));
+                }
+            }
+            if pixels == 0 {
+                continue;
+            }
+            for (channel, sum) in RGB.into_iter().zip(sums) {
+                let bias = sum.total() / pixels as f64;
+                if worst.is_none_or(|worst| bias.abs() > worst.bias.abs()) {
+                    worst = Some(BlockBias {
+                        bias,
+                        channel,
+                        x,
+                        y,
+                        pixels,
+                    });
                 }
             }
         }

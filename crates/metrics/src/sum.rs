@@ -25,6 +25,13 @@ impl Sum {
         self.sum = next;
     }
 
+    /// Adds the terms of another sum.
+    #[inline]
+    pub fn merge(&mut self, other: Self) {
+        self.add(other.sum);
+        self.add(other.compensation);
+    }
+
     /// The sum so far.
     #[must_use]
     pub fn total(&self) -> f64 {
@@ -60,6 +67,14 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn parts_do_not_matter(terms in prop::collection::vec(0.0..1e6f64, 1..400), size in 1..50usize) {
+            let whole = terms.iter().copied().collect::<Sum>().total();
+            let mut sum = Sum::default();
+            terms.chunks(size).for_each(|part| sum.merge(part.iter().copied().collect()));
+            prop_assert!((whole - sum.total()).abs() <= whole * f64::EPSILON);
+        }
+
         #[test]
         fn order_does_not_matter(mut terms in prop::collection::vec(0.0..1e6f64, 1..400)) {
             let forward = terms.iter().copied().collect::<Sum>().total();

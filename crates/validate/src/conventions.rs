@@ -234,6 +234,17 @@ pub fn find(
             stage(&format!("examining {name}"));
             let found = examine(&lab, &probe, &choices, &image, &film)?;
             result.errors.push((name, found.fit.error));
+            if found.fit.error > UNDERSTOOD {
+                // Any hypothesis is better than another one by chance.
+                result.findings.push(Finding {
+                    convention: "unexplained",
+                    sentence: format!("the image of {name} differs, and no tried hypothesis explains it"),
+                    error: found.fit.error,
+                    error_without: found.fit.error,
+                    key: None,
+                });
+                return Ok(());
+            }
             result.findings.extend(found.findings);
             if probe.folder == "spot" && found.picked.iter().all(Option::is_none) {
                 let finding = units("a spot", &found.fit, &film);

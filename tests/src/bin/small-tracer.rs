@@ -273,12 +273,19 @@ impl Scene {
                     let cone = (kind == "spot").then(|| {
                         let cutoff = get(&light, "cutoff_angle", number, 20.0);
                         let beam = get(&light, "beam_width", number, 0.75 * cutoff);
-                        let beam = if scene.faults.has("hard-spot") {
-                            cutoff
-                        } else {
-                            beam
+                        let faults = &scene.faults;
+                        let [cutoff, beam] = match () {
+                            () if faults.has("hard-spot") => [cutoff, cutoff],
+                            () if faults.has("beam-is-cutoff") => [beam, beam],
+                            () if faults.has("no-beam") => [cutoff, 0.0],
+                            () if faults.has("default-beam") => [cutoff, 0.75 * cutoff],
+                            () => [cutoff, beam],
                         };
-                        let whole = if scene.faults.has("whole-spot") { 0.5 } else { 1.0 };
+                        let whole = match () {
+                            () if faults.has("whole-spot") => 0.5,
+                            () if faults.has("double-spot") => 2.0,
+                            () => 1.0,
+                        };
                         let axis = unit(from(place, vector(&light["target"])));
                         (axis, [cutoff, beam].map(|angle| whole * angle.to_radians()))
                     });
@@ -288,7 +295,8 @@ impl Scene {
                         place,
                         power: scaled(get(&light, "intensity", vector, [1.0; 3]), lumen),
                         falls_off: text(&light, "falloff", "inverse_square") != "none"
-                            && !(kind == "point" && scene.faults.has("no-falloff")),
+                            && !(kind == "point" && scene.faults.has("no-falloff"))
+                            && !(kind == "spot" && scene.faults.has("spot-no-falloff")),
                     });
                 }
                 "directional" => {
@@ -486,6 +494,12 @@ impl Scene {
             let angle = (-dot(toward, axis)).clamp(-1.0, 1.0).acos();
             match angle <= beam {
                 true => 1.0,
+                // As in glTF; by a sixth power, which is no hypothesis.
+                false if self.faults.has("cosine-spot") || self.faults.has("steep-spot") => {
+                    let from_edge = (angle.cos() - cutoff.cos()) / (beam.cos() - cutoff.cos());
+                    let power = if self.faults.has("cosine-spot") { 2 } else { 6 };
+                    from_edge.clamp(0.0, 1.0).powi(power)
+                }
                 false => ((cutoff - angle) / (cutoff - beam)).clamp(0.0, 1.0),
             }
         });

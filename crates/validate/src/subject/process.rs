@@ -157,6 +157,11 @@ pub(crate) fn run(
     let drain = Drain::start(&mut family.child);
     let ended = wait(&mut family, limits, start);
     let seconds = start.elapsed().as_secs_f64();
+    // Ending the group at once keeps a command that starts processes without end from starting
+    // more.
+    if !matches!(ended, Ok(Ended::Itself(_))) {
+        family.kill_group();
+    }
     let left_over = family.end();
     let output = drain.finish();
     match ended {

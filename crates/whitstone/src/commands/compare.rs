@@ -142,8 +142,7 @@ pub struct Arguments {
     /// Tolerance of a pixel, as a fraction of the mean of the reference
     #[arg(long, value_name = "ABSOLUTE", default_value_t = Tolerance::default().absolute, value_parser = at_least_0)]
     absolute: f64,
-    /// Also compute the visible difference (FLIP), over exposures and at exposure 0; takes seconds
-    /// per megapixel
+    /// Also compute the visible difference (FLIP), over exposures and at exposure 0
     #[arg(long)]
     flip: bool,
     /// Maximum mean of FLIP over exposures, 0 to 1
@@ -452,8 +451,8 @@ impl Files {
         &self.references[0]
     }
 
-    /// Compares with the first reference that passes; if none does, with the one that has the
-    /// fewest pixels over tolerance.
+    /// Compares with the first reference that passes; if none does, with the one that breaks the
+    /// fewest limits, and of these with the one that has the fewest pixels over tolerance.
     fn compare(&self, arguments: &Arguments) -> Result<Compared, Failure> {
         let mut best: Option<Compared> = None;
         for reference in &self.references {
@@ -463,7 +462,7 @@ impl Files {
             }
             if best
                 .as_ref()
-                .is_none_or(|best| found.comparison.over < best.comparison.over)
+                .is_none_or(|best| found.comparison.distance() < best.comparison.distance())
             {
                 best = Some(found);
             }
@@ -473,7 +472,8 @@ impl Files {
 
     fn compare_with(&self, arguments: &Arguments, reference: &Path) -> Result<Compared, Failure> {
         let read = |path: &Path| input::read(path, arguments.layer.as_deref(), arguments.transfer);
-        let mut inputs = [read(&self.ours)?, read(reference)?];
+        let (ours, of_reference) = rayon::join(|| read(&self.ours), || read(reference));
+        let mut inputs = [ours?, of_reference?];
         if let Some([least, most]) = &self.range {
             input::widen(&mut inputs, [least, most]).map_err(Failure::usage)?;
         }
@@ -482,7 +482,8 @@ impl Files {
         }
         let codes =
             input::codes(&inputs[0], &inputs[1], arguments.max_code_difference).map_err(Failure::usage)?;
-        let images = inputs.map(|input| input.image);
+        let [ours, of_reference] = inputs;
+        let images: [Image; 2] = rayon::join(|| ours.linear(), || of_reference.linear()).into();
         let variants = match Ranges::of(&images[1]).map_err(Failure::usage)? {
             Some(_) => read_variants(&variants_of(reference)).map_err(Failure::usage)?,
             None => Variants::default(),

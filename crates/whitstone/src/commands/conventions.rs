@@ -12,12 +12,12 @@ use whitstone_validate::{Subject, counted};
 
 /// Find the conventions by which another renderer differs from the model
 ///
-/// The subject renders six small probe scenes. The images are compared with those of the model
+/// The subject renders eight small probe scenes. The images are compared with those of the model
 /// under hypotheses: other sample positions and filters, reversed rows and columns, a vertical
-/// field of view, other light units and transfer functions, other texture coordinates, indices of
-/// refraction, near clips, and starts of shadow rays. Each difference is reported with the error of
-/// the image with and without it, and with the key of the subject's table that states it. A probe
-/// that the subject cannot render is skipped, with the reason.
+/// field of view, other light units, spots and transfer functions, other texture coordinates,
+/// indices of refraction, near and far clips, and starts of shadow rays. Each difference is
+/// reported with the error of the image with and without it, and with the key of the subject's
+/// table that states it. A probe that the subject cannot render is skipped, with the reason.
 ///
 /// Differences are relative to the table: a table that states all conventions has no findings. Exit
 /// code 0 whether or not there are findings, 2 for a wrong command line or table, 3 if the subject

@@ -21,7 +21,7 @@ pub(super) fn acceptable(ours: &Path, reference: &Path) -> Result<Vec<u8>, Failu
     if extension(ours) != extension(reference) {
         return Err(refused(format!("{} has another extension", reference.display())));
     }
-    let image = input::read(ours, None, Transfer::Linear)?.image;
+    let image = input::read(ours, None, Transfer::Linear)?.linear();
     // Layers such as depth may be infinite.
     let colors = image.channels().filter(|(name, _)| RGB.contains(name));
     let not_finite = colors
@@ -59,5 +59,5 @@ pub(super) fn write(reference: &Path, bytes: &[u8]) -> Result<Vec<PathBuf>, Fail
 /// Whether a reference records the values that it takes under variations.
 fn has_variation(reference: &Path) -> bool {
     let image = input::read(reference, None, Transfer::Linear);
-    image.is_ok_and(|found| Ranges::of(&found.image).is_ok_and(|ranges| ranges.is_some()))
+    image.is_ok_and(|found| Ranges::of(&found.linear()).is_ok_and(|ranges| ranges.is_some()))
 }

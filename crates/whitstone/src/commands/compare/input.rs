@@ -1,43 +1,45 @@
 //! Reads the images of a comparison.
 
 use crate::terminal::Failure;
+use rayon::prelude::*;
 use std::path::Path;
 use whitstone_image::planes::RGB;
-use whitstone_image::{Codes, Image, Limits, Transfer, picture};
+use whitstone_image::{Codes, Image, Limits, Picture, Transfer, picture};
 use whitstone_metrics::Mask;
 
 /// An image of a comparison.
 pub(super) struct Input {
-    /// Its values, linear.
-    pub(super) image: Image,
-    /// For a file with codes: these, and their kind.
-    codes: Option<(Image, Codes)>,
-    /// How its numbers were decoded.
-    decode: Transfer,
+    /// Its values, or the codes of a file that has some, normalised.
+    image: Image,
+    /// The numbers of the file.
+    codes: Codes,
+    /// How the numbers represent light.
+    transfer: Transfer,
+}
+
+impl Input {
+    /// The linear values.
+    pub(super) fn linear(mut self) -> Image {
+        self.transfer.apply(&mut self.image);
+        self.image
+    }
 }
 
 /// Reads an image. `layer` names the channels of an EXR file that are its colours; codes are
 /// decoded by `transfer`.
 pub(super) fn read(path: &Path, layer: Option<&str>, transfer: Transfer) -> Result<Input, Failure> {
-    let read = picture::read(path, Limits::IMAGE).map_err(Failure::usage)?;
-    let mut image = read.image;
+    let Picture { mut image, codes } = picture::read(path, Limits::IMAGE).map_err(Failure::usage)?;
     if let Some(layer) = layer {
         choose(&mut image, layer)
             .map_err(|problem| Failure::usage(format!("{}: {problem}", path.display())))?;
     }
-    if read.codes == Codes::Float {
-        return Ok(Input {
-            image,
-            codes: None,
-            decode: Transfer::Linear,
-        });
-    }
-    let codes = image.clone();
-    transfer.apply(&mut image);
     Ok(Input {
         image,
-        codes: Some((codes, read.codes)),
-        decode: transfer,
+        codes,
+        transfer: match codes {
+            Codes::Float => Transfer::Linear,
+            Codes::Bits8 | Codes::Bits16 => transfer,
+        },
     })
 }
 
@@ -92,21 +94,18 @@ pub(super) fn hide(inputs: &mut [Input; 2], mask: &Path) -> Result<(), String> {
         // The sizes are reported by the comparison.
         return Ok(());
     }
-    let codes = ours.codes.as_mut().zip(reference.codes.as_mut());
-    let codes = codes.map(|((ours, _), (reference, _))| (ours, reference));
-    for (ours, reference) in [(&mut ours.image, &mut reference.image)].into_iter().chain(codes) {
-        let names: Vec<String> = reference.channels().map(|(name, _)| name.to_owned()).collect();
-        for name in &names {
-            let (Some(ours), Some(reference)) = (ours.channel_mut(name), reference.channel_mut(name)) else {
-                continue;
-            };
-            let is_color = RGB.contains(&name.as_str());
-            for &index in &hidden {
-                if is_color && !reference[index].is_finite() || reference[index].is_nan() {
-                    reference[index] = 0.0;
-                }
-                ours[index] = reference[index];
+    let (ours, reference) = (&mut ours.image, &mut reference.image);
+    let names: Vec<String> = reference.channels().map(|(name, _)| name.to_owned()).collect();
+    for name in &names {
+        let (Some(ours), Some(reference)) = (ours.channel_mut(name), reference.channel_mut(name)) else {
+            continue;
+        };
+        let is_color = RGB.contains(&name.as_str());
+        for &index in &hidden {
+            if is_color && !reference[index].is_finite() || reference[index].is_nan() {
+                reference[index] = 0.0;
             }
+            ours[index] = reference[index];
         }
     }
     Ok(())
@@ -121,10 +120,9 @@ pub(super) fn widen(inputs: &mut [Input; 2], range: [&Path; 2]) -> Result<(), St
     });
     let (least, most) = (least?, most?);
     let [ours, reference] = inputs;
-    let kind = |input: &Input| input.codes.as_ref().map_or(Codes::Float, |(_, kind)| *kind);
     for (path, read) in [&least, &most] {
         let of = |image: &Image| [image.width(), image.height()];
-        if of(&read.image) != of(&reference.image) || read.codes != kind(reference) {
+        if of(&read.image) != of(&reference.image) || read.codes != reference.codes {
             return Err(format!(
                 "{}: a range needs an image of the size and kind of the reference",
                 path.display()
@@ -135,44 +133,31 @@ pub(super) fn widen(inputs: &mut [Input; 2], range: [&Path; 2]) -> Result<(), St
         // The sizes are reported by the comparison.
         return Ok(());
     }
-    let decode = reference.decode;
-    let codes = ours.codes.as_ref().zip(reference.codes.as_mut());
-    let codes = codes.map(|((ours, _), (reference, _))| (ours, reference, Transfer::Linear));
-    for (ours, reference, decode) in [(&ours.image, &mut reference.image, decode)]
-        .into_iter()
-        .chain(codes)
-    {
-        for name in RGB {
-            let channel = |read: &'_ picture::Picture| -> Result<Vec<f32>, String> {
-                let plane = read
-                    .image
-                    .channel(name)
-                    .ok_or_else(|| format!("the range has no channel {name}"))?;
-                Ok(plane
-                    .iter()
-                    .map(|value| decode.decode(f64::from(*value)) as f32)
-                    .collect())
-            };
-            let (low, high) = (channel(&least.1)?, channel(&most.1)?);
-            let (Some(ours), Some(plane)) = (ours.channel(name), reference.channel_mut(name)) else {
-                continue;
-            };
-            let width = least.1.image.width();
-            for (index, value) in plane.iter_mut().enumerate() {
-                let (low, high) = (low[index], high[index]);
-                if low > high || low.is_nan() || high.is_nan() {
-                    return Err(format!(
-                        "{} is not above {} in channel {name} of pixel ({}, {})",
-                        most.0.display(),
-                        least.0.display(),
-                        index % width,
-                        index / width
-                    ));
-                }
-                // The comparison reports values that are not finite.
-                if ours[index].is_finite() && value.is_finite() {
-                    *value = ours[index].clamp(low.min(*value), high.max(*value));
-                }
+    // Decoding keeps the order of codes.
+    for name in RGB {
+        let channel = |read: &'_ Picture| {
+            let plane = read.image.channel(name).map(<[f32]>::to_vec);
+            plane.ok_or_else(|| format!("the range has no channel {name}"))
+        };
+        let (low, high) = (channel(&least.1)?, channel(&most.1)?);
+        let (Some(ours), Some(plane)) = (ours.image.channel(name), reference.image.channel_mut(name)) else {
+            continue;
+        };
+        let width = least.1.image.width();
+        for (index, value) in plane.iter_mut().enumerate() {
+            let (low, high) = (low[index], high[index]);
+            if low > high || low.is_nan() || high.is_nan() {
+                return Err(format!(
+                    "{} is not above {} in channel {name} of pixel ({}, {})",
+                    most.0.display(),
+                    least.0.display(),
+                    index % width,
+                    index / width
+                ));
+            }
+            // The comparison reports values that are not finite.
+            if ours[index].is_finite() && value.is_finite() {
+                *value = ours[index].clamp(low.min(*value), high.max(*value));
             }
         }
     }
@@ -192,68 +177,96 @@ pub(super) struct CodeDifference {
     pub(super) largest: u32,
     #[serde(skip)]
     pub(super) mask: Mask,
-    /// The largest difference of the codes of each pixel, from 0 to 1.
+    /// The largest difference of the codes of each pixel.
     #[serde(skip)]
-    pub(super) differences: Vec<f64>,
+    differences: Vec<u16>,
+    /// The last code.
+    #[serde(skip)]
+    last: f64,
+}
+
+impl CodeDifference {
+    /// The largest difference of the codes of each pixel, from 0 to 1.
+    pub(super) fn normalised(&self) -> impl Iterator<Item = f64> {
+        self.differences.iter().map(|code| f64::from(*code) / self.last)
+    }
 }
 
 /// Compares the codes of two images exactly; `None` if both have floating-point numbers. Codes that
 /// differ by at most `limit` count as equal.
 pub(super) fn codes(ours: &Input, reference: &Input, limit: u32) -> Result<Option<CodeDifference>, String> {
-    let ((ours, kind), (reference, other)) = match (&ours.codes, &reference.codes) {
-        (None, None) => return Ok(None),
-        (Some(ours), Some(reference)) => (ours, reference),
-        (Some((_, kind)), None) => {
+    match (ours.codes, reference.codes) {
+        (Codes::Float, Codes::Float) => return Ok(None),
+        (kind, Codes::Float) => {
             return Err(mixed(
                 "ours has",
-                *kind,
+                kind,
                 "the reference has floating-point numbers",
             ));
         }
-        (None, Some((_, kind))) => {
+        (Codes::Float, kind) => {
             return Err(mixed(
                 "the reference has",
-                *kind,
+                kind,
                 "ours has floating-point numbers",
             ));
         }
-    };
-    if kind != other {
-        return Err(format!("ours has {kind}, and the reference has {other}"));
+        (ours, reference) if ours != reference => {
+            return Err(format!("ours has {ours}, and the reference has {reference}"));
+        }
+        _ => {}
     }
-    let last = if *kind == Codes::Bits8 { 255.0 } else { 65535.0 };
-    let planes = |image: &Image| -> Vec<Vec<u32>> {
-        let code = |value: &f32| (f64::from(*value) * last).round() as u32;
-        let found = ["R", "G", "B", "A"]
-            .into_iter()
-            .filter_map(|name| image.channel(name));
-        found.map(|plane| plane.iter().map(code).collect()).collect()
+    let last = if ours.codes == Codes::Bits8 {
+        255.0
+    } else {
+        65535.0
     };
-    let (mine, theirs) = (planes(ours), planes(reference));
+    let names = ["R", "G", "B", "A"];
+    let [mine, theirs] = [ours, reference].map(|input| -> Vec<&[f32]> {
+        names
+            .into_iter()
+            .filter_map(|name| input.image.channel(name))
+            .collect()
+    });
     if mine.len() != theirs.len() {
         return Err("only one of the images has alpha".to_owned());
     }
-    if (ours.width(), ours.height()) != (reference.width(), reference.height()) {
+    let [width, height] = [ours.image.width(), ours.image.height()];
+    if [width, height] != [reference.image.width(), reference.image.height()] {
         // The sizes are reported by the comparison.
         return Ok(None);
     }
-    let width = ours.width();
-    let largest_at = |index: usize| {
-        let channels = mine.iter().zip(&theirs);
-        channels
-            .map(|(a, b)| a[index].abs_diff(b[index]))
-            .max()
-            .unwrap_or(0)
-    };
-    let differences: Vec<u32> = (0..ours.pixel_count()).map(largest_at).collect();
-    let mask = Mask::from_fn(width, ours.height(), |x, y| differences[y * width + x] > limit);
+    let code = |value: f32| (value * last + 0.5) as u16;
+    let mut differences = vec![0; width * height];
+    differences
+        .par_chunks_mut(width)
+        .enumerate()
+        .for_each(|(y, out)| {
+            let row = y * width..(y + 1) * width;
+            for (mine, theirs) in mine.iter().zip(&theirs) {
+                let (mine, theirs) = (&mine[row.clone()], &theirs[row.clone()]);
+                if mine != theirs {
+                    for ((out, mine), theirs) in out.iter_mut().zip(mine).zip(theirs) {
+                        *out = (*out).max(code(*mine).abs_diff(code(*theirs)));
+                    }
+                }
+            }
+        });
+    let mask = Mask::from_rows(width, height, |y, flags| {
+        let row = &differences[y * width..];
+        flags
+            .iter_mut()
+            .zip(row)
+            .for_each(|(flag, code)| *flag = u32::from(*code) > limit);
+    });
     Ok(Some(CodeDifference {
-        kind: kind.to_string(),
+        kind: ours.codes.to_string(),
         pixels: mask.count(),
         differing: differences.iter().filter(|difference| **difference > 0).count(),
-        largest: differences.iter().copied().max().unwrap_or(0),
+        largest: differences.iter().copied().max().map_or(0, u32::from),
         mask,
-        differences: differences.iter().map(|code| f64::from(*code) / last).collect(),
+        differences,
+        last: f64::from(last),
     }))
 }
 
@@ -268,9 +281,9 @@ mod tests {
     fn input(values: &[[f32; 3]], codes: Option<Codes>) -> Input {
         let image = Image::from_rgb(values.len(), 1, values).unwrap();
         Input {
-            codes: codes.map(|codes| (image.clone(), codes)),
             image,
-            decode: Transfer::Linear,
+            codes: codes.unwrap_or(Codes::Float),
+            transfer: Transfer::Linear,
         }
     }
 

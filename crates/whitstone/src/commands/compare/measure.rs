@@ -114,8 +114,10 @@ pub(super) fn measure(
         [] => None,
         layers => Some(edges(ours, reference, layers).map_err(Failure::usage)?),
     };
-    let over = metrics::over_tolerance(ours, reference, tolerance).map_err(Failure::usage)?;
-    let over = codes.as_ref().map_or(over, |codes| codes.mask.clone());
+    let over = match &codes {
+        Some(codes) => codes.mask.clone(),
+        None => metrics::over_tolerance(ours, reference, tolerance).map_err(Failure::usage)?,
+    };
     let (explained, ambiguous) = explain(ours, reference, variants, &over, tolerance)?.unzip();
     let combined = |mask: &Mask, other: &Mask, member: fn(bool, bool) -> bool| {
         Mask::from_fn(ours.width(), ours.height(), |x, y| {
@@ -177,15 +179,6 @@ pub(super) fn measure(
             "--significance needs layers variance.R, variance.G, variance.B, or m2.R, m2.G, m2.B, in one of the images",
         ));
     }
-    let is_explained = |index: usize| {
-        let of = |mask: &Mask| mask.contains(index % ours.width(), index / ours.width());
-        explained.as_ref().is_some_and(of)
-    };
-    let differences: Vec<f64> = largest_differences(ours, reference, codes.as_ref())?
-        .into_iter()
-        .enumerate()
-        .map(|(index, difference)| if is_explained(index) { 0.0 } else { difference })
-        .collect();
     let worst = metrics::worst(ours, reference, arguments.worst, Some(&over)).map_err(Failure::usage)?;
     let mut comparison = Comparison {
         not_finite,
@@ -207,7 +200,12 @@ pub(super) fn measure(
         warnings: Vec::new(),
     };
     comparison.broken = comparison.broken_limits(arguments);
-    if finite {
+    if finite && arguments.thresholds.is_any() {
+        let differences = largest_differences(ours, reference, comparison.codes.as_ref())?;
+        let is_explained = |index: usize| explained.as_ref().is_some_and(|mask| mask.as_slice()[index]);
+        let differences: Vec<f64> = (differences.into_iter().enumerate())
+            .map(|(index, difference)| if is_explained(index) { 0.0 } else { difference })
+            .collect();
         let [broken, warnings] = arguments.thresholds.check(&differences);
         comparison.broken.extend(broken);
         comparison.warnings = warnings;
@@ -222,7 +220,7 @@ fn largest_differences(
     codes: Option<&CodeDifference>,
 ) -> Result<Vec<f64>, Failure> {
     if let Some(codes) = codes {
-        return Ok(codes.differences.clone());
+        return Ok(codes.normalised().collect());
     }
     let (ours, reference) = (
         ours.rgb().map_err(Failure::usage)?,
@@ -243,6 +241,13 @@ impl Comparison {
             true => Exit::Pass,
             false => Exit::Differs,
         }
+    }
+
+    /// How far the comparison is from passing, to choose among several references: the number of
+    /// limits that are exceeded, then the pixels over tolerance and those of other channels.
+    pub(super) fn distance(&self) -> (usize, usize) {
+        let of_channels: usize = self.channels.iter().map(|channel| channel.pixels).sum();
+        (self.broken.len(), self.over + of_channels)
     }
 
     fn broken_limits(&self, arguments: &Arguments) -> Vec<String> {

@@ -58,7 +58,7 @@ pub(super) fn details(
     }
     let read = |path: &Path| {
         let read = input::read(path, arguments.layer.as_deref(), arguments.transfer);
-        read.ok().map(|input| input.image)
+        read.ok().map(input::Input::linear)
     };
     let images = [read(&files.ours), read(files.reference())];
     review_details(&ReviewDetails {

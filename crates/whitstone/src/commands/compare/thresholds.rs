@@ -74,6 +74,11 @@ impl Thresholds {
         self.fail.is_some() || self.failpercent.is_some() || self.hardfail.is_some()
     }
 
+    /// Whether there is any limit.
+    pub(super) fn is_any(&self) -> bool {
+        self.can_fail() || self.warn.is_some() || self.warnpercent.is_some() || self.hardwarn.is_some()
+    }
+
     /// The limits that the largest differences of the pixels exceed: those that fail, and those
     /// that warn.
     pub(super) fn check(&self, differences: &[f64]) -> [Vec<String>; 2] {

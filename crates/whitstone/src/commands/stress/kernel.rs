@@ -25,8 +25,15 @@ pub(super) fn run(
     let stage = |text: &str| set_message(&bar, text);
     let limit = Duration::from_secs(arguments.time_limit);
     let folder = arguments.target.folder().join("kernel");
+    // The kernel has a process group of its own, which a signal to this process does not reach.
+    let watching = interrupt::Watching::new();
     let reports = judge_kernel(&lab, command, limit, interrupt::stop(), &folder, rays, &stage);
+    drop(watching);
     bar.finish_and_clear();
+    if let Some(signal) = interrupt::signal() {
+        let kept = "the kernel was stopped".to_owned();
+        return Err(Failure::Interrupted { signal, kept });
+    }
     let reports = reports.map_err(Failure::environment)?;
     print(&reports);
     if let Some(path) = &arguments.json {
