@@ -53,10 +53,16 @@ fn a_kernel_does_not_outlive_the_command() {
     let target = folder.path().display().to_string();
     let script = format!("echo $$ > {}; exec sleep 300", file.display());
     let arguments = ["stress", "--target", &target, "--kernel", "sh", "-c", &script];
-    let (output, _) = interrupt(start(&arguments), &["-TERM"]);
+    let child = start(&arguments);
+    let read = || fs::read_to_string(&file).unwrap_or_default();
+    let end = Instant::now() + Duration::from_secs(60);
+    while read().is_empty() && Instant::now() < end {
+        thread::sleep(Duration::from_millis(50));
+    }
+    let (output, _) = interrupt(child, &["-TERM"]);
     let text = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(143), "{text}");
-    let process = fs::read_to_string(file).unwrap();
+    let process = read();
     let mut alive = Command::new("kill");
     alive.args(["-0", process.trim()]).stderr(Stdio::null());
     assert!(!alive.status().unwrap().success(), "the kernel still runs");

@@ -44,12 +44,12 @@ pub(crate) fn section(registry: &Registry) -> Result<String, Failure> {
          Images of {SIDE} x {SIDE} texels by the texture [`synthesized`](plugins/textures/synthesized.md) from\n\
          `{SAMPLE}`, which has 48 x 48. *Histogram* is the earth mover's distance of the histograms of\n\
          image and sample, in 8-bit codes, the mean of the channels. *Edges* is the mean difference of\n\
-         adjacent texels, as a part of that of the sample. *Energy* is that of Kwatra et al. 2005: for all\n\
-         neighbourhoods of 8 x 8 or 16 x 16 texels, the error to the nearest piece of the sample to the\n\
-         power of 0.8, per texel; seams and blur raise it. The quilt is made of pieces of the sample, so its\n\
-         histogram is close, but its seams show. Plain least squares with one size of neighbourhoods blur,\n\
-         and change the histogram. Several sizes at three resolutions keep it, and robust weights lower\n\
-         the energy further.\n\n\
+         adjacent texels, as a part of that of the sample. *Energy* is that of Kwatra et al. 2005, for\n\
+         neighbourhoods of 8 x 8 or 16 x 16 texels a quarter of a side apart: the error to the nearest piece\n\
+         of the sample to the power of 0.8, per texel; seams and blur raise it. The quilt is made of pieces\n\
+         of the sample, so its histogram is close, but its seams show. Plain least squares with one size of\n\
+         neighbourhoods blur, and change the histogram. Several sizes at three resolutions keep it, and\n\
+         robust weights lower the energy further.\n\n\
          | choice | histogram | edges | energy, 8 x 8 | energy, 16 x 16 |\n|---|---|---|---|---|\n"
     );
     for (name, optimize) in CHOICES {

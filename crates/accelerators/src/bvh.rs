@@ -101,7 +101,7 @@ pub enum Quality {
 /// The `bvh` accelerator; see the module documentation.
 pub struct Bvh {
     hierarchy: Hierarchy,
-    /// Boxes that frusta of tiles are tested against, if they are.
+    /// Boxes for the test of tiles; `None` if it is off or a shape is unbounded.
     proxies: Option<Proxies>,
     statistics: Statistics,
 }

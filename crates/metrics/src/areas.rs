@@ -86,7 +86,7 @@ mod tests {
         assert_eq!(largest(&Mask::new(4, 4)), None);
     }
 
-    /// Runs are the same as single pixels.
+    /// Filling by runs finds the same areas as filling by pixels.
     #[test]
     fn areas_are_those_of_single_pixels() {
         let (width, height) = (23, 17);

@@ -1,9 +1,9 @@
 //! Numbers between an image and its reference.
 //!
 //! Everything is computed in `f64` over the channels R, G, B with compensated sums, in one fixed
-//! order: the rows are summed in parallel, and then added from top to bottom. With `d = ours -
-//! reference` at one channel of one pixel, `N` = 3 * pixels, and `mean_reference` = (1/N) * sum
-//! |reference|:
+//! order: rows, or parts of 2^14 values, are summed in parallel and then added in order. With `d =
+//! ours - reference` at one channel of one pixel, `N` = 3 * pixels, and `mean_reference` = (1/N) *
+//! sum |reference|:
 //!
 //! | name | definition |
 //! |---|---|

@@ -2,7 +2,8 @@
 //!
 //! The image depends on them, so that they belong to the hash of a scene. This crate has no parser
 //! of glTF, which programs without meshes do not need: the values of all keys `uri` are found in
-//! the text. One that no file has adds nothing.
+//! the text. A value that names no
+//! file does not change the hash.
 
 use std::fs::File;
 use std::io::Read;
@@ -59,7 +60,15 @@ fn uris(text: &str) -> impl Iterator<Item = PathBuf> {
         {
             return None;
         }
-        let path = PathBuf::from(decoded(value)?);
+        let uri = decoded(value)?;
+        // A scheme is letters before a colon that comes before any slash.
+        let has_scheme = uri
+            .split_once(':')
+            .is_some_and(|(scheme, _)| !scheme.contains('/'));
+        if has_scheme {
+            return None;
+        }
+        let path = PathBuf::from(uri);
         let inside = |part| matches!(part, Component::Normal(_) | Component::CurDir);
         path.components().all(inside).then_some(path)
     })
@@ -69,21 +78,38 @@ fn uris(text: &str) -> impl Iterator<Item = PathBuf> {
 fn decoded(value: &str) -> Option<String> {
     let mut bytes = Vec::new();
     let mut rest = value.bytes();
+    // The first half of a character beyond 16 bits, which two escapes write (RFC 8259, section 7).
+    let mut high = None;
     loop {
         let byte = match rest.next()? {
             b'"' => return String::from_utf8(bytes).ok(),
             b'\\' => match rest.next()? {
                 escaped @ (b'/' | b'\\' | b'"') => escaped,
+                b'u' => {
+                    let unit = digits(&mut rest, 4)? as u16;
+                    if (0xd800..0xdc00).contains(&unit) {
+                        high = Some(unit);
+                        continue;
+                    }
+                    let units = high.take().into_iter().chain([unit]);
+                    let character = char::decode_utf16(units).next()?.ok()?;
+                    bytes.extend_from_slice(character.encode_utf8(&mut [0; 4]).as_bytes());
+                    continue;
+                }
                 _ => return None,
             },
-            b'%' => {
-                let mut digit = || char::from(rest.next()?).to_digit(16);
-                u8::try_from(16 * digit()? + digit()?).ok()?
-            }
+            b'%' => u8::try_from(digits(&mut rest, 2)?).ok()?,
             plain => plain,
         };
         bytes.push(byte);
     }
+}
+
+/// A hexadecimal number of `count` digits.
+fn digits(rest: &mut std::str::Bytes<'_>, count: usize) -> Option<u32> {
+    (0..count).try_fold(0, |number, _| {
+        Some(16 * number + char::from(rest.next()?).to_digit(16)?)
+    })
 }
 
 #[cfg(test)]
@@ -92,13 +118,15 @@ mod tests {
 
     const TEXT: &str = r#"{ "buffers": [
         { "uri": "a%20b.bin" }, { "uri" : "data:application/octet-stream;base64,AAAA" },
-        { "uri": "\/etc\/passwd" }, { "uri": "../up.bin" }, { "byteLength": 4 }
+        { "uri": "\/etc\/passwd" }, { "uri": "../up.bin" }, { "byteLength": 4 },
+        { "uri": "http://example.org/a.bin" }, { "uri": "b\u00fcro\ud83d\ude00.bin" }
     ], "images": [{ "uri":"textures\/wood.png" }] }"#;
 
     #[test]
     fn files_of_a_gltf_file_are_found() {
         let folder = tempfile::tempdir().unwrap();
-        let expected = ["a b.bin", "textures/wood.png"].map(|name| folder.path().join(name));
+        let expected =
+            ["a b.bin", "b\u{fc}ro\u{1f600}.bin", "textures/wood.png"].map(|name| folder.path().join(name));
         let plain = folder.path().join("mesh.gltf");
         std::fs::write(&plain, TEXT).unwrap();
         assert_eq!(companions(&plain), expected);

@@ -343,7 +343,7 @@ pub struct Flattened {
     /// Hash of everything that the image depends on: the document without `accelerator` and
     /// `expect`, and the bytes of every file that it or a glTF file of a mesh names.
     pub hash: String,
-    /// The named files, relative to the working folder.
+    /// The named files, and those that a glTF file of a mesh names, relative to the working folder.
     pub files: Vec<PathBuf>,
 }
 

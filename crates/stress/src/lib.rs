@@ -94,7 +94,7 @@ impl Engine {
         matches!(self, Self::Embree | Self::EmbreeNotRobust | Self::Obvhs)
     }
 
-    /// The digits of its numbers, from few to many.
+    /// Binary digits of the significand of its numbers.
     fn digits(self) -> u32 {
         match self {
             Self::Mitsuba
@@ -160,13 +160,13 @@ pub const WORSE: f64 = 4.0;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Limit {
-    /// Its numbers are too coarse: the answers are as good as their format can hold, or longer
-    /// numbers alone make the textbook formula usable.
+    /// Its numbers are too coarse: the answers are as good as their format can hold, or a higher
+    /// precision alone makes the textbook formula usable.
     Format,
     /// The question is ill-conditioned: the answers are right for an input that differs by a few
     /// roundings.
     Condition,
-    /// Its method loses digits, or another engine is usable whose numbers are as short or shorter.
+    /// Its method loses digits, or another engine of the same or a lower precision is usable.
     Method,
     /// The scene is refused with an error message.
     Refused,

@@ -289,10 +289,10 @@ fn compare_at_frontiers(engines: &mut [EngineReport]) {
 
 /// The reason of an engine's frontier, from the others.
 ///
-/// - An engine whose numbers are as short or shorter is usable: the method.
-/// - The textbook formula with longer numbers is: the format.
-/// - Whitstone is, whose numbers are longer, but the textbook formula with such numbers is not: the
-///   method.
+/// - An engine of the same or a lower precision is usable: the method.
+/// - The textbook formula in a higher precision is: the format.
+/// - Whitstone is, which has a higher precision, but the textbook formula in that precision is not:
+///   the method.
 /// - For the textbook formula in double precision, where Whitstone is unusable, too: its reason.
 fn reason(engine: &EngineReport, all: &[EngineReport]) -> Option<Limit> {
     let frontier = engine.frontier?;

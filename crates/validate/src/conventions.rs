@@ -36,7 +36,8 @@ const CLEARLY_MORE: f64 = 2e-4;
 const SAME_FACTOR: f64 = 2e-3;
 /// A larger error of the first probe is searched for in the scene, too.
 const EXPLAINED: f64 = 5e-3;
-/// With a larger error of the first probe, the others would say nothing.
+/// The image of a probe with a larger error is not explained. If it is the first probe, the others
+/// would say nothing.
 const UNDERSTOOD: f64 = 0.1;
 /// The largest difference of the same value in two runs, in units of the mean.
 const REPEATED: f64 = 1e-5;
@@ -234,15 +235,9 @@ pub fn find(
             stage(&format!("examining {name}"));
             let found = examine(&lab, &probe, &choices, &image, &film)?;
             result.errors.push((name, found.fit.error));
-            if found.fit.error > UNDERSTOOD {
+            if let Some(finding) = unexplained(name, found.fit.error) {
                 // Any hypothesis is better than another one by chance.
-                result.findings.push(Finding {
-                    convention: "unexplained",
-                    sentence: format!("the image of {name} differs, and no tried hypothesis explains it"),
-                    error: found.fit.error,
-                    error_without: found.fit.error,
-                    key: None,
-                });
+                result.findings.push(finding);
                 return Ok(());
             }
             result.findings.extend(found.findings);
@@ -591,11 +586,26 @@ fn of_point(
         picked,
     } = examine(lab, probe, &choices, image, film)?;
     result.errors.push((probe.name, found.error));
+    if let Some(finding) = unexplained(probe.name, found.error) {
+        result.findings.push(finding);
+        return Ok(());
+    }
     result.findings.extend(findings);
     if picked.last().is_some_and(Option::is_none) {
         result.findings.extend(units("a point light", &found, film));
     }
     Ok(())
+}
+
+/// The finding that nothing explains the image of a probe with this error, if it is so.
+fn unexplained(name: &str, error: f64) -> Option<Finding> {
+    (error > UNDERSTOOD).then(|| Finding {
+        convention: "unexplained",
+        sentence: format!("the image of {name} differs, and no tried hypothesis explains it"),
+        error,
+        error_without: error,
+        key: None,
+    })
 }
 
 /// The factor of the values of a light, compared with those of a directional light.

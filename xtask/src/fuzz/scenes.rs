@@ -141,7 +141,7 @@ fn answer(text: &str, number: u64, vary: bool, registry: &Registry) -> Answer {
         Ok(Err(error)) => return Answer::Refused(error),
         Err(problem) => return Answer::Finding(problem),
     };
-    // A scene this slow is rendered once, so that nobody gives the worker up.
+    // A scene this slow is rendered once, so that the worker stays within [`PATIENCE`].
     if vary && start.elapsed() < LIMIT {
         let threads = [(Vec::new(), 3)];
         let others = accelerators(number, work.tests < MOST_TESTS, registry).into_iter();

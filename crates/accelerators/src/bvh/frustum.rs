@@ -3,8 +3,8 @@
 //!
 //! All rays must advance along one axis. Their slopes against it lie in a rectangle, as the rays of
 //! a tile of the image do, and the test compares intervals of positions (Boulos, Wald, Shirley,
-//! *Geometric and arithmetic culling methods for entire ray packets*, 2006). A missed box is
-//! missed by all rays; another one may be.
+//! *Geometric and arithmetic culling methods for entire ray packets*, 2006). If the test
+//! reports a miss, every ray misses; the converse need not hold.
 
 use crate::support::leaves::frame::Frame;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -105,7 +105,12 @@ impl Frustum {
             },
         );
         let origin = rays.origin.bounds(len);
-        (len > 0 && least > LEAST && origin.is_finite()).then_some(Self {
+        // Directions need not have unit length: those that an instance has transformed do not.
+        let is_narrow = slopes
+            .as_flattened()
+            .iter()
+            .all(|slope| slope.abs() <= 1.0 / LEAST);
+        (len > 0 && least > LEAST && is_narrow && origin.is_finite()).then_some(Self {
             origin,
             axis,
             sign,

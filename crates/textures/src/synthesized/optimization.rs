@@ -50,8 +50,9 @@ impl Optimization {
     pub(super) fn bytes(&self, sample: &Codes, size: [usize; 2]) -> u64 {
         let stages = self.stages(0, sample, size);
         let most = stages.map(|stage| stage.bytes(size)).max().unwrap_or(0);
-        // All coarser images together have a third of the texels.
-        most + (sample.data.len() + size[0] * size[1]) as u64
+        // A copy of the sample with three bytes a texel; all coarser images together have a third
+        // of the texels.
+        most + (4 * sample.data.len() + size[0] * size[1]) as u64
     }
 
     /// Runs all iterations.
@@ -79,8 +80,8 @@ pub(super) fn smallest(sample: &Codes, size: [usize; 2]) -> usize {
     sample.width.min(sample.height).min(size[0]).min(size[1])
 }
 
-/// The weight of a neighbourhood with this error: its power -0.6 as an integer, so that the same
-/// everywhere.
+/// The weight of a neighbourhood with this error: its power -0.6 as an integer, so that it
+/// is the same on every machine.
 fn weight(error: u64) -> u64 {
     let cube = u128::from(error).pow(3);
     // Errors are below 2^34: rounding is off by one at most.
@@ -300,14 +301,14 @@ mod tests {
         }
     }
 
-    /// Where a part of a neighbourhood cannot match, weights let those that match decide.
+    /// The integers are those of exact powers, rounded down.
     #[test]
     fn weights_are_the_integer_power_of_errors() {
         assert_eq!([0, 1, 2, 3].map(weight), [1 << 32; 4]);
         // 32^3 = 8^5, and 10^15 = (10^9)^(5/3).
         assert_eq!([31, 32, 33].map(weight), [(1 << 32) / 7, 1 << 29, 1 << 29]);
-        let least = 3 * 255 * 255 * 256 * 256;
-        for error in [99_999, 100_000, 100_001, 1 << 30, least - 1, least] {
+        let largest = 3 * 255 * 255 * 256 * 256;
+        for error in [99_999, 100_000, 100_001, 1 << 30, largest - 1, largest] {
             let exact = 2f64.powi(32) * (error as f64).powf(-0.6);
             let found = weight(error) as f64;
             assert!(

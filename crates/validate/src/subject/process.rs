@@ -157,9 +157,11 @@ pub(crate) fn run(
     let drain = Drain::start(&mut family.child);
     let ended = wait(&mut family, limits, start);
     let seconds = start.elapsed().as_secs_f64();
-    // Ending the group at once keeps a command that starts processes without end from starting
-    // more.
+    // A command that starts processes without end must not start more while all are found, also
+    // those that have left its group.
     if !matches!(ended, Ok(Ended::Itself(_))) {
+        family.stop_group();
+        family.alive(true);
         family.kill_group();
     }
     let left_over = family.end();
@@ -304,14 +306,22 @@ impl Family {
         outlived
     }
 
+    fn stop_group(&self) {
+        #[cfg(unix)]
+        self.signal_group(rustix::process::Signal::STOP);
+    }
+
     fn kill_group(&self) {
         #[cfg(unix)]
-        if let Some(group) = i32::try_from(self.child.id())
-            .ok()
-            .and_then(rustix::process::Pid::from_raw)
-        {
+        self.signal_group(rustix::process::Signal::KILL);
+    }
+
+    #[cfg(unix)]
+    fn signal_group(&self, signal: rustix::process::Signal) {
+        let group = i32::try_from(self.child.id()).ok();
+        if let Some(group) = group.and_then(rustix::process::Pid::from_raw) {
             // Fails only if the group no longer exists.
-            let _ = rustix::process::kill_process_group(group, rustix::process::Signal::KILL);
+            let _ = rustix::process::kill_process_group(group, signal);
         }
     }
 }
