@@ -240,7 +240,7 @@ fn planes<T: Copy>(
             _ => [plane(0), plane(1), plane(2)],
         },
     )?;
-    if channels % 2 == 0 {
+    if channels.is_multiple_of(2) {
         image.add_channel("A", plane(channels - 1)).map_err(invalid)?;
     }
     Ok(image)
