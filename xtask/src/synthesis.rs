@@ -84,11 +84,7 @@ struct Codes {
 }
 
 fn measure(registry: &Registry, optimize: &str) -> Result<Quality, Failure> {
-    let folder = if cfg!(test) {
-        "../scenes/assets"
-    } else {
-        "scenes/assets"
-    };
+    let folder = crate::root().join("scenes/assets");
     let optimize = match optimize {
         "" => String::new(),
         how => format!(", optimize = {how}"),
@@ -102,7 +98,7 @@ fn measure(registry: &Registry, optimize: &str) -> Result<Quality, Failure> {
          type = \"synthesized\", file = \"{SAMPLE}\", size = [{SIDE}, {SIDE}], block = 12, overlap = 2, \
          seed = 5, filter = \"nearest\", color_space = \"linear\"{optimize} }} }}\n"
     );
-    let film = of_text_in(registry, &scene, folder.as_ref())?.render(RenderOptions::default());
+    let film = of_text_in(registry, &scene, &folder)?.render(RenderOptions::default());
     let image = Codes {
         width: SIDE as usize,
         data: film
@@ -111,8 +107,7 @@ fn measure(registry: &Registry, optimize: &str) -> Result<Quality, Failure> {
             .map(|rgb| rgb.map(|value| (255.0 * value).round() as u8))
             .collect(),
     };
-    let path = format!("{folder}/{SAMPLE}");
-    let read = texels::read(&path, Limits::TEXTURE).map_err(Failure::environment)?;
+    let read = texels::read(&folder.join(SAMPLE), Limits::TEXTURE).map_err(Failure::environment)?;
     let code = |value: f32| (255.0 * value).round() as u8;
     let sample = Codes {
         width: read.width,

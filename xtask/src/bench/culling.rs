@@ -9,7 +9,7 @@ use super::median;
 use crate::pages;
 use clap::Args;
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use whitstone::core::Registry;
 use whitstone::core::simd::Level;
 use whitstone::render::{BuildOptions, Pipeline, RenderOptions};
@@ -154,16 +154,8 @@ fn built(sources: Loaded, registry: &Registry) -> Result<Pipeline, Failure> {
 }
 
 fn of_text(text: &str, overrides: &[String], registry: &Registry) -> Result<Pipeline, Failure> {
-    // Tests run in the folder of the package.
-    let assets = if cfg!(test) {
-        "../scenes/assets"
-    } else {
-        "scenes/assets"
-    };
-    built(
-        Sources::from_text("culling", text, Path::new(assets), overrides),
-        registry,
-    )
+    let assets = crate::root().join("scenes/assets");
+    built(Sources::from_text("culling", text, &assets, overrides), registry)
 }
 
 /// The medians over all rounds of the processor time per pixel; the images take turns. It is an
