@@ -107,7 +107,7 @@ fn measure(registry: &Registry, optimize: &str) -> Result<Quality, Failure> {
             .map(|rgb| rgb.map(|value| (255.0 * value).round() as u8))
             .collect(),
     };
-    let read = texels::read(&folder.join(SAMPLE), Limits::TEXTURE).map_err(Failure::environment)?;
+    let read = texels::read(folder.join(SAMPLE), Limits::TEXTURE).map_err(Failure::environment)?;
     let code = |value: f32| (255.0 * value).round() as u8;
     let sample = Codes {
         width: read.width,
