@@ -180,6 +180,27 @@ fn conventions_of_lights_are_found() {
     ] {
         expect(&with_faults(faults), 1, words);
     }
+    let square = "falls off with the square of a linear function of the cosine";
+    for (faults, words) in [
+        (
+            "whole-spot cosine-spot",
+            "the angles of a spot are taken as whole ones",
+        ),
+        (
+            "double-spot cosine-spot",
+            "the angles of a spot are twice as large as stated",
+        ),
+        (
+            "default-beam cosine-spot",
+            "the `beam_width` of a spot is three quarters of its cutoff",
+        ),
+        (
+            "spot-no-falloff cosine-spot",
+            "does not fall off with the squared distance",
+        ),
+    ] {
+        expect(&with_faults(faults), 2, &[square, words]);
+    }
     let third = "$(case \"$1\" in */point/*) echo --set light.0.intensity=12.7323954 ;; esac)";
     expect(
         &conventions(third, ""),

@@ -136,9 +136,9 @@ fn rgb([x, y, z]: Vec3) -> Vec3 {
 
 /// XYZ divided by that of white.
 #[inline(always)]
-fn relative(xyz_value: Vec3) -> Vec3 {
+fn relative([x, y, z]: Vec3) -> Vec3 {
     let white = xyz([1.0; 3]);
-    [0, 1, 2].map(|i| xyz_value[i] / white[i])
+    [x / white[0], y / white[1], z / white[2]]
 }
 
 /// An opponent space that is linear in light: YCxCz, by Zhang and Wandell.
@@ -162,13 +162,18 @@ fn from_ycxcz([y, cx, cz]: Vec3) -> Vec3 {
 /// CIELAB with the Hunt effect: chroma counts less at low luminance.
 #[inline(always)]
 fn hunt_lab(rgb: Vec3) -> Vec3 {
-    const DELTA: f64 = 6.0 / 29.0;
-    let [x, y, z] = relative(xyz(rgb)).map(|t| {
-        let linear = t / (3.0 * DELTA * DELTA) + 4.0 / 29.0;
-        select(t > DELTA * DELTA * DELTA, cube_root(t), linear)
-    });
+    let [x, y, z] = relative(xyz(rgb));
+    let [x, y, z] = [lightness(x), lightness(y), lightness(z)];
     let l = 116.0 * y - 16.0;
     [l, 0.01 * l * 500.0 * (x - y), 0.01 * l * 200.0 * (y - z)]
+}
+
+/// The curve of CIELAB: a cube root, with a line near zero.
+#[inline(always)]
+fn lightness(t: f64) -> f64 {
+    const DELTA: f64 = 6.0 / 29.0;
+    let linear = t / (3.0 * DELTA * DELTA) + 4.0 / 29.0;
+    select(t > DELTA * DELTA * DELTA, cube_root(t), linear)
 }
 
 /// The cube root of a number from 0.008 to 1.1, to the last digits. Unlike `cbrt`, it is
@@ -186,11 +191,14 @@ fn cube_root(t: f64) -> f64 {
     root
 }
 
-/// The HyAB distance of Abasi, Amani Tehrani and Fairchild (2020), for large differences, to the
-/// power of 0.7.
+/// The HyAB distance of Abasi, Amani Tehrani and Fairchild (2020), for large differences.
+#[inline(always)]
 fn distance(a: Vec3, b: Vec3) -> f64 {
-    ((a[0] - b[0]).abs() + length(a[1] - b[1], a[2] - b[2])).powf(0.7)
+    (a[0] - b[0]).abs() + length(a[1] - b[1], a[2] - b[2])
 }
+
+/// The power of distances that FLIP compares.
+const POWER: f64 = 0.7;
 
 /// The length of a vector whose squares do not overflow. Unlike `hypot`, it is vectorised.
 #[inline(always)]
@@ -207,7 +215,7 @@ struct Filters {
     sensitivity: [Vec<(f64, Kernel)>; 3],
     /// A Gaussian and its first two derivatives, with the width of a visible feature.
     feature: [Kernel; 3],
-    /// The maximum distance: from green to blue.
+    /// The power of the maximum distance: from green to blue.
     farthest: f64,
     /// The largest radius of a kernel.
     reach: usize,
@@ -248,7 +256,7 @@ impl Filters {
             reach: radius.max(reach) as usize,
             sensitivity,
             feature: [kernel(&gaussian), kernel(&first), kernel(&second)],
-            farthest: distance(hunt_lab([0.0, 1.0, 0.0]), hunt_lab([0.0, 0.0, 1.0])),
+            farthest: distance(hunt_lab([0.0, 1.0, 0.0]), hunt_lab([0.0, 0.0, 1.0])).powf(POWER),
         }
     }
 
@@ -260,7 +268,7 @@ impl Filters {
         let near = |range: &Range<usize>, limit: usize| {
             range.start.saturating_sub(self.reach)..(range.end + self.reach).min(limit)
         };
-        let of_band = |(band, values): (usize, &mut [f64])| {
+        let of_band = |work: &mut Work, (band, values): (usize, &mut [f64])| {
             let start = band * size[1];
             for first in (0..width).step_by(size[0]) {
                 let tile = Tile {
@@ -272,35 +280,33 @@ impl Filters {
                 if rows.all(is_equal) {
                     continue;
                 }
-                let found = dispatch(
-                    #[inline(always)]
-                    || self.tile(pair, &tile, &shown),
-                );
-                for (row, found) in values.chunks_mut(width).zip(found.chunks(tile.columns.len())) {
-                    for (worst, value) in row[tile.columns.clone()].iter_mut().zip(found) {
-                        *worst = worst.max(*value);
+                for (seen, planes) in [pair.ours, pair.reference].into_iter().enumerate() {
+                    self.see(planes, [width, height], &tile, &shown, seen, work);
+                }
+                for (y, row) in values.chunks_mut(width).enumerate() {
+                    let start = y * tile.columns.len();
+                    for (x, worst) in row[tile.columns.clone()].iter_mut().enumerate() {
+                        *worst = worst.max(self.difference(&work.seen, start + x));
                     }
                 }
             }
         };
-        map.par_chunks_mut(size[1] * width).enumerate().for_each(of_band);
+        map.par_chunks_mut(size[1] * width)
+            .enumerate()
+            .for_each_init(Work::default, of_band);
     }
 
-    #[inline(always)]
-    fn tile(&self, pair: &Pair<'_>, tile: &Tile, shown: &impl Fn(f64) -> f64) -> Vec<f64> {
-        let [ours, reference] = [pair.ours, pair.reference]
-            .map(|planes| self.seen(planes, [pair.width, pair.height], tile, shown));
-        let value = |i: usize| {
-            let [a, b] = [&ours, &reference].map(|seen| seen.color.each_ref().map(|plane| plane[i]));
-            let edge = (ours.edge[i] - reference.edge[i]).abs();
-            let point = (ours.point[i] - reference.point[i]).abs();
-            let feature = (edge.max(point) / 2.0_f64.sqrt()).sqrt();
-            self.spread(distance(a, b)).powf(1.0 - feature)
-        };
-        (0..tile.columns.len() * tile.rows.len()).map(value).collect()
+    /// The visibility of the difference of two pixels.
+    fn difference(&self, [ours, reference]: &[Seen; 2], pixel: usize) -> f64 {
+        let color = |seen: &Seen| [0, 1, 2].map(|i: usize| seen.color[i][pixel]);
+        let edge = (ours.edge[pixel] - reference.edge[pixel]).abs();
+        let point = (ours.point[pixel] - reference.point[pixel]).abs();
+        let feature = (edge.max(point) / 2.0_f64.sqrt()).sqrt();
+        let distance = distance(color(ours), color(reference)).powf(POWER);
+        self.spread(distance).powf(1.0 - feature)
     }
 
-    /// Maps distances to [0, 1]: 0.4 of the maximum becomes 0.95, and larger ones share the rest.
+    /// Maps powers of distances to [0, 1]: 0.4 of the maximum becomes 0.95, and larger ones share the rest.
     fn spread(&self, distance: f64) -> f64 {
         const KNEE: (f64, f64) = (0.4, 0.95);
         let knee = KNEE.0 * self.farthest;
@@ -311,61 +317,68 @@ impl Filters {
         }
     }
 
-    #[inline(always)]
-    fn seen(&self, planes: [&[f32]; 3], size: [usize; 2], tile: &Tile, shown: &impl Fn(f64) -> f64) -> Seen {
+    /// Computes `work.seen[index]` of a tile of an image.
+    fn see(
+        &self,
+        planes: [&[f32]; 3],
+        size: [usize; 2],
+        tile: &Tile,
+        shown: &impl Fn(f64) -> f64,
+        index: usize,
+        work: &mut Work,
+    ) {
         let reach = self.reach;
         let (width, wide) = (tile.columns.len(), tile.columns.len() + 2 * reach);
-        let opponent = self.opponent(planes, size, tile, shown);
-        let mut color = [0, 1, 2].map(|i| {
-            let mut sum = vec![0.0; width * tile.rows.len()];
-            for (factor, kernel) in &self.sensitivity[i] {
-                let part = down(&across(&opponent[i], wide, kernel, reach), width, kernel, reach);
-                sum.iter_mut()
-                    .zip(part)
-                    .for_each(|(sum, part)| *sum += factor * part);
+        let Work {
+            opponent,
+            smooth,
+            rows,
+            part,
+            seen,
+        } = work;
+        let Seen { color, edge, point } = &mut seen[index];
+        self.opponent(planes, size, tile, shown, opponent);
+        for ((color, plane), kernels) in color.iter_mut().zip(&*opponent).zip(&self.sensitivity) {
+            color.clear();
+            color.resize(width * tile.rows.len(), 0.0);
+            for (factor, kernel) in kernels {
+                across(plane, wide, kernel, reach, rows);
+                down(rows, width, kernel, reach, part);
+                add(color, *factor, part);
             }
-            sum
-        });
-        let [a, b, c] = &mut color;
-        for ((a, b), c) in a.iter_mut().zip(b).zip(c) {
-            [*a, *b, *c] = hunt_lab(from_ycxcz([*a, *b, *c]).map(|x| x.clamp(0.0, 1.0)));
         }
-        let [luminance, ..] = opponent;
-        let grey: Vec<f64> = luminance.into_iter().map(|y| (y + 16.0) / 116.0).collect();
-        let [smooth, first, second] = self
-            .feature
-            .each_ref()
-            .map(|kernel| across(&grey, wide, kernel, reach));
-        let [gaussian, along_first, along_second] = &self.feature;
-        let both = |plane: &[f64], kernel: &[f64]| -> Vec<f64> {
-            let x = down(plane, width, gaussian, reach);
-            let y = down(&smooth, width, kernel, reach);
-            x.into_iter().zip(y).map(|(x, y)| length(x, y)).collect()
-        };
-        Seen {
-            color,
-            edge: both(&first, along_first),
-            point: both(&second, along_second),
+        to_hunt_lab(color);
+        let [grey, ..] = opponent;
+        grey.iter_mut().for_each(|y| *y = (*y + 16.0) / 116.0);
+        let [gaussian, first, second] = &self.feature;
+        across(grey, wide, gaussian, reach, smooth);
+        for (feature, kernel) in [(edge, first), (point, second)] {
+            across(grey, wide, kernel, reach, rows);
+            down(rows, width, gaussian, reach, feature);
+            down(smooth, width, kernel, reach, part);
+            lengths(feature, part);
         }
     }
 
     /// The opponent colours of a tile and of the pixels within reach. The border of the image is
     /// extended by its own values.
-    #[inline(always)]
     fn opponent(
         &self,
         planes: [&[f32]; 3],
         [width, height]: [usize; 2],
         tile: &Tile,
         shown: &impl Fn(f64) -> f64,
-    ) -> [Vec<f64>; 3] {
+        opponent: &mut [Plane; 3],
+    ) {
         let reach = self.reach;
         let wide = tile.columns.len() + 2 * reach;
         let from = tile.columns.start.saturating_sub(reach);
         let to = (tile.columns.end + reach).min(width);
         let before = reach - (tile.columns.start - from);
-        let mut opponent = [0, 1, 2].map(|_| vec![0.0; wide * (tile.rows.len() + 2 * reach)]);
-        let [a, b, c] = &mut opponent;
+        for plane in opponent.iter_mut() {
+            plane.resize(wide * (tile.rows.len() + 2 * reach), 0.0);
+        }
+        let [a, b, c] = &mut *opponent;
         let rows = a
             .chunks_exact_mut(wide)
             .zip(b.chunks_exact_mut(wide))
@@ -382,12 +395,62 @@ impl Filters {
                 left.fill(middle[0]);
                 right.fill(middle[row.len() - 1]);
             }
+        }
+        to_ycxcz(opponent);
+    }
+}
+
+// The loops over pixels. Each is compiled for every set of vector instructions, which covers what
+// is inlined: they call nothing else.
+
+/// Linear colours to YCxCz, in place.
+fn to_ycxcz([a, b, c]: &mut [Plane; 3]) {
+    dispatch(
+        #[inline(always)]
+        || {
             for ((a, b), c) in a.iter_mut().zip(b).zip(c) {
                 [*a, *b, *c] = ycxcz([*a, *b, *c]);
             }
-        }
-        opponent
-    }
+        },
+    );
+}
+
+/// YCxCz, of colours clamped to what a screen shows, to CIELAB, in place.
+fn to_hunt_lab([a, b, c]: &mut [Plane; 3]) {
+    dispatch(
+        #[inline(always)]
+        || {
+            for ((a, b), c) in a.iter_mut().zip(b).zip(c) {
+                let [red, green, blue] = from_ycxcz([*a, *b, *c]);
+                let shown = [red.clamp(0.0, 1.0), green.clamp(0.0, 1.0), blue.clamp(0.0, 1.0)];
+                [*a, *b, *c] = hunt_lab(shown);
+            }
+        },
+    );
+}
+
+/// Adds a multiple of some values.
+fn add(sum: &mut [f64], factor: f64, values: &[f64]) {
+    dispatch(
+        #[inline(always)]
+        || {
+            for (sum, value) in sum.iter_mut().zip(values) {
+                *sum += factor * value;
+            }
+        },
+    );
+}
+
+/// The lengths of vectors, in place of their first components.
+fn lengths(x: &mut [f64], y: &[f64]) {
+    dispatch(
+        #[inline(always)]
+        || {
+            for (x, y) in x.iter_mut().zip(y) {
+                *x = length(*x, *y);
+            }
+        },
+    );
 }
 
 /// A part of an image.
@@ -396,11 +459,25 @@ struct Tile {
     rows: Range<usize>,
 }
 
+/// Values of the pixels of a tile, row by row, or also of those within reach.
+type Plane = Vec<f64>;
+
 /// The pixels of a tile as seen from the viewing distance.
+#[derive(Default)]
 struct Seen {
-    color: [Vec<f64>; 3],
-    edge: Vec<f64>,
-    point: Vec<f64>,
+    color: [Plane; 3],
+    edge: Plane,
+    point: Plane,
+}
+
+/// Memory that is used for one tile after the other: new pages would take half of the time.
+#[derive(Default)]
+struct Work {
+    opponent: [Plane; 3],
+    smooth: Plane,
+    rows: Plane,
+    part: Plane,
+    seen: [Seen; 2],
 }
 
 /// Normalises positive weights to a sum of 1, and negative ones to -1.
@@ -418,48 +495,54 @@ fn balanced(kernel: Kernel) -> Kernel {
 }
 
 /// Filters rows of `wide` values. The first and last `reach` columns have no result.
-#[inline(always)]
-fn across(plane: &[f64], wide: usize, kernel: &[f64], reach: usize) -> Vec<f64> {
+fn across(plane: &[f64], wide: usize, kernel: &[f64], reach: usize, result: &mut Plane) {
     let (width, skipped) = (wide - 2 * reach, reach - kernel.len() / 2);
-    let mut result = vec![0.0; plane.len() / wide * width];
-    for (row, out) in plane.chunks_exact(wide).zip(result.chunks_exact_mut(width)) {
-        weighted(out, kernel, |k| &row[skipped + k..][..width]);
-    }
-    result
+    result.resize(plane.len() / wide * width, 0.0);
+    dispatch(
+        #[inline(always)]
+        || {
+            for (row, out) in plane.chunks_exact(wide).zip(result.chunks_exact_mut(width)) {
+                weighted(out, &row[skipped..], 1, kernel);
+            }
+        },
+    );
 }
 
 /// Filters columns. The first and last `reach` rows have no result.
-#[inline(always)]
-fn down(plane: &[f64], width: usize, kernel: &[f64], reach: usize) -> Vec<f64> {
+fn down(plane: &[f64], width: usize, kernel: &[f64], reach: usize, result: &mut Plane) {
     let skipped = reach - kernel.len() / 2;
-    let mut result = vec![0.0; plane.len() - 2 * reach * width];
-    for (y, out) in result.chunks_exact_mut(width).enumerate() {
-        weighted(out, kernel, |k| &plane[(y + skipped + k) * width..][..width]);
-    }
-    result
+    result.resize(plane.len() - 2 * reach * width, 0.0);
+    dispatch(
+        #[inline(always)]
+        || {
+            for (y, out) in result.chunks_exact_mut(width).enumerate() {
+                weighted(out, &plane[(y + skipped) * width..], width, kernel);
+            }
+        },
+    );
 }
 
-/// The sum of the slices `of(k)`, times the weights of a kernel.
+/// The sum of the slices of `values` that begin `step` apart, times the weights of a kernel.
 #[inline(always)]
-fn weighted<'a>(out: &mut [f64], kernel: &[f64], of: impl Fn(usize) -> &'a [f64]) {
-    let (blocks, rest) = out.as_chunks_mut::<16>();
-    let done = 16 * blocks.len();
-    for (i, block) in blocks.iter_mut().enumerate() {
-        let mut sum = [0.0; 16];
+fn weighted(out: &mut [f64], values: &[f64], step: usize, kernel: &[f64]) {
+    let rest = out.len() % 32;
+    let (blocks, single) = out.split_at_mut(out.len() - rest);
+    weighted_blocks::<32>(blocks, values, step, kernel);
+    weighted_blocks::<1>(single, &values[blocks.len()..], step, kernel);
+}
+
+/// As many sums at a time as registers hold.
+#[inline(always)]
+fn weighted_blocks<const N: usize>(out: &mut [f64], values: &[f64], step: usize, kernel: &[f64]) {
+    for (i, block) in out.as_chunks_mut::<N>().0.iter_mut().enumerate() {
+        let mut sum = [0.0; N];
         for (k, weight) in kernel.iter().enumerate() {
-            let values = of(k).as_chunks::<16>().0[i];
-            for (sum, value) in sum.iter_mut().zip(values) {
+            let start = k * step + i * N;
+            for (sum, value) in sum.iter_mut().zip(&values[start..start + N]) {
                 *sum += weight * value;
             }
         }
         *block = sum;
-    }
-    for (i, out) in rest.iter_mut().enumerate() {
-        *out = kernel
-            .iter()
-            .enumerate()
-            .map(|(k, weight)| weight * of(k)[done + i])
-            .sum();
     }
 }
 

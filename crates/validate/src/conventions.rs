@@ -12,6 +12,7 @@ mod choices;
 mod image;
 mod probe;
 mod spawn;
+mod spot;
 mod surfaces;
 
 use crate::result::counted;

@@ -2,12 +2,14 @@
 
 use super::image::{Fit, compose, fit};
 use super::probe::{Lab, Probe};
+use super::spot::Spot;
 use super::{Film, Finding, is_clear};
 use whitstone_image::Image;
 
-/// Changes of the scene, as for `--set`, and what the subject does, as a sentence.
+/// Changes of the scene, as for `--set`, or of its spot, and what the subject does, as a sentence.
 pub(super) struct Alternative {
     pub(super) changes: Vec<String>,
+    spot: Option<Box<dyn Fn(Spot) -> Spot>>,
     pub(super) sentence: String,
     pub(super) key: Option<String>,
 }
@@ -16,8 +18,16 @@ impl Alternative {
     pub(super) fn new(changes: &[&str], sentence: impl Into<String>) -> Self {
         Self {
             changes: changes.iter().map(|&change| change.to_owned()).collect(),
+            spot: None,
             sentence: sentence.into(),
             key: None,
+        }
+    }
+
+    pub(super) fn of_spot(change: impl Fn(Spot) -> Spot + 'static, sentence: impl Into<String>) -> Self {
+        Self {
+            spot: Some(Box::new(change)),
+            ..Self::new(&[], sentence)
         }
     }
 }
@@ -64,6 +74,17 @@ impl Choice {
         }
     }
 
+    /// The spot with this convention.
+    fn of_spot(&self, picked: f64, spot: Spot) -> Spot {
+        match &self.others {
+            Others::Words(alternatives) => match &alternatives[picked as usize].spot {
+                Some(change) => change(spot),
+                None => spot,
+            },
+            Others::Number(_) => spot,
+        }
+    }
+
     fn sentence(&self, picked: f64) -> String {
         match &self.others {
             Others::Words(alternatives) => alternatives[picked as usize].sentence.clone(),
@@ -84,11 +105,17 @@ pub(super) type Picked = Vec<Option<f64>>;
 
 /// The changes of the scene by which the model does what was picked.
 pub(super) fn changes(choices: &[Choice], picked: &Picked) -> Vec<String> {
-    let pairs = choices.iter().zip(picked);
-    pairs
-        .filter_map(|(choice, picked)| picked.map(|picked| choice.changes(picked)))
-        .flatten()
-        .collect()
+    let (mut changes, mut spot) = (Vec::new(), Spot::STATED);
+    for (choice, picked) in choices.iter().zip(picked) {
+        if let Some(picked) = *picked {
+            changes.extend(choice.changes(picked));
+            spot = choice.of_spot(picked, spot);
+        }
+    }
+    if spot != Spot::STATED {
+        changes.push(spot.change());
+    }
+    changes
 }
 
 /// The choices with the smallest error, by coordinate descent from the model, and that error.

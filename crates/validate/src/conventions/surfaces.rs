@@ -2,6 +2,7 @@
 
 use super::choices::{Alternative, Choice, Number, Others};
 use super::probe::{BALL, Camera, Probe, TEXELS};
+use super::spot::{Edge, Spot};
 use whitstone_image::Transfer;
 
 /// A ball, as a sphere or as a mesh.
@@ -121,36 +122,6 @@ pub(super) fn of_light(is_point: bool) -> Vec<Choice> {
     choices
 }
 
-/// The half angles of the probe with a spot, in degrees: of its cone, and of its beam.
-const CUTOFF: f64 = 32.0;
-const BEAM: f64 = 14.0;
-const SPOT_INTENSITY: f64 = 20.0;
-
-/// The keys of that spot, with another intensity and other angles.
-fn spot_keys(intensity: f64, cutoff: f64, beam: f64) -> [String; 6] {
-    [
-        "type = \"spot\"".to_owned(),
-        "position = [-1, 1.2, 2]".to_owned(),
-        "target = [0.1, 0, -1]".to_owned(),
-        format!("intensity = {intensity:?}"),
-        format!("cutoff_angle = {cutoff:?}"),
-        format!("beam_width = {beam:?}"),
-    ]
-}
-
-/// The spot with another curve from the edge of its beam, where it is 1, to that of its cone, where
-/// it is 0: a sum of spots, which is linear between their angles.
-fn curved_spot(curve: impl Fn(f64) -> f64) -> String {
-    const PARTS: usize = 32;
-    let angle = |k: usize| BEAM + (CUTOFF - BEAM) * k as f64 / PARTS as f64;
-    let spot = |k: usize| {
-        let part = curve(angle(k)) - curve(angle(k + 1));
-        let keys = spot_keys(SPOT_INTENSITY * part, angle(k + 1), angle(k));
-        format!("{{{}}}", keys.join(", "))
-    };
-    format!("light=[{}]", (0..PARTS).map(spot).collect::<Vec<_>>().join(", "))
-}
-
 /// A wall, with a ball before it, in the light of a spot whose whole edge is seen.
 pub(super) fn spot(is_mesh: bool) -> Probe {
     let body = [
@@ -170,35 +141,22 @@ pub(super) fn spot(is_mesh: bool) -> Probe {
             fov: 50.0,
         },
         body: body.concat(),
-        lights: format!(
-            "[[light]]\n{}\n",
-            spot_keys(SPOT_INTENSITY, CUTOFF, BEAM).join("\n")
-        ),
+        lights: Spot::STATED.light(),
         exactly: Some("spot"),
     }
 }
 
 pub(super) fn of_spot() -> Vec<Choice> {
+    const CUTOFF: f64 = Spot::STATED.cutoff;
+    const BEAM: f64 = Spot::STATED.beam;
     let cone = |cutoff: f64, beam: f64, sentence: &str| {
-        Alternative::new(
-            &[
-                &format!("light.0.cutoff_angle={cutoff:?}"),
-                &format!("light.0.beam_width={beam:?}"),
-            ],
-            sentence,
-        )
+        Alternative::of_spot(move |spot| Spot { cutoff, beam, ..spot }, sentence)
     };
-    let of_angle = |angle: f64| (CUTOFF - angle) / (CUTOFF - BEAM);
-    let of_cosine = |angle: f64| {
-        let [angle, cutoff, beam] = [angle, CUTOFF, BEAM].map(|angle| angle.to_radians().cos());
-        (angle - cutoff) / (beam - cutoff)
-    };
-    let smooth = |x: f64| x * x * (3.0 - 2.0 * x);
-    let curve = |changes: String, words: &str| {
+    let edge = |edge: Edge, words: &str| {
         let sentence = format!(
             "the light of a spot falls off {words}: between `beam_width` and the cutoff it must be linear in the angle"
         );
-        Alternative::new(&[&changes], sentence)
+        Alternative::of_spot(move |spot| Spot { edge, ..spot }, sentence)
     };
     // The model has no edge without a width.
     let just_below = |angle: f64| angle * (1.0 - 1e-9);
@@ -241,25 +199,22 @@ pub(super) fn of_spot() -> Vec<Choice> {
         Choice::words(
             "edge of a spot",
             vec![
-                curve(curved_spot(of_cosine), "linearly with the cosine of the angle"),
-                curve(
-                    curved_spot(|angle| of_cosine(angle).powi(2)),
+                edge(Edge::Cosine, "linearly with the cosine of the angle"),
+                edge(
+                    Edge::SquaredCosine,
                     "with the square of a linear function of the cosine",
                 ),
-                curve(
-                    curved_spot(|angle| smooth(of_cosine(angle))),
-                    "by a smooth step of the cosine of the angle",
-                ),
-                curve(
-                    curved_spot(|angle| smooth(of_angle(angle))),
-                    "by a smooth step of the angle",
-                ),
+                edge(Edge::SmoothCosine, "by a smooth step of the cosine of the angle"),
+                edge(Edge::SmoothAngle, "by a smooth step of the angle"),
             ],
         ),
         Choice::words(
             "falloff of spots",
-            vec![Alternative::new(
-                &["light.0.falloff=\"none\""],
+            vec![Alternative::of_spot(
+                |spot| Spot {
+                    has_falloff: false,
+                    ..spot
+                },
                 "the light of a spot does not fall off with the squared distance",
             )],
         ),
