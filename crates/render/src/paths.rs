@@ -16,12 +16,14 @@ const ROWS: u32 = 16;
 
 impl Pipeline {
     /// Renders the layers of the path classes, the last ones of the film. `positions`: the number
-    /// of sampler positions of each pixel of the region, if it is not that of the sampler.
+    /// of sampler positions of each pixel of the region, if it is not that of the sampler. `moment`:
+    /// see [`Self::moment`].
     pub(crate) fn split_paths(
         &self,
         classes: &Arc<PathClasses>,
         region: Region,
         positions: Option<&[u32]>,
+        moment: u32,
         film: &mut Film,
         progress: Option<Progress<'_>>,
     ) {
@@ -42,7 +44,7 @@ impl Pipeline {
                     let (x, y) = (place as u32 % region.width, place as u32 / region.width);
                     let positions = positions.map_or(self.sampler.count(), |all| all[start + place]);
                     let pixel = [region.x + x, region.y + top + y];
-                    let means = self.classes_of(pixel, positions, scratch);
+                    let means = self.classes_of(pixel, positions, moment, scratch);
                     let channels = means.iter().flat_map(|mean| mean.to_array());
                     for (value, mean) in values.iter_mut().zip(channels) {
                         *value = mean as f32;
@@ -67,14 +69,16 @@ impl Pipeline {
         }
     }
 
-    /// The mean of each class over the first positions of a pixel, through each point of the lens.
-    fn classes_of(&self, pixel: [u32; 2], positions: u32, scratch: &mut Scratch) -> Vec<Rgb> {
+    /// The mean of each class over the first positions of a pixel at a time, through each point of the
+    /// lens.
+    fn classes_of(&self, pixel: [u32; 2], positions: u32, moment: u32, scratch: &mut Scratch) -> Vec<Rgb> {
         let samples = positions * self.camera.lens_points();
         if let Some(paths) = &mut scratch.paths {
             paths.sums.fill(Rgb::BLACK);
         }
+        let earlier = moment * self.moment_samples();
         for sample in 0..samples {
-            self.radiance_of(pixel, sample, scratch);
+            self.radiance_of(pixel, earlier + sample, scratch);
         }
         let sums = scratch.paths.iter().flat_map(|paths| &paths.sums);
         sums.map(|sum| *sum * (1.0 / f64::from(samples))).collect()

@@ -3,6 +3,7 @@
 use crate::adaptive::Adaptive;
 use crate::samples::SampleMemory;
 use crate::{Film, Pipeline, Progress};
+use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
@@ -136,9 +137,9 @@ struct BlockScratch {
 }
 
 impl BlockScratch {
-    fn new(limits: TreeLimits) -> Self {
+    fn new(limits: TreeLimits, moment: u32) -> Self {
         Self {
-            memory: SampleMemory::new(limits),
+            memory: SampleMemory::new(limits, moment),
             ..Self::default()
         }
     }
@@ -225,8 +226,59 @@ impl Pipeline {
         }
     }
 
-    fn render_on_current_pool(
+    /// Renders the image as the mean of the images at all times.
+    fn render_on_current_pool(&self, options: RenderOptions<'_>, film: &mut Film) {
+        let start = Instant::now();
+        if self.later.is_empty() {
+            self.render_moment(0, options, film);
+        } else {
+            self.render_moments(options, film);
+        }
+        film.render_seconds = start.elapsed().as_secs_f64();
+    }
+
+    fn render_moments(&self, options: RenderOptions<'_>, film: &mut Film) {
+        let count = self.moments();
+        let first_layer = self.film.channels().count() - self.path_channels();
+        let mut mean = Mean::default();
+        let mut other = Film::default();
+        for moment in 0..count {
+            let within = |done: u64, total: u64| match options.progress {
+                // As if each image finished its share of the pixels.
+                Some(progress) => progress((u64::from(moment) * total + done) / u64::from(count), total),
+                None => ControlFlow::Continue(()),
+            };
+            let options = RenderOptions {
+                progress: Some(&within),
+                ..options
+            };
+            // The layers of the first one stay.
+            let here = if moment == 0 { &mut *film } else { &mut other };
+            self.render_moment(moment, options, here);
+            mean.add(here, first_layer);
+            if moment > 0 {
+                film.counters.add(other.counters);
+                film.is_complete = other.is_complete;
+                film.stop_at(other.too_large);
+            }
+            if !film.is_complete {
+                break;
+            }
+        }
+        film.samples = self.samples();
+        mean.write(film, first_layer);
+    }
+
+    /// Number of channels of path classes, the last ones of the film.
+    fn path_channels(&self) -> usize {
+        let paths = self.film.paths.iter();
+        paths.map(|paths| paths.classes.channels().count()).sum()
+    }
+
+    /// Renders the image at one time; AOVs only at the first.
+    fn render_moment(
         &self,
+        moment: u32,
         RenderOptions {
             region,
             tile,
@@ -235,7 +287,6 @@ impl Pipeline {
         }: RenderOptions<'_>,
         film: &mut Film,
     ) {
-        let start = Instant::now();
         let size = self.film.size;
         let all = Region {
             x: 0,
@@ -262,11 +313,11 @@ impl Pipeline {
             .map(|tile| tile.squares(rows))
             .collect();
         film.prepare([region.width, region.height], self.film.channels());
-        film.samples = self.samples();
+        film.samples = self.moment_samples();
         let adaptive = self
             .sampler
             .refinement()
-            .map(|rule| Adaptive::new(rule, size, region));
+            .map(|rule| Adaptive::new(rule, size, region, moment));
         let first = adaptive.as_ref().map_or(self.sampler.count(), Adaptive::first);
         // Each thread takes the next tile when it finishes one, because a fixed division of the
         // image would take unequal times.
@@ -275,7 +326,7 @@ impl Pipeline {
         let too_large = Mutex::new(None);
         let bands = Band::all(film, rows);
         let counters = rayon::broadcast(|_| {
-            let mut scratch = BlockScratch::new(self.tree_limits);
+            let mut scratch = BlockScratch::new(self.tree_limits, moment);
             let taken = std::iter::from_fn(|| tiles.get(next.fetch_add(1, Ordering::Relaxed)));
             for block in taken.flatten() {
                 if stopped.load(Ordering::Relaxed) {
@@ -313,7 +364,7 @@ impl Pipeline {
             // The last tile may have been finished before.
             film.is_complete = adaptive.is_none() && done.into_inner() == total;
         } else if let Some(adaptive) = adaptive {
-            let mut scratch = BlockScratch::new(self.tree_limits);
+            let mut scratch = BlockScratch::new(self.tree_limits, moment);
             // Pixels of the region take as many samples as in the whole image.
             for pixels in region.neighbours(size).chunks(LANES) {
                 adaptive.start(self, pixels, &mut scratch.memory);
@@ -331,9 +382,8 @@ impl Pipeline {
         if let Some(paths) = &self.film.paths
             && film.is_complete
         {
-            self.split_paths(&paths.classes, region, taken.as_deref(), film, progress);
+            self.split_paths(&paths.classes, region, taken.as_deref(), moment, film, progress);
         }
-        film.render_seconds = start.elapsed().as_secs_f64();
     }
 
     /// Renders a block with the first `positions` of each pixel.
@@ -354,7 +404,7 @@ impl Pipeline {
         } = scratch;
         rgb.clear();
         layers.clear();
-        let has_layers = !self.film.aovs.is_empty();
+        let has_layers = !self.film.aovs.is_empty() && memory.moment == 0;
         if has_layers {
             self.trace_centers(pixels, memory);
             self.layers(pixels.len(), memory, layers);
@@ -403,6 +453,20 @@ impl Pipeline {
 
     /// The value of a single pixel, the mean of its samples. Equal to its value in the image.
     pub fn pixel(&self, pixel: [u32; 2], scratch: &mut Scratch) -> Rgb {
+        if self.later.is_empty() {
+            return self.pixel_at(0, pixel, scratch);
+        }
+        let count = self.moments();
+        let values = (0..count).map(|moment| {
+            let value = self.pixel_at(moment, pixel, scratch).to_array();
+            // As the images of which the image is the mean.
+            Rgb::from(value.map(|c| f64::from(c as f32)))
+        });
+        values.sum::<Rgb>() * (1.0 / f64::from(count))
+    }
+
+    /// The value of a single pixel at one time.
+    fn pixel_at(&self, moment: u32, pixel: [u32; 2], scratch: &mut Scratch) -> Rgb {
         if let Some(rule) = self.sampler.refinement() {
             let [x, y] = pixel;
             let alone = Region {
@@ -411,11 +475,11 @@ impl Pipeline {
                 width: 1,
                 height: 1,
             };
-            return Adaptive::new(rule, self.film.size, alone).pixel(self, pixel, scratch);
+            return Adaptive::new(rule, self.film.size, alone, moment).pixel(self, pixel, scratch);
         }
-        let count = self.samples();
+        let count = self.moment_samples();
         let sum: Rgb = (0..count)
-            .map(|sample| self.radiance_of(pixel, sample, scratch))
+            .map(|sample| self.radiance_of(pixel, moment * count + sample, scratch))
             .sum();
         sum * (1.0 / f64::from(count))
     }
@@ -439,6 +503,46 @@ impl Pipeline {
                 Aov::ShapeId => put(hit.map_or(-1.0, |hit| f64::from(self.scene.shape_id(hit.shape)))),
                 Aov::PrimitiveId => put(hit.map_or(-1.0, |hit| f64::from(hit.primitive))),
             }
+        }
+    }
+}
+
+/// The mean of images.
+#[derive(Default)]
+struct Mean {
+    count: u32,
+    /// Of the radiance, then of the layers of path classes.
+    sums: Vec<f64>,
+}
+
+impl Mean {
+    /// Adds a finished film, with its layers from a number on.
+    fn add(&mut self, film: &Film, first_layer: usize) {
+        if !film.is_complete {
+            return;
+        }
+        self.count += 1;
+        let layers = film.layers[first_layer..].iter().flat_map(|(_, values)| values);
+        let values = film.rgb.iter().flatten().chain(layers);
+        self.sums
+            .resize((3 + film.layers.len() - first_layer) * film.rgb.len(), 0.0);
+        for (sum, value) in self.sums.iter_mut().zip(values) {
+            *sum += f64::from(*value);
+        }
+    }
+
+    /// Writes the mean, unless there is none.
+    fn write(&self, film: &mut Film, first_layer: usize) {
+        if self.count == 0 {
+            return;
+        }
+        let layers = film.layers[first_layer..]
+            .iter_mut()
+            .flat_map(|(_, values)| values);
+        let values = film.rgb.iter_mut().flatten().chain(layers);
+        let factor = 1.0 / f64::from(self.count);
+        for (value, sum) in values.zip(&self.sums) {
+            *value = (sum * factor) as f32;
         }
     }
 }

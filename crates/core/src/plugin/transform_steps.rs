@@ -93,15 +93,16 @@ impl TransformOp {
             });
         }
         if let (Some(from), Some(to)) = (self.rotate, to.rotate) {
-            if from.axis != to.axis {
+            let Rotate { axis, degrees } = from;
+            if axis != to.axis {
                 return Err(TransformOpError {
                     message: "the axis of a rotation must be the same in all keyframes",
                     help: Some("only degrees are interpolated; write one rotation for each axis"),
                 });
             }
-            let (from, to) = (from.degrees.get(), to.degrees.get());
-            // The other keys are absent, and the axis is valid.
-            let axis = self.rotate.map_or(DVec3::Z, |rotate| rotate.axis.get()).normalize();
+            let (from, to) = (degrees.get(), to.degrees.get());
+            // `map` has checked that it is not zero.
+            let axis = axis.get().normalize();
             return Ok(DAffine3::from_mat3(rotation(axis, from + u * (to - from))));
         }
         // The other maps have the numbers of their steps as entries.
