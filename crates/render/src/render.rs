@@ -272,7 +272,7 @@ impl Pipeline {
     /// Number of channels of path classes, the last ones of the film.
     fn path_channels(&self) -> usize {
         let paths = self.film.paths.iter();
-        paths.map(|paths| paths.classes.channels().count()).sum()
+        paths.map(|paths| paths.classes.channels().len()).sum()
     }
 
     /// Renders the image at one time; AOVs only at the first.

@@ -719,9 +719,8 @@ impl<'s> Reader<'_, 's> {
                 Some(value) => self.errors.take(transform::parse(&value)),
             };
             let motion = plugin.table.get_mut().remove("motion");
-            let motion = motion
-                .zip(transform)
-                .and_then(|(value, own)| self.motion(&value, &own));
+            let own = transform.unwrap_or(Transform::IDENTITY);
+            let motion = motion.and_then(|value| self.motion(&value, &own));
             let first = self.times.first().copied().unwrap_or_default();
             // Errors at the times of the film are already reported.
             let placed = motion.as_ref().and_then(|motion| motion.at(first).ok());
@@ -743,7 +742,7 @@ impl<'s> Reader<'_, 's> {
                 group,
                 id: id.map(|(_, id)| id),
                 material: material.map(|(span, text)| (span, PluginRef::from(text.as_str()))),
-                transform: placed.or(transform).unwrap_or(Transform::IDENTITY),
+                transform: placed.unwrap_or(own),
                 motion,
             });
         }

@@ -3,6 +3,7 @@
 import unittest
 
 import numpy as np
+
 from support import Case
 
 VIEW = """
@@ -32,7 +33,10 @@ class Motion(Case):
         # It covers the centre for |8 t - 4| <= 1.
         for time, expected in ((0.0, 0), (0.4, 1), (0.62, 1), (0.63, 0), (9, 0)):
             self.near(self.value(moving(PASSING, f"time = {time}")), [expected] * 3)
-        for count, expected in ((4, 0), (8, 2 / 8), (16, 4 / 16), (5, 1 / 5)):
+        ending = PASSING.replace("[4,", "[0,")
+        self.near(self.value(moving(ending, "time = -1")), [0] * 3)
+        self.near(self.value(moving(ending, "time = 9")), [1] * 3)
+        for count, expected in ((2, 0), (8, 2 / 8), (16, 4 / 16), (5, 1 / 5)):
             time = f"time = {{ open = 0, close = 1, count = {count} }}"
             self.near(self.value(moving(PASSING, time)), [expected] * 3)
 
@@ -83,7 +87,7 @@ class Motion(Case):
         self.assertEqual(channels["shape_id.I"][0, 0], 0)
         self.near(channels["R"][0, 0], 3 / 8)
         self.near(channels["path.shown.R"][0, 0], 3 / 8)
-        self.assertEqual([entry["type"] for entry in answer["hosted"]], ["motion"])
+        self.assertEqual([entry["type"] for entry in answer["hosted"]], ["emissive", "motion"])
 
     def test_trees_have_the_samples_of_all_times(self):
         time = "time = { open = 0, close = 1, count = 8 }"

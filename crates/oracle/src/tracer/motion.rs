@@ -189,7 +189,7 @@ mod tests {
     #[test]
     fn the_mean_is_over_the_middles_of_the_intervals() {
         // The square covers the origin for |8 t - 4| <= 1: at 3/8 < t < 5/8.
-        for (open, close, count, covered) in [(0.0, 1.0, 4, 0.0), (0.0, 1.0, 8, 2.0), (0.25, 0.75, 16, 8.0)] {
+        for (open, close, count, covered) in [(0.0, 1.0, 2, 0.0), (0.0, 1.0, 8, 2.0), (0.25, 0.75, 16, 8.0)] {
             let text = format!("[film.time]\nopen = {open}\nclose = {close}\ncount = {count}\n{SQUARE}");
             shows([0.0, 0.0], &text, &[], [covered / f64::from(count); 3]);
         }
