@@ -417,7 +417,8 @@ fn build<T: Corners, const N: usize>(
     (wide, leaves)
 }
 
-/// Fits the boxes of a hierarchy anew, and makes its leaves of the moved elements with these numbers.
+/// Fits the boxes of a hierarchy anew, and makes its leaves of the moved elements with these
+/// numbers.
 fn refit<T: Corners, const N: usize>(
     wide: &mut Wide<N>,
     boxes: &[Box4],

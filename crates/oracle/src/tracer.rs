@@ -307,9 +307,11 @@ impl Tracer {
     /// # Errors
     /// Every part of the scene that the oracle does not support.
     pub fn new(description: &Description<'_>) -> Result<Self, SceneErrors> {
+        // First: its errors have places.
+        let still = Self::still(description)?;
         Ok(Self {
             moments: motion::tracers(description)?,
-            ..Self::still(description)?
+            ..still
         })
     }
 
@@ -329,8 +331,8 @@ impl Tracer {
         })
     }
 
-    /// The first hit of a ray, in front of its origin, at the first time of the film. Every shape is
-    /// tested.
+    /// The first hit of a ray, in front of its origin, at the first time of the film. Every shape
+    /// is tested.
     pub fn first_hit(&self, ray: &Ray) -> FirstHit {
         match self.scene.nearest(ray, None, f64::INFINITY) {
             Ok(Some(Hit { t, point, normal, .. })) => FirstHit::Hit { t, point, normal },

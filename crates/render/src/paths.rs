@@ -16,8 +16,8 @@ const ROWS: u32 = 16;
 
 impl Pipeline {
     /// Renders the layers of the path classes, the last ones of the film. `positions`: the number
-    /// of sampler positions of each pixel of the region, if it is not that of the sampler. `moment`:
-    /// see [`Self::moment`].
+    /// of sampler positions of each pixel of the region, if it is not that of the sampler.
+    /// `moment`: see [`Self::moment`].
     pub(crate) fn split_paths(
         &self,
         classes: &Arc<PathClasses>,
@@ -69,8 +69,8 @@ impl Pipeline {
         }
     }
 
-    /// The mean of each class over the first positions of a pixel at a time, through each point of the
-    /// lens.
+    /// The mean of each class over the first positions of a pixel at a time, through each point of
+    /// the lens.
     fn classes_of(&self, pixel: [u32; 2], positions: u32, moment: u32, scratch: &mut Scratch) -> Vec<Rgb> {
         let samples = positions * self.camera.lens_points();
         if let Some(paths) = &mut scratch.paths {

@@ -131,6 +131,14 @@ impl Pipeline {
         let Some(first) = &mut built.value else {
             return built;
         };
+        if first.moment_samples().checked_mul(times.len() as u32).is_none() {
+            let (samples, times) = (first.moment_samples(), times.len());
+            let message =
+                format!("a pixel has {samples} samples at each of {times} times, more than 2^32 in all");
+            let place = description.film.span.clone().unwrap_or_default();
+            let errors = SceneError::at(place, message).into();
+            return Checked { value: None, errors };
+        }
         for time in &times[1..] {
             let moment = description.at(*time).and_then(|description| {
                 let plan = Plan::new(&description, registry).into_result()?;

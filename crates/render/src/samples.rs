@@ -104,8 +104,8 @@ impl Pipeline {
             && pixels.iter().all(center)
     }
 
-    /// Radiance through the centres of some pixels at the first time, from `memory.rays` and their hits, which
-    /// [`Self::trace_centers`] has found.
+    /// Radiance through the centres of some pixels at the first time, from `memory.rays` and their
+    /// hits, which [`Self::trace_centers`] has found.
     pub(crate) fn shade_centers(&self, memory: &mut SampleMemory, mut tell: impl FnMut(usize, Rgb)) {
         let SampleMemory {
             scratch,

@@ -20,8 +20,8 @@ use whitstone_core::{
 ///
 /// The geometries are: nothing, one triangle, random triangles and balls, coincident elements,
 /// grids of axis-parallel faces with rays in their planes, slivers, an unbounded wall, and elements
-/// of very different sizes. Those of triangles are also moved, and accelerators that can be refitted
-/// must give the results for the moved triangles.
+/// of very different sizes. Those of triangles are also moved, and accelerators that can be
+/// refitted must give the results for the moved triangles.
 ///
 /// # Panics
 ///

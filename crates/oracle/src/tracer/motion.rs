@@ -119,10 +119,12 @@ fn between(a: &Toml, b: &Toml, u: f64) -> Toml {
         return Toml::Float(a + u * (b - a));
     }
     match (a, b) {
-        (Toml::Array(a), Toml::Array(b)) => a.iter().zip(b).map(|(a, b)| between(a, b, u)).collect(),
+        (Toml::Array(a), Toml::Array(b)) => {
+            Toml::Array(a.iter().zip(b).map(|(a, b)| between(a, b, u)).collect())
+        }
         // Of a scale, one factor is three equal ones.
-        (Toml::Array(a), b) => a.iter().map(|a| between(a, b, u)).collect(),
-        (a, Toml::Array(b)) => b.iter().map(|b| between(a, b, u)).collect(),
+        (Toml::Array(a), b) => Toml::Array(a.iter().map(|a| between(a, b, u)).collect()),
+        (a, Toml::Array(b)) => Toml::Array(b.iter().map(|b| between(a, b, u)).collect()),
         (Toml::Table(a), Toml::Table(b)) => {
             let mixed = a
                 .iter()
