@@ -130,9 +130,10 @@ fn geometry(balls: u32, motion: Motion, amount: f64) -> Arc<Geometry> {
         let first = positions.len() as u32;
         for j in 0..=along {
             for i in 0..=around {
+                // Without poles: a triangle there would have no area.
                 let (phi, theta) = (
                     TAU * f64::from(i) / f64::from(around),
-                    0.5 * TAU * f64::from(j) / f64::from(along),
+                    0.5 * TAU * (f64::from(j) + 0.5) / f64::from(along + 1),
                 );
                 let out = DVec3::new(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin());
                 positions.push(motion.apply(amount, ball, 2.0 * half(balls), center + out));
@@ -274,7 +275,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     }
     println!("{text}");
     if wrong > 0 {
-        return Ok(Exit::Fail);
+        return Ok(Exit::Differs);
     }
     if arguments.page {
         pages::between(PAGE, MARKERS, &text)?;
