@@ -69,18 +69,24 @@ impl Pipeline {
         }
     }
 
-    /// The mean of each class over the first positions of a pixel at a time, through each point of
-    /// the lens.
+    /// The mean of each class over the samples of a pixel; for an adaptive sampler, over those of
+    /// its first positions at one time.
     fn classes_of(&self, pixel: [u32; 2], positions: u32, moment: u32, scratch: &mut Scratch) -> Vec<Rgb> {
-        let samples = positions * self.camera.lens_points();
+        let samples = match self.sampler.refinement() {
+            None => 0..self.samples(),
+            Some(_) => {
+                let earlier = moment * self.moment_samples();
+                earlier..earlier + positions * self.camera.lens_points()
+            }
+        };
+        let count = samples.len() as f64;
         if let Some(paths) = &mut scratch.paths {
             paths.sums.fill(Rgb::BLACK);
         }
-        let earlier = moment * self.moment_samples();
-        for sample in 0..samples {
-            self.radiance_of(pixel, earlier + sample, scratch);
+        for sample in samples {
+            self.radiance_of(pixel, sample, scratch);
         }
         let sums = scratch.paths.iter().flat_map(|paths| &paths.sums);
-        sums.map(|sum| *sum * (1.0 / f64::from(samples))).collect()
+        sums.map(|sum| *sum * (1.0 / count)).collect()
     }
 }

@@ -226,17 +226,18 @@ impl Pipeline {
         }
     }
 
-    /// Renders the image as the mean of the images at all times.
     fn render_on_current_pool(&self, options: RenderOptions<'_>, film: &mut Film) {
         let start = Instant::now();
-        if self.later.is_empty() {
-            self.render_moment(0, options, film);
+        if self.later.is_empty() || self.sampler.refinement().is_none() {
+            self.render_pass(0, options, film);
         } else {
             self.render_moments(options, film);
         }
         film.render_seconds = start.elapsed().as_secs_f64();
     }
 
+    /// Renders the image of an adaptive sampler, which refines the image at each time by itself, as
+    /// the mean of those images.
     fn render_moments(&self, options: RenderOptions<'_>, film: &mut Film) {
         let count = self.moments();
         let first_layer = self.film.channels().count() - self.path_channels();
@@ -254,7 +255,7 @@ impl Pipeline {
             };
             // The layers of the first one stay.
             let here = if moment == 0 { &mut *film } else { &mut other };
-            self.render_moment(moment, options, here);
+            self.render_pass(moment, options, here);
             mean.add(here, first_layer);
             if moment > 0 {
                 film.counters.add(other.counters);
@@ -275,8 +276,9 @@ impl Pipeline {
         paths.map(|paths| paths.classes.channels().len()).sum()
     }
 
-    /// Renders the image at one time; AOVs only at the first.
-    fn render_moment(
+    /// Renders the image at one time for an adaptive sampler, else at all times. AOVs only at the
+    /// first.
+    fn render_pass(
         &self,
         moment: u32,
         RenderOptions {
@@ -313,7 +315,7 @@ impl Pipeline {
             .map(|tile| tile.squares(rows))
             .collect();
         film.prepare([region.width, region.height], self.film.channels());
-        film.samples = self.moment_samples();
+        film.samples = self.samples();
         let adaptive = self
             .sampler
             .refinement()
@@ -412,13 +414,20 @@ impl Pipeline {
         match adaptive {
             None => {
                 let mut sums = [Rgb::BLACK; LANES];
-                let add = |lane: usize, radiance| sums[lane] += radiance;
+                let mut add = |lane: usize, radiance| sums[lane] += radiance;
                 if has_layers && self.samples_are_centers(pixels) {
                     self.shade_centers(memory, add);
                 } else {
-                    self.sample(pixels, 0..positions, memory, add);
+                    for moment in 0..self.moments() {
+                        memory.moment = moment;
+                        self.sample(pixels, 0..positions, memory, &mut add);
+                        if memory.scratch.too_large.is_some() {
+                            break;
+                        }
+                    }
+                    memory.moment = 0;
                 }
-                let count = f64::from(positions * self.camera.lens_points());
+                let count = f64::from(self.samples());
                 rgb.extend(sums[..pixels.len()].iter().map(|sum| {
                     let mean = *sum * (1.0 / count);
                     mean.to_array().map(|c| c as f32)
@@ -453,20 +462,6 @@ impl Pipeline {
 
     /// The value of a single pixel, the mean of its samples. Equal to its value in the image.
     pub fn pixel(&self, pixel: [u32; 2], scratch: &mut Scratch) -> Rgb {
-        if self.later.is_empty() {
-            return self.pixel_at(0, pixel, scratch);
-        }
-        let count = self.moments();
-        let values = (0..count).map(|moment| {
-            let value = self.pixel_at(moment, pixel, scratch).to_array();
-            // As the images of which the image is the mean.
-            Rgb::from(value.map(|c| f64::from(c as f32)))
-        });
-        values.sum::<Rgb>() * (1.0 / f64::from(count))
-    }
-
-    /// The value of a single pixel at one time.
-    fn pixel_at(&self, moment: u32, pixel: [u32; 2], scratch: &mut Scratch) -> Rgb {
         if let Some(rule) = self.sampler.refinement() {
             let [x, y] = pixel;
             let alone = Region {
@@ -475,11 +470,22 @@ impl Pipeline {
                 width: 1,
                 height: 1,
             };
-            return Adaptive::new(rule, self.film.size, alone, moment).pixel(self, pixel, scratch);
+            let mut at = |moment| {
+                let adaptive = Adaptive::new(rule, self.film.size, alone, moment);
+                adaptive.pixel(self, pixel, scratch)
+            };
+            if self.later.is_empty() {
+                return at(0);
+            }
+            let count = self.moments();
+            // Rounded as the images of which the image is the mean.
+            let rounded = |value: Rgb| Rgb::from(value.to_array().map(|c| f64::from(c as f32)));
+            let sum: Rgb = (0..count).map(|moment| rounded(at(moment))).sum();
+            return sum * (1.0 / f64::from(count));
         }
-        let count = self.moment_samples();
+        let count = self.samples();
         let sum: Rgb = (0..count)
-            .map(|sample| self.radiance_of(pixel, moment * count + sample, scratch))
+            .map(|sample| self.radiance_of(pixel, sample, scratch))
             .sum();
         sum * (1.0 / f64::from(count))
     }
