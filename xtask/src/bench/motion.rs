@@ -27,6 +27,8 @@ const MARKERS: [&str; 2] = [
 ];
 /// The accelerators that can be refitted.
 const ACCELERATORS: [&str; 2] = ["bvh", "obb_bvh"];
+/// Times per ray that differ by less than this factor count as equal.
+const NOISE: f64 = 1.1;
 /// Distance of neighbouring balls, in radii.
 const SPACING: f64 = 3.0;
 /// Quads of a ball around its axis, and along it.
@@ -263,8 +265,8 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
                     1e3 * build,
                     found.cost[0],
                     found.cost[1],
-                    if slow > fast {
-                        format!("{:.1} million", pays / 1e6)
+                    if slow > NOISE * fast {
+                        format!("{:.0} thousand", pays / 1e3)
                     } else {
                         "–".to_owned()
                     },
