@@ -219,6 +219,13 @@ fn images_of_an_adaptive_sampler_are_finished_one_by_one() {
                 assert_eq!(film.rgb[pixel][c], (sum / of.len() as f64) as f32);
             }
         }
+        for (layer, (name, values)) in film.layers.iter().enumerate() {
+            let of = if name.starts_with("path.") { of } else { &of[..1] };
+            for (value, found) in values.iter().enumerate() {
+                let sum: f64 = of.iter().map(|film| f64::from(film.layers[layer].1[value])).sum();
+                assert_eq!(*found, (sum / of.len() as f64) as f32, "{name}");
+            }
+        }
     };
     let whole = pipeline.render(RenderOptions::default());
     assert!(whole.is_complete);
@@ -258,4 +265,22 @@ fn times_can_be_set_from_outside() {
     assert_eq!((blurred.0, early.0, late.0), (8, 1, 1));
     assert_eq!(at(&["film.time.count=3"]).0, 3);
     assert!(early.1 != late.1 && early.2 != late.2 && blurred.2 != early.2);
+}
+
+/// Surfaces that meet at a later time only are known.
+#[test]
+fn coincident_surfaces_of_all_times_are_found() {
+    let scene = |time: &str| {
+        format!(
+            "film = {{ width = 4, height = 3, time = {time} }}\n\
+             camera = {{ type = \"perspective\", look_at = {{ origin = [0, 5, 9], target = [0, 0, 0] }} }}\n\
+             [[shape]]\ntype = \"box\"\n\
+             [[shape]]\ntype = \"box\"\n\
+             motion = [{{ time = 0.25, transform = {{ translate = [5, 0, 2] }} }},\n\
+             {{ time = 0.75, transform = {{ translate = [0.5, 0, 2] }} }}]\n"
+        )
+    };
+    let found = |time: &str| built(&scene(time)).coincident.len();
+    assert_eq!([found("0.25"), found("0.75")], [0, 1]);
+    assert_eq!(found("{ open = 0, close = 1, count = 2 }"), 1);
 }

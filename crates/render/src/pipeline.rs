@@ -141,8 +141,17 @@ impl Pipeline {
         }
         for time in &times[1..] {
             let moment = description.at(*time).and_then(|description| {
-                let plan = Plan::new(&description, registry).into_result()?;
-                Self::build_moment(&plan, registry, options).into_result()
+                let built = Plan::new(&description, registry)
+                    .into_result()
+                    .and_then(|plan| Self::build_moment(&plan, registry, options).into_result());
+                built.map_err(|mut errors| {
+                    // The place is that of a transform that is valid by itself.
+                    errors
+                        .0
+                        .iter_mut()
+                        .for_each(|error| error.message = format!("at {time} s: {}", error.message));
+                    errors
+                })
             });
             match moment {
                 Ok(moment) => first.append(moment),
@@ -156,7 +165,9 @@ impl Pipeline {
 
     /// Adds the same scene at a later time.
     fn append(&mut self, moment: Self) {
-        let is_new = |pair: &Coincidence| self.coincident.iter().all(|known| known.shapes != pair.shapes);
+        // A pair may be separated at one time and not at another.
+        let kind = |pair: &Coincidence| (pair.shapes.clone(), pair.form, pair.gap.is_none());
+        let is_new = |pair: &Coincidence| self.coincident.iter().all(|known| kind(known) != kind(pair));
         let pairs: Vec<Coincidence> = moment.coincident.into_iter().filter(is_new).collect();
         self.coincident.extend(pairs);
         for why in moment.coincident_unknown {

@@ -331,8 +331,9 @@ impl<'de> Deserialize<'de> for FilmTime {
                 let (open, close) = (shutter.open.get(), shutter.close.get());
                 // A difference that overflows has no middle.
                 if !(open <= close && (close - open).is_finite()) {
-                    let message =
-                        format!("expected a shutter that opens before it closes, found {open} and {close} s");
+                    let message = format!(
+                        "expected `close` not before `open`, and a finite difference, found {open} and {close} s"
+                    );
                     return Err(A::Error::custom(message));
                 }
                 Ok(FilmTime::Shutter(shutter))

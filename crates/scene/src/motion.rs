@@ -86,6 +86,9 @@ impl Motion {
                         before.time
                     );
                     errors.0.push(SceneError::at(raw.time.span(), message));
+                } else if !(time - before.time).is_finite() {
+                    let message = "the time between two keyframes is too large to be a number";
+                    errors.0.push(SceneError::at(raw.time.span(), message));
                 }
                 if steps.len() != before.steps.len() {
                     let message = format!(

@@ -34,6 +34,9 @@ def times(film: Any, errors: List[str]) -> List[float]:
 def still(root: Any, moment: int, errors: List[str]) -> Tuple[Any, int]:
     """The document at the time with this number, and the number of times."""
     found = times(root.get("film", {}), errors)
+    if not any_moves(root):
+        # The images of all times are the same.
+        return root, 1
     changed = dict(root)
     if isinstance(root.get("shape"), list):
         changed["shape"] = [_stopped(shape, f"shape[{index}]", found[moment], errors) for index, shape in enumerate(root["shape"])]
@@ -96,7 +99,7 @@ def _kind(step: Any) -> Any:
     if not isinstance(step, dict):
         return None
     turn = step.get("rotate")
-    return sorted(step), list(turn.get("axis", [])) if isinstance(turn, dict) else None
+    return sorted(step), turn.get("axis") if isinstance(turn, dict) else None
 
 
 def _steps(keyframes: List[Tuple[float, List[Any]]], time: float) -> List[Any]:

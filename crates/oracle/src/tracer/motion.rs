@@ -97,7 +97,7 @@ fn stop(shape: &mut Table, time: f64) {
         })
         .collect();
     let mut steps = list(shape.remove("transform"));
-    let first_after = keyframes.iter().position(|(at, _)| *at >= time);
+    let first_after = keyframes.iter().position(|(at, _)| *at > time);
     steps.extend(match first_after {
         None => keyframes
             .last()
