@@ -117,6 +117,16 @@ enum Hierarchy {
     Sixteen(Sixteen),
 }
 
+impl Hierarchy {
+    /// Memory.
+    fn bytes(&self) -> usize {
+        match self {
+            Self::Eight(eight) => size_of_val(&*eight.nodes) + eight.leaves.bytes(),
+            Self::Sixteen(sixteen) => sixteen.bytes(),
+        }
+    }
+}
+
 /// Nodes of eight boxes, and leaves in single precision.
 struct Eight {
     leaves: Leaves,
@@ -190,12 +200,8 @@ impl Bvh {
             };
             Hierarchy::Sixteen(Sixteen::new(&wide, leaves))
         };
-        let bytes = match &hierarchy {
-            Hierarchy::Eight(eight) => size_of_val(&*eight.nodes) + eight.leaves.bytes(),
-            Hierarchy::Sixteen(sixteen) => sixteen.bytes(),
-        };
         statistics.extend([
-            ("bytes", bytes as f64),
+            ("bytes", hierarchy.bytes() as f64),
             ("build_seconds", start.elapsed().as_secs_f64()),
         ]);
         Self {
@@ -252,8 +258,11 @@ impl Bvh {
             }
         };
         let mut statistics = self.statistics.clone();
-        statistics.insert("sah_cost", cost);
-        statistics.insert("build_seconds", start.elapsed().as_secs_f64());
+        statistics.extend([
+            ("sah_cost", cost),
+            ("bytes", hierarchy.bytes() as f64),
+            ("build_seconds", start.elapsed().as_secs_f64()),
+        ]);
         let sets = match &self.hierarchy {
             Hierarchy::Eight(eight) => eight.sets,
             Hierarchy::Sixteen(sixteen) => sixteen.sets,
