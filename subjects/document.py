@@ -273,6 +273,8 @@ def add_shapes(scene, document, tables, folder, matrix, replacements):
     for table in tables:
         if table.get("casts_shadow", True) is not True:
             skip("a shape without a shadow")
+        if "motion" in table:
+            skip("a shape that moves")
         keys = {key: value for key, value in table.items() if key != "casts_shadow"}
         place = matrix @ matrix_of(table.get("transform"))
         if table["type"] == "instance":

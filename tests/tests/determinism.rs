@@ -101,7 +101,7 @@ fn what_a_scene_does_not_need_is_not_computed_and_is_not_missed() {
         let mut pipeline = load(&scene, &small(), &registry).unwrap_or_else(|report| panic!("{report}"));
         let planned = pipeline.render(RenderOptions::default());
         let needs = pipeline.scene.needs();
-        pipeline.scene = pipeline.scene.without_specialization();
+        pipeline = pipeline.without_specialization();
         let general = pipeline.render(RenderOptions::default());
         let name = scene.display();
         assert!(planned.rgb == general.rgb, "{name}");

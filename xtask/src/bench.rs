@@ -13,6 +13,7 @@ mod import;
 pub(crate) mod light_paths;
 mod lights;
 pub(crate) mod machine;
+mod motion;
 mod picture;
 pub(crate) mod plugins;
 mod povray;
@@ -56,6 +57,7 @@ enum What {
     Import(import::Arguments),
     LightPaths(light_paths::Arguments),
     Lights(lights::Arguments),
+    Motion(motion::Arguments),
     Plugins(plugins::Arguments),
     Rasterizer(rasterizer::Arguments),
     Scale(scale::Arguments),
@@ -77,6 +79,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         Some(What::Import(arguments)) => import::run(arguments, registry),
         Some(What::LightPaths(arguments)) => light_paths::run(arguments, registry),
         Some(What::Lights(arguments)) => lights::run(arguments, registry),
+        Some(What::Motion(arguments)) => motion::run(arguments, registry),
         Some(What::Plugins(arguments)) => plugins::run(arguments, registry),
         Some(What::Rasterizer(arguments)) => rasterizer::run(arguments, registry),
         Some(What::Scale(arguments)) => scale::run(arguments, registry),

@@ -31,15 +31,17 @@ mod worst_cases;
 
 use crate::support::elements::{MAX_ELEMENTS, check_count};
 use crate::support::leaves::child::{Child, Kind, WIDTH};
-use crate::support::leaves::items::{Contents, Item, Items};
+use crate::support::leaves::filter::NUMBERS;
+use crate::support::leaves::items::{Box4, Contents, Item, Items, PARALLEL};
 use crate::support::leaves::state::{Query, Search};
-use crate::support::leaves::{Leaves, Number};
+use crate::support::leaves::{Leaves, Number, by_coordinate};
 use binned::Binned;
 use exact::Sixteen;
 use frustum::Proxies;
 use morton::Keys;
 use node::Node;
 use packet::USUAL_DEPTH;
+use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use spatial::Spatial;
@@ -48,7 +50,7 @@ use std::time::Instant;
 use tree::{Binary, Tree};
 use whitstone_core::stream::{HitStream, Lanes, RayStream};
 use whitstone_core::{
-    Aabb, Accelerator, Accelerators, Context, DVec3, DebugBounds, Geometry, Interval, Plugin,
+    Aabb, Accelerator, Accelerators, Context, DAffine3, DVec3, DebugBounds, Geometry, Interval, Plugin,
     PreliminaryIntersection, Ray, SceneErrors, SelfHitFilter, Statistics,
 };
 use whitstone_simd::{Level, with_lanes};
@@ -113,6 +115,16 @@ enum Hierarchy {
     /// With leaves tested in double precision, for AVX-512. Their corners are stored in `f32` where
     /// that is exact.
     Sixteen(Sixteen),
+}
+
+impl Hierarchy {
+    /// Memory.
+    fn bytes(&self) -> usize {
+        match self {
+            Self::Eight(eight) => size_of_val(&*eight.nodes) + eight.leaves.bytes(),
+            Self::Sixteen(sixteen) => sixteen.bytes(),
+        }
+    }
 }
 
 /// Nodes of eight boxes, and leaves in single precision.
@@ -188,12 +200,8 @@ impl Bvh {
             };
             Hierarchy::Sixteen(Sixteen::new(&wide, leaves))
         };
-        let bytes = match &hierarchy {
-            Hierarchy::Eight(eight) => size_of_val(&*eight.nodes) + eight.leaves.bytes(),
-            Hierarchy::Sixteen(sixteen) => sixteen.bytes(),
-        };
         statistics.extend([
-            ("bytes", bytes as f64),
+            ("bytes", hierarchy.bytes() as f64),
             ("build_seconds", start.elapsed().as_secs_f64()),
         ]);
         Self {
@@ -201,6 +209,70 @@ impl Bvh {
             proxies: None,
             statistics,
         }
+    }
+
+    /// The same hierarchy around moved elements; `None` if other elements need to be in it.
+    fn refit(&self, geometry: &Arc<Geometry>) -> Option<Self> {
+        let start = Instant::now();
+        let old = self.leaves();
+        let items = Items::new(geometry);
+        if items.unbounded != old.unbounded {
+            return None;
+        }
+        let numbers = old.slots.par_iter().with_min_len(PARALLEL);
+        let numbers: Vec<u32> = numbers.map(|slot| items.number(*slot)).collect::<Option<_>>()?;
+        // A build may have left out triangles that had no area.
+        let mut known = vec![false; geometry.elements().count()];
+        numbers.iter().for_each(|number| known[*number as usize] = true);
+        let lost = |number: u32| !known[number as usize] && !items.is_flat(number);
+        if items.each(lost).contains(&true) {
+            return None;
+        }
+        let boxes = numbers.par_iter().with_min_len(PARALLEL);
+        let boxes: Vec<Box4> = boxes.map(|number| items.item(*number).aabb()).collect();
+        let (hierarchy, cost) = match &self.hierarchy {
+            Hierarchy::Eight(eight) => {
+                let mut wide = Wide {
+                    nodes: eight.nodes.clone(),
+                    root: eight.root,
+                    ..Wide::default()
+                };
+                let leaves = refit::<f32, WIDTH>(&mut wide, &boxes, items, &numbers, geometry);
+                let refitted = Eight {
+                    leaves,
+                    nodes: wide.nodes,
+                    root: wide.root,
+                    deep: eight.deep,
+                    sets: eight.sets,
+                };
+                (Hierarchy::Eight(refitted), wide.cost)
+            }
+            Hierarchy::Sixteen(sixteen) => {
+                let mut wide = sixteen.wide();
+                let leaves = if items.frame.exact().is_some() {
+                    refit::<f32, 16>(&mut wide, &boxes, items, &numbers, geometry)
+                } else {
+                    refit::<f64, 16>(&mut wide, &boxes, items, &numbers, geometry)
+                };
+                (Hierarchy::Sixteen(Sixteen::new(&wide, leaves)), wide.cost)
+            }
+        };
+        let mut statistics = self.statistics.clone();
+        statistics.extend([
+            ("sah_cost", cost),
+            ("bytes", hierarchy.bytes() as f64),
+            ("build_seconds", start.elapsed().as_secs_f64()),
+        ]);
+        let sets = match &self.hierarchy {
+            Hierarchy::Eight(eight) => eight.sets,
+            Hierarchy::Sixteen(sixteen) => sixteen.sets,
+        };
+        let refitted = Self {
+            hierarchy,
+            proxies: None,
+            statistics,
+        };
+        Some(refitted.with(sets))
     }
 
     /// The same with these sets of rays.
@@ -354,6 +426,31 @@ fn build<T: Corners, const N: usize>(
     (wide, leaves)
 }
 
+/// Fits the boxes of a hierarchy anew, and makes its leaves of the moved elements with these
+/// numbers.
+fn refit<T: Corners, const N: usize>(
+    wide: &mut Wide<N>,
+    boxes: &[Box4],
+    items: Items<'_>,
+    numbers: &[u32],
+    geometry: &Arc<Geometry>,
+) -> Leaves {
+    wide.refit(boxes);
+    let Contents { slots, corners } = items.contents::<T, _>(numbers, |number| *number);
+    let mut corners = corners.into_flattened();
+    let mut rest = &mut corners[..];
+    let mut leaves = Vec::new();
+    for (_, count) in wide.leaves() {
+        leaves.push((count, rest.split_off_mut(..NUMBERS * count).unwrap_or_default()));
+    }
+    let leaves = leaves.into_par_iter().with_min_len(PARALLEL);
+    leaves.for_each(|(count, numbers)| by_coordinate(numbers, count));
+    let Items { frame, unbounded, .. } = items;
+    let mut leaves = Leaves::new(geometry.clone(), frame, unbounded, slots, Vec::new());
+    T::store(corners, &mut leaves);
+    leaves
+}
+
 /// The coordinates of the leaves: `f32` and `f64` have a field of [`Leaves`] each.
 trait Corners: Number {
     fn store(numbers: Vec<Self>, leaves: &mut Leaves);
@@ -407,6 +504,10 @@ impl Accelerator for Bvh {
         }
     }
 
+    fn refitted(&self, geometry: &Arc<Geometry>, _rigid: Option<&DAffine3>) -> Option<Box<dyn Accelerator>> {
+        Some(Box::new(self.refit(geometry)?))
+    }
+
     fn statistics(&self) -> Statistics {
         let mut statistics = self.statistics.clone();
         let skipped = self.proxies.as_ref().map(Proxies::skipped);
@@ -427,6 +528,7 @@ impl Accelerator for Bvh {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use whitstone_core::{LoweredShape, TriangleMesh};
     use whitstone_testkit::{accelerator_laws, accelerator_laws_of_part};
 
     /// A `bvh` for processors of one level, which runs on all.
@@ -450,6 +552,67 @@ mod tests {
     fn with_all_sets_of_rays<const AVX512: bool>() {
         for sets in ["none", "packets", "tiles"] {
             accelerator_laws_of_part::<Of<AVX512>>(&format!("ray_sets = \"{sets}\""), 4);
+        }
+    }
+
+    /// A quad of two triangles at each of these places.
+    fn quads(places: &[DVec3]) -> Arc<Geometry> {
+        let corners = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::X + DVec3::Y];
+        let quad = |number: usize| {
+            let first = 4 * number as u32;
+            [[first, first + 1, first + 2], [first + 3, first + 2, first + 1]]
+        };
+        Arc::new(Geometry::new(vec![LoweredShape::Triangles(TriangleMesh {
+            positions: places
+                .iter()
+                .flat_map(|place| corners.map(|corner| *place + corner))
+                .collect(),
+            triangles: (0..places.len()).flat_map(quad).collect(),
+            orientation: 1.0,
+            ..TriangleMesh::default()
+        })]))
+    }
+
+    /// Elements that part make the boxes overlap; elements that a hierarchy lacks need a new one.
+    #[test]
+    fn a_refit_keeps_the_contents_of_nodes() {
+        let place = |i: usize| DVec3::new(2.0 * i as f64, 0.0, 0.0);
+        let near: Vec<DVec3> = (0..100).map(place).collect();
+        // Every second one far away.
+        let apart = |i: usize| {
+            place(i)
+                + if i.is_multiple_of(2) {
+                    DVec3::Y * 100.0
+                } else {
+                    DVec3::ZERO
+                }
+        };
+        let far: Vec<DVec3> = (0..100).map(apart).collect();
+        for level in [Level::Avx2, Level::Avx512] {
+            let cost = |bvh: &Bvh| bvh.statistics["sah_cost"];
+            let built = Bvh::new(quads(&near), Quality::Balanced, level);
+            let same = built.refit(&quads(&near)).unwrap();
+            assert!(
+                (cost(&same) / cost(&built) - 1.0).abs() < 1e-5,
+                "{} {}",
+                cost(&same),
+                cost(&built)
+            );
+            let moved = built.refit(&quads(&far)).unwrap();
+            let rebuilt = Bvh::new(quads(&far), Quality::Balanced, level);
+            assert!(
+                cost(&moved) > 1.5 * cost(&rebuilt),
+                "{} {}",
+                cost(&moved),
+                cost(&rebuilt)
+            );
+            assert_eq!(moved.statistics["nodes"], built.statistics["nodes"]);
+            assert!(built.refit(&quads(&near[1..])).is_none());
+            assert!(
+                built
+                    .refit(&quads(&[&near[..], &[DVec3::ZERO]].concat()))
+                    .is_none()
+            );
         }
     }
 

@@ -11,14 +11,14 @@
 //!   pays off only where it is hit less than a half to a third as often. It saves a third of the
 //!   steps on slanted hairs and a sixth on compact meshes: neither pays off (figures in
 //!   `docs/accelerators.md`). Memory: 15 numbers a node, at most two nodes per element. Build: O(n
-//!   log n), as every level is fitted anew. A rigidly moving part would need no new fit, only a new
-//!   frame.
+//!   log n), as every level is fitted anew. A rigidly moving part needs no new fit, only a new
+//!   frame (`docs/motion.md`).
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/obb_bvh.toml`.
 
 use crate::support::binary::{Builder, MAX_DEPTH, STEP_COST};
-use crate::support::elements::{Item, Searched, Structure, Visitor, WideRay};
+use crate::support::elements::{Elements, Item, Searched, Structure, Visitor, WideRay};
 use crate::support::hierarchy::{Below, Hierarchy, Volume};
 use crate::support::principal::{COORDINATE_AXES, principal_axes};
 use crate::support::split::{Axes, Split};
@@ -27,7 +27,8 @@ use serde::Deserialize;
 use std::num::NonZeroU32;
 use std::sync::Arc;
 use whitstone_core::{
-    Aabb, Accelerator, Accelerators, Context, DVec3, DebugBounds, Geometry, Plugin, SceneErrors, Statistics,
+    Aabb, Accelerator, Accelerators, Context, DAffine3, DMat3, DVec3, DebugBounds, Geometry, Plugin,
+    SceneErrors, Statistics,
 };
 
 /// A BVH of oriented boxes: fewer but slower steps. Even on slanted hairs it is not faster than
@@ -106,6 +107,23 @@ impl Volume for Oriented {
     /// `None`: the children's boxes say too little, so each box is fitted to its own elements.
     fn joined(_: &Self, _: &Self) -> Option<Self> {
         None
+    }
+
+    /// The same box in a moved frame. The rounding of the frame, and of the moved elements, is far
+    /// below the padding of rays.
+    fn moved(&self, rigid: &DAffine3) -> Option<Self> {
+        let turn = rigid.matrix3;
+        // Otherwise the ends along the axes would change.
+        if !(turn.transpose() * turn).abs_diff_eq(DMat3::IDENTITY, 1e-14) {
+            return None;
+        }
+        let axes = self.axes.map(|axis| turn * axis);
+        let shifted = |ends: [f64; 3]| std::array::from_fn(|i| ends[i] + axes[i].dot(rigid.translation));
+        Some(Self {
+            axes,
+            min: shifted(self.min),
+            max: shifted(self.max),
+        })
     }
 
     fn half_area(&self) -> f64 {
@@ -198,6 +216,10 @@ impl Structure for ObbBvh {
         }
     }
 
+    fn refitted(&self, geometry: &Geometry, elements: &Elements, rigid: Option<&DAffine3>) -> Option<Self> {
+        self.0.refitted(geometry, &elements.items, rigid).map(Self)
+    }
+
     fn statistics(&self) -> Statistics {
         let askew = |oriented: &&Oriented| oriented.axes != COORDINATE_AXES;
         let mut statistics = self.0.statistics();
@@ -214,6 +236,29 @@ impl Structure for ObbBvh {
 mod tests {
     use super::*;
     use whitstone_testkit::accelerator_laws;
+
+    #[test]
+    fn a_moved_frame_has_the_box_of_the_moved_points() {
+        let rotation = DAffine3::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), 0.8);
+        let rigid = DAffine3::from_translation(DVec3::new(5.0, -2.0, 1.0)) * rotation;
+        let points = [DVec3::ZERO, DVec3::X, 2.0 * DVec3::Y, DVec3::ONE];
+        let oriented = Oriented::along(&points, principal_axes(&points));
+        let moved = oriented.moved(&rigid).unwrap();
+        for p in points {
+            let p = rigid.transform_point3(p);
+            for i in 0..3 {
+                let along = moved.axes[i].dot(p);
+                assert!(moved.min[i] - 1e-14 <= along && along <= moved.max[i] + 1e-14);
+            }
+        }
+        assert!((moved.half_area() / oriented.half_area() - 1.0).abs() < 1e-13);
+        // Boxes that are stretched need a new fit.
+        assert!(
+            oriented
+                .moved(&DAffine3::from_scale(DVec3::new(1.0, 1.0, 1.0 + 1e-9)))
+                .is_none()
+        );
+    }
 
     #[test]
     fn obeys_the_laws_of_accelerators() {

@@ -112,6 +112,7 @@ const FEATURES: &[Feature] = features! {
     Dropped "[[shape]] instance in a group": "Mitsuba's groups cannot contain instances.";
     Dropped "[[shape]] materials of an instance": "Its shapes have the materials of their group.";
     Dropped "[[shape]] without a shadow": "Every surface casts shadows.";
+    Dropped "[[shape]] motion": "It stands still, where its first keyframe places it.";
     Dropped "[[shape]] of another type": "Mitsuba has no such shape.";
     Approximated "[material] phong, blinn_phong, whitted": "diffuse with pi k_d, blended with a mirror of k_refl; no highlight.";
     Dropped "[material] k_refr": "Nothing is transmitted.";

@@ -112,6 +112,7 @@ const FEATURES: &[Feature] = features! {
     Dropped "[[shape]] instance in a group": "pbrt's objects cannot contain instances.";
     Dropped "[[shape]] materials of an instance": "Its shapes have the materials of their group.";
     Dropped "[[shape]] without a shadow": "Every surface casts shadows.";
+    Dropped "[[shape]] motion": "It stands still, where its first keyframe places it.";
     Dropped "[[shape]] of another type": "pbrt has no such shape.";
     Approximated "[material] mirror": "A conductor with this reflectance at normal incidence.";
     Approximated "[material] glossy": "A rough conductor of the same width.";

@@ -76,14 +76,16 @@ pub(crate) fn table<'t>(parent: &'t Table, key: &str) -> Option<&'t Table> {
     parent.get(key).and_then(Value::as_table)
 }
 
-/// The product of the steps of the key `transform`.
+/// The product of the steps of the key `transform`, and of the first keyframe of a motion.
 pub(crate) fn transform(table: &Table) -> DAffine3 {
-    let steps: Vec<&Value> = match table.get("transform") {
-        None => Vec::new(),
-        Some(Value::Array(steps)) => steps.iter().collect(),
-        Some(step) => vec![step],
-    };
-    let steps = steps.into_iter().filter_map(Value::as_table);
+    let motion = table.get("motion").and_then(Value::as_array);
+    let first = motion.and_then(|keyframes| keyframes.first()?.get("transform"));
+    let steps = [table.get("transform"), first].into_iter().flatten();
+    let steps = steps.flat_map(|steps| match steps {
+        Value::Array(steps) => steps.iter().collect(),
+        step => vec![step],
+    });
+    let steps = steps.filter_map(Value::as_table);
     steps.fold(DAffine3::IDENTITY, |before, step_table| step(step_table) * before)
 }
 
@@ -126,5 +128,14 @@ mod tests {
         .unwrap();
         let moved = transform(&table).transform_point3(DVec3::X);
         assert!((moved - DVec3::new(1.0, 2.0, 10.0)).length() < 1e-12);
+        let moving: Table = toml::from_str(
+            "transform = { scale = 2 }
+             motion = [{ time = 0, transform = { translate = [1, 0, 0] } }, { time = 1, transform = { translate = [9, 0, 0] } }]",
+        )
+        .unwrap();
+        assert_eq!(
+            transform(&moving).transform_point3(DVec3::X),
+            DVec3::new(3.0, 0.0, 0.0)
+        );
     }
 }

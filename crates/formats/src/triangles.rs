@@ -16,7 +16,7 @@ use whitstone_gltf::json::validation::Checked;
 const MAX_BYTES: u64 = 8 << 30;
 
 /// Keys of a shape that do not change its triangles in object space.
-const PLACEMENT: [&str; 5] = ["type", "id", "material", "transform", "casts_shadow"];
+const PLACEMENT: [&str; 6] = ["type", "id", "material", "transform", "motion", "casts_shadow"];
 
 /// Why a shape has no triangles.
 #[derive(Clone, Debug, PartialEq)]

@@ -19,6 +19,7 @@ mod footprint;
 mod light;
 mod mapping;
 mod material;
+mod motion;
 mod noise;
 mod pattern;
 mod place;
@@ -135,6 +136,8 @@ pub struct Tracer {
     size: [u32; 2],
     /// The sample distance in pixels, if a texture needs footprints.
     apart: Option<f64>,
+    /// If shapes move: a tracer for each time of the film. The rest is then the scene at the first.
+    moments: Vec<Tracer>,
 }
 
 /// The table `[integrator]`.
@@ -304,6 +307,16 @@ impl Tracer {
     /// # Errors
     /// Every part of the scene that the oracle does not support.
     pub fn new(description: &Description<'_>) -> Result<Self, SceneErrors> {
+        // First: its errors have places.
+        let still = Self::still(description)?;
+        Ok(Self {
+            moments: motion::tracers(description)?,
+            ..still
+        })
+    }
+
+    /// A tracer for a scene without motion.
+    fn still(description: &Description<'_>) -> Result<Self, SceneErrors> {
         let sampler = Sampler::new(description.sampler.as_ref())?;
         let apart = filters(description).then(|| 1.0 / (sampler.at_first() as f64).sqrt());
         Ok(Self {
@@ -313,11 +326,13 @@ impl Tracer {
             rules: Rules::new(description.integrator.as_ref())?,
             sampler,
             apart,
+            moments: Vec::new(),
             size: [description.film.size.width, description.film.size.height],
         })
     }
 
-    /// The first hit of a ray, in front of its origin. Every shape is tested.
+    /// The first hit of a ray, in front of its origin, at the first time of the film. Every shape
+    /// is tested.
     pub fn first_hit(&self, ray: &Ray) -> FirstHit {
         match self.scene.nearest(ray, None, f64::INFINITY) {
             Ok(Some(Hit { t, point, normal, .. })) => FirstHit::Hit { t, point, normal },
@@ -328,7 +343,8 @@ impl Tracer {
 
     /// The longest time that a ray has taken so far.
     pub fn slowest_ray(&self) -> Duration {
-        self.scene.slowest()
+        let moments = self.moments.iter().map(Self::slowest_ray);
+        moments.fold(self.scene.slowest(), Duration::max)
     }
 
     /// The value of a pixel, given as column and row from the top left.
@@ -342,6 +358,18 @@ impl Tracer {
     }
 
     fn value(&self, pixel: [u32; 2], care: Care, deadline: Option<Instant>) -> Value {
+        if self.moments.is_empty() {
+            return self.still_value(pixel, care, deadline);
+        }
+        let moments = self.moments.iter();
+        motion::mean(
+            moments
+                .map(|still| still.still_value(pixel, care, deadline))
+                .collect(),
+        )
+    }
+
+    fn still_value(&self, pixel: [u32; 2], care: Care, deadline: Option<Instant>) -> Value {
         let ulps = care.ulps;
         let exact = match self.once(pixel, Jitter { state: None, ulps }, deadline) {
             Err(unsure) if unsure != Unsure::Touch => return Value::Unknown(unsure.reason().to_owned()),

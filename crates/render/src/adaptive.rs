@@ -49,6 +49,8 @@ impl Tally {
 pub(crate) struct Adaptive {
     rule: Refinement,
     size: FilmSize,
+    /// The time of the image; see [`Pipeline::moment`].
+    moment: u32,
     /// The pixels that have a tally: those of the region, and their neighbours.
     window: Region,
     /// Of the pixels of the window, row by row.
@@ -56,11 +58,12 @@ pub(crate) struct Adaptive {
 }
 
 impl Adaptive {
-    /// The state of the pixels of a region.
-    pub(crate) fn new(rule: Refinement, size: FilmSize, region: Region) -> Self {
+    /// The state of the pixels of a region at a time.
+    pub(crate) fn new(rule: Refinement, size: FilmSize, region: Region, moment: u32) -> Self {
         Self {
             rule,
             size,
+            moment,
             window: region.with_border(size),
             tallies: Mutex::default(),
         }
@@ -117,7 +120,7 @@ impl Adaptive {
         let state = Mutex::new((tallies, film));
         // One per thread, for all rounds.
         let memories: Vec<Mutex<SampleMemory>> =
-            std::iter::repeat_with(|| Mutex::new(SampleMemory::new(pipeline.tree_limits)))
+            std::iter::repeat_with(|| Mutex::new(SampleMemory::new(pipeline.tree_limits, self.moment)))
                 .take(rayon::current_num_threads())
                 .collect();
         loop {
@@ -189,9 +192,10 @@ impl Adaptive {
     /// The colour of a single pixel.
     pub(crate) fn pixel(&self, pipeline: &Pipeline, pixel: [u32; 2], scratch: &mut Scratch) -> Rgb {
         let lens = pipeline.camera.lens_points();
+        let earlier = self.moment * pipeline.moment_samples();
         let tally_of = |pixel, samples: Range<u32>, mut tally: Tally, scratch: &mut Scratch| {
             for sample in samples {
-                tally.add(pipeline.radiance_of(pixel, sample, scratch));
+                tally.add(pipeline.radiance_of(pixel, earlier + sample, scratch));
             }
             tally
         };

@@ -40,6 +40,14 @@ impl Pipeline {
                 own,
             ));
         }
+        if !self.later.is_empty() {
+            let once: Option<u64> = costs[1..].iter().map(|part| part.bytes).sum();
+            costs.push(cost(
+                "other times of the film",
+                once.map(|bytes| bytes * self.later.len() as u64),
+                format!("the same structures at {} more times", self.later.len()),
+            ));
+        }
         let shapes = self.scene.materials.len();
         let having = |flags: BsdfFlags| {
             let materials = self.scene.materials.iter();

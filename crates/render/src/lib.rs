@@ -29,7 +29,7 @@ pub use cache::Cache;
 pub use coincident::Coincidence;
 pub use costs::Cost;
 pub use film::{Film, FilmError, Progress};
-pub use pipeline::Pipeline;
+pub use pipeline::{Moment, Pipeline};
 pub use render::{Region, RenderOptions};
 pub use shared::Shared;
 pub use threads::start_threads;

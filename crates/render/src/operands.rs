@@ -8,11 +8,12 @@ use whitstone_scene::{PluginTable, parse_transform};
 const MAX_NESTING: usize = 16;
 
 /// Keys of shapes that operands do not have, and the reasons.
-const FORBIDDEN_KEYS: [(&str, &str); 4] = [
+const FORBIDDEN_KEYS: [(&str, &str); 5] = [
     ("material", "the whole shape has one material"),
     ("id", "only the whole shape can have an id"),
     ("group", "an instance of a group bounds no volume"),
     ("casts_shadow", "only the whole shape can cast no shadow"),
+    ("motion", "only the whole shape can move"),
 ];
 
 /// The nesting depth of the operand that is being built.

@@ -17,11 +17,13 @@ const ROWS: u32 = 16;
 impl Pipeline {
     /// Renders the layers of the path classes, the last ones of the film. `positions`: the number
     /// of sampler positions of each pixel of the region, if it is not that of the sampler.
+    /// `moment`: see [`Self::moment`].
     pub(crate) fn split_paths(
         &self,
         classes: &Arc<PathClasses>,
         region: Region,
         positions: Option<&[u32]>,
+        moment: u32,
         film: &mut Film,
         progress: Option<Progress<'_>>,
     ) {
@@ -42,7 +44,7 @@ impl Pipeline {
                     let (x, y) = (place as u32 % region.width, place as u32 / region.width);
                     let positions = positions.map_or(self.sampler.count(), |all| all[start + place]);
                     let pixel = [region.x + x, region.y + top + y];
-                    let means = self.classes_of(pixel, positions, scratch);
+                    let means = self.classes_of(pixel, positions, moment, scratch);
                     let channels = means.iter().flat_map(|mean| mean.to_array());
                     for (value, mean) in values.iter_mut().zip(channels) {
                         *value = mean as f32;
@@ -67,16 +69,24 @@ impl Pipeline {
         }
     }
 
-    /// The mean of each class over the first positions of a pixel, through each point of the lens.
-    fn classes_of(&self, pixel: [u32; 2], positions: u32, scratch: &mut Scratch) -> Vec<Rgb> {
-        let samples = positions * self.camera.lens_points();
+    /// The mean of each class over the samples of a pixel; for an adaptive sampler, over those of
+    /// its first positions at one time.
+    fn classes_of(&self, pixel: [u32; 2], positions: u32, moment: u32, scratch: &mut Scratch) -> Vec<Rgb> {
+        let samples = match self.sampler.refinement() {
+            None => 0..self.samples(),
+            Some(_) => {
+                let earlier = moment * self.moment_samples();
+                earlier..earlier + positions * self.camera.lens_points()
+            }
+        };
+        let count = samples.len() as f64;
         if let Some(paths) = &mut scratch.paths {
             paths.sums.fill(Rgb::BLACK);
         }
-        for sample in 0..samples {
+        for sample in samples {
             self.radiance_of(pixel, sample, scratch);
         }
         let sums = scratch.paths.iter().flat_map(|paths| &paths.sums);
-        sums.map(|sum| *sum * (1.0 / f64::from(samples))).collect()
+        sums.map(|sum| *sum * (1.0 / count)).collect()
     }
 }

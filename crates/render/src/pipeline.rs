@@ -2,6 +2,7 @@
 
 use crate::builder::{BuildOptions, Builder, BuiltGroup};
 use crate::coincident::{self, Coincidence, Seen};
+use crate::shared::Shared;
 use crate::unused::unused_parts;
 use crate::{limits, reach};
 use std::collections::{BTreeSet, HashSet};
@@ -26,8 +27,10 @@ pub struct Pipeline {
     /// The visibility of all objects, computed before rendering, if the integrator is an
     /// object-order method.
     pub object_order: Option<Box<dyn ObjectOrder>>,
-    /// The scene that it renders.
+    /// The scene that it renders, at the first time of the film.
     pub scene: Scene,
+    /// The scene at each further time of the film; empty if no shape moves.
+    pub later: Vec<Moment>,
     /// Limits on the ray trees of its samples.
     pub tree_limits: TreeLimits,
     /// Hash of the flattened scene.
@@ -50,6 +53,14 @@ pub struct Pipeline {
     pub warnings: Vec<SceneError>,
     /// Build time in seconds, including reading files.
     pub build_seconds: f64,
+}
+
+/// The scene at one time.
+pub struct Moment {
+    /// The scene.
+    pub scene: Scene,
+    /// See [`Pipeline::object_order`].
+    pub object_order: Option<Box<dyn ObjectOrder>>,
 }
 
 impl Pipeline {
@@ -94,8 +105,89 @@ impl Pipeline {
         }
     }
 
-    /// Builds the planned scene. There is no pipeline if a part of it has errors.
+    /// Builds the planned scene, at each time of its film. There is no pipeline if a part of it has
+    /// errors.
     pub fn build(plan: &Plan<'_, '_>, registry: &Registry, options: BuildOptions<'_>) -> Checked<Self> {
+        let description = plan.description;
+        let times = &description.film.times;
+        if times.len() == 1 || !description.moves() {
+            let mut built = Self::build_moment(plan, registry, options);
+            if let Some(pipeline) = built.value.as_mut().filter(|_| times.len() > 1) {
+                pipeline.omitted.push(Omitted {
+                    what: format!("{} of the {} times of the film", times.len() - 1, times.len()),
+                    why: "no shape moves".to_owned(),
+                });
+            }
+            return built;
+        }
+        let start = Instant::now();
+        // Files are read once for all times.
+        let shared = Shared::default();
+        let options = BuildOptions {
+            shared: options.shared.or(Some(&shared)),
+            ..options
+        };
+        let mut built = Self::build_moment(plan, registry, options);
+        let Some(first) = &mut built.value else {
+            return built;
+        };
+        if first.moment_samples().checked_mul(times.len() as u32).is_none() {
+            let (samples, times) = (first.moment_samples(), times.len());
+            let message =
+                format!("a pixel has {samples} samples at each of {times} times, more than 2^32 in all");
+            let place = description.film.span.clone().unwrap_or_default();
+            let errors = SceneError::at(place, message).into();
+            return Checked { value: None, errors };
+        }
+        for time in &times[1..] {
+            let moment = description.at(*time).and_then(|description| {
+                let built = Plan::new(&description, registry)
+                    .into_result()
+                    .and_then(|plan| Self::build_moment(&plan, registry, options).into_result());
+                built.map_err(|mut errors| {
+                    // The place is that of a transform that is valid by itself.
+                    errors
+                        .0
+                        .iter_mut()
+                        .for_each(|error| error.message = format!("at {time} s: {}", error.message));
+                    errors
+                })
+            });
+            match moment {
+                Ok(moment) => first.append(moment),
+                // The other times may have the same errors.
+                Err(errors) => return Checked { value: None, errors },
+            }
+        }
+        first.build_seconds = start.elapsed().as_secs_f64();
+        built
+    }
+
+    /// Adds the same scene at a later time.
+    fn append(&mut self, moment: Self) {
+        // A pair may be separated at one time and not at another.
+        let kind = |pair: &Coincidence| (pair.shapes.clone(), pair.form, pair.gap.is_none());
+        let is_new = |pair: &Coincidence| self.coincident.iter().all(|known| kind(known) != kind(pair));
+        let pairs: Vec<Coincidence> = moment.coincident.into_iter().filter(is_new).collect();
+        self.coincident.extend(pairs);
+        for why in moment.coincident_unknown {
+            if !self.coincident_unknown.contains(&why) {
+                self.coincident_unknown.push(why);
+            }
+        }
+        for warning in moment.warnings {
+            if !self.warnings.contains(&warning) {
+                self.warnings.push(warning);
+            }
+        }
+        self.later.push(Moment {
+            scene: moment.scene,
+            object_order: moment.object_order,
+        });
+    }
+
+    /// Builds the planned scene at the time of its description.
+    fn build_moment(plan: &Plan<'_, '_>, registry: &Registry, options: BuildOptions<'_>) -> Checked<Self> {
         let usual = TreeLimits::default();
         let start = Instant::now();
         let description = plan.description;
@@ -210,6 +302,7 @@ impl Pipeline {
                     integrator,
                     object_order,
                     scene,
+                    later: Vec::new(),
                     tree_limits: TreeLimits {
                         rays: options.max_tree_rays.unwrap_or(usual.rays),
                         ..usual
@@ -232,6 +325,36 @@ impl Pipeline {
             value: pipeline,
             errors,
         }
+    }
+}
+
+impl Pipeline {
+    /// The number of times at which the scene is seen.
+    pub fn moments(&self) -> u32 {
+        1 + self.later.len() as u32
+    }
+
+    /// The scene at the time with this number, below [`Self::moments`].
+    pub(crate) fn moment(&self, number: u32) -> (&Scene, Option<&dyn ObjectOrder>) {
+        match number
+            .checked_sub(1)
+            .and_then(|later| self.later.get(later as usize))
+        {
+            Some(moment) => (&moment.scene, moment.object_order.as_deref()),
+            None => (&self.scene, self.object_order.as_deref()),
+        }
+    }
+
+    /// The same image without what the scene needs being known in advance: for measurements.
+    #[must_use]
+    pub fn without_specialization(mut self) -> Self {
+        self.scene = self.scene.without_specialization();
+        let later = self.later.into_iter().map(|moment| Moment {
+            scene: moment.scene.without_specialization(),
+            ..moment
+        });
+        self.later = later.collect();
+        self
     }
 }
 

@@ -3,6 +3,7 @@
 use crate::adaptive::Adaptive;
 use crate::samples::SampleMemory;
 use crate::{Film, Pipeline, Progress};
+use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
@@ -136,9 +137,9 @@ struct BlockScratch {
 }
 
 impl BlockScratch {
-    fn new(limits: TreeLimits) -> Self {
+    fn new(limits: TreeLimits, moment: u32) -> Self {
         Self {
-            memory: SampleMemory::new(limits),
+            memory: SampleMemory::new(limits, moment),
             ..Self::default()
         }
     }
@@ -225,8 +226,61 @@ impl Pipeline {
         }
     }
 
-    fn render_on_current_pool(
+    fn render_on_current_pool(&self, options: RenderOptions<'_>, film: &mut Film) {
+        let start = Instant::now();
+        if self.later.is_empty() || self.sampler.refinement().is_none() {
+            self.render_pass(0, options, film);
+        } else {
+            self.render_moments(options, film);
+        }
+        film.render_seconds = start.elapsed().as_secs_f64();
+    }
+
+    /// Renders the image of an adaptive sampler, which refines the image at each time by itself, as
+    /// the mean of those images.
+    fn render_moments(&self, options: RenderOptions<'_>, film: &mut Film) {
+        let count = self.moments();
+        let first_layer = self.film.channels().count() - self.path_channels();
+        let mut mean = Mean::default();
+        let mut other = Film::default();
+        for moment in 0..count {
+            let within = |done: u64, total: u64| match options.progress {
+                // As if each image finished its share of the pixels.
+                Some(progress) => progress((u64::from(moment) * total + done) / u64::from(count), total),
+                None => ControlFlow::Continue(()),
+            };
+            let options = RenderOptions {
+                progress: Some(&within),
+                ..options
+            };
+            // The layers of the first one stay.
+            let here = if moment == 0 { &mut *film } else { &mut other };
+            self.render_pass(moment, options, here);
+            mean.add(here, first_layer);
+            if moment > 0 {
+                film.counters.add(other.counters);
+                film.is_complete = other.is_complete;
+                film.stop_at(other.too_large);
+            }
+            if !film.is_complete {
+                break;
+            }
+        }
+        film.samples = self.samples();
+        mean.write(film, first_layer);
+    }
+
+    /// Number of channels of path classes, the last ones of the film.
+    fn path_channels(&self) -> usize {
+        let paths = self.film.paths.iter();
+        paths.map(|paths| paths.classes.channels().len()).sum()
+    }
+
+    /// Renders the image at one time for an adaptive sampler, else at all times. AOVs only at the
+    /// first.
+    fn render_pass(
         &self,
+        moment: u32,
         RenderOptions {
             region,
             tile,
@@ -235,7 +289,6 @@ impl Pipeline {
         }: RenderOptions<'_>,
         film: &mut Film,
     ) {
-        let start = Instant::now();
         let size = self.film.size;
         let all = Region {
             x: 0,
@@ -266,7 +319,7 @@ impl Pipeline {
         let adaptive = self
             .sampler
             .refinement()
-            .map(|rule| Adaptive::new(rule, size, region));
+            .map(|rule| Adaptive::new(rule, size, region, moment));
         let first = adaptive.as_ref().map_or(self.sampler.count(), Adaptive::first);
         // Each thread takes the next tile when it finishes one, because a fixed division of the
         // image would take unequal times.
@@ -275,7 +328,7 @@ impl Pipeline {
         let too_large = Mutex::new(None);
         let bands = Band::all(film, rows);
         let counters = rayon::broadcast(|_| {
-            let mut scratch = BlockScratch::new(self.tree_limits);
+            let mut scratch = BlockScratch::new(self.tree_limits, moment);
             let taken = std::iter::from_fn(|| tiles.get(next.fetch_add(1, Ordering::Relaxed)));
             for block in taken.flatten() {
                 if stopped.load(Ordering::Relaxed) {
@@ -313,7 +366,7 @@ impl Pipeline {
             // The last tile may have been finished before.
             film.is_complete = adaptive.is_none() && done.into_inner() == total;
         } else if let Some(adaptive) = adaptive {
-            let mut scratch = BlockScratch::new(self.tree_limits);
+            let mut scratch = BlockScratch::new(self.tree_limits, moment);
             // Pixels of the region take as many samples as in the whole image.
             for pixels in region.neighbours(size).chunks(LANES) {
                 adaptive.start(self, pixels, &mut scratch.memory);
@@ -331,9 +384,8 @@ impl Pipeline {
         if let Some(paths) = &self.film.paths
             && film.is_complete
         {
-            self.split_paths(&paths.classes, region, taken.as_deref(), film, progress);
+            self.split_paths(&paths.classes, region, taken.as_deref(), moment, film, progress);
         }
-        film.render_seconds = start.elapsed().as_secs_f64();
     }
 
     /// Renders a block with the first `positions` of each pixel.
@@ -354,7 +406,7 @@ impl Pipeline {
         } = scratch;
         rgb.clear();
         layers.clear();
-        let has_layers = !self.film.aovs.is_empty();
+        let has_layers = !self.film.aovs.is_empty() && memory.moment == 0;
         if has_layers {
             self.trace_centers(pixels, memory);
             self.layers(pixels.len(), memory, layers);
@@ -362,13 +414,20 @@ impl Pipeline {
         match adaptive {
             None => {
                 let mut sums = [Rgb::BLACK; LANES];
-                let add = |lane: usize, radiance| sums[lane] += radiance;
+                let mut add = |lane: usize, radiance| sums[lane] += radiance;
                 if has_layers && self.samples_are_centers(pixels) {
                     self.shade_centers(memory, add);
                 } else {
-                    self.sample(pixels, 0..positions, memory, add);
+                    for moment in 0..self.moments() {
+                        memory.moment = moment;
+                        self.sample(pixels, 0..positions, memory, &mut add);
+                        if memory.scratch.too_large.is_some() {
+                            break;
+                        }
+                    }
+                    memory.moment = 0;
                 }
-                let count = f64::from(positions * self.camera.lens_points());
+                let count = f64::from(self.samples());
                 rgb.extend(sums[..pixels.len()].iter().map(|sum| {
                     let mean = *sum * (1.0 / count);
                     mean.to_array().map(|c| c as f32)
@@ -411,7 +470,18 @@ impl Pipeline {
                 width: 1,
                 height: 1,
             };
-            return Adaptive::new(rule, self.film.size, alone).pixel(self, pixel, scratch);
+            let mut at = |moment| {
+                let adaptive = Adaptive::new(rule, self.film.size, alone, moment);
+                adaptive.pixel(self, pixel, scratch)
+            };
+            if self.later.is_empty() {
+                return at(0);
+            }
+            let count = self.moments();
+            // Rounded as the images of which the image is the mean.
+            let rounded = |value: Rgb| Rgb::from(value.to_array().map(|c| f64::from(c as f32)));
+            let sum: Rgb = (0..count).map(|moment| rounded(at(moment))).sum();
+            return sum * (1.0 / f64::from(count));
         }
         let count = self.samples();
         let sum: Rgb = (0..count)
@@ -439,6 +509,46 @@ impl Pipeline {
                 Aov::ShapeId => put(hit.map_or(-1.0, |hit| f64::from(self.scene.shape_id(hit.shape)))),
                 Aov::PrimitiveId => put(hit.map_or(-1.0, |hit| f64::from(hit.primitive))),
             }
+        }
+    }
+}
+
+/// The mean of images.
+#[derive(Default)]
+struct Mean {
+    count: u32,
+    /// Of the radiance, then of the layers of path classes.
+    sums: Vec<f64>,
+}
+
+impl Mean {
+    /// Adds a finished film, with its layers from a number on.
+    fn add(&mut self, film: &Film, first_layer: usize) {
+        if !film.is_complete {
+            return;
+        }
+        self.count += 1;
+        let layers = film.layers[first_layer..].iter().flat_map(|(_, values)| values);
+        let values = film.rgb.iter().flatten().chain(layers);
+        self.sums
+            .resize((3 + film.layers.len() - first_layer) * film.rgb.len(), 0.0);
+        for (sum, value) in self.sums.iter_mut().zip(values) {
+            *sum += f64::from(*value);
+        }
+    }
+
+    /// Writes the mean, unless there is none.
+    fn write(&self, film: &mut Film, first_layer: usize) {
+        if self.count == 0 {
+            return;
+        }
+        let layers = film.layers[first_layer..]
+            .iter_mut()
+            .flat_map(|(_, values)| values);
+        let values = film.rgb.iter_mut().flatten().chain(layers);
+        let factor = 1.0 / f64::from(self.count);
+        for (value, sum) in values.zip(&self.sums) {
+            *value = (sum * factor) as f32;
         }
     }
 }

@@ -3,11 +3,13 @@
 use crate::Pipeline;
 use std::ops::Range;
 use whitstone_core::stream::{Colors, HitStream, LANES, Lanes, Optional, RayStream};
-use whitstone_core::{DVec2, Ray, RayDifferential, Rgb, Scratch, TooLarge, TreeLimits};
+use whitstone_core::{DVec2, Ray, RayDifferential, Rgb, Scene, Scratch, TooLarge, TreeLimits};
 
 /// Working memory for the samples of as many pixels as a stream has lanes.
 #[derive(Default)]
 pub(crate) struct SampleMemory {
+    /// The time at which they are seen; see [`Pipeline::moment`].
+    pub moment: u32,
     pub scratch: Scratch,
     pub rays: Box<RayStream>,
     /// The offset camera rays, for ray differentials.
@@ -18,9 +20,10 @@ pub(crate) struct SampleMemory {
 }
 
 impl SampleMemory {
-    /// Working memory for trees within these limits.
-    pub(crate) fn new(limits: TreeLimits) -> Self {
+    /// Working memory for trees within these limits, at this time.
+    pub(crate) fn new(limits: TreeLimits, moment: u32) -> Self {
         Self {
+            moment,
             scratch: Scratch::within(limits),
             ..Self::default()
         }
@@ -59,6 +62,7 @@ impl Pipeline {
         mut tell: impl FnMut(usize, Rgb),
     ) {
         let SampleMemory {
+            moment,
             scratch,
             rays,
             neighbours,
@@ -66,6 +70,7 @@ impl Pipeline {
             radiance,
             ..
         } = memory;
+        let (scene, object_order) = self.moment(*moment);
         let lens = self.camera.lens_points();
         rays.len = pixels.len();
         for sample in positions.start * lens..positions.end * lens {
@@ -76,11 +81,9 @@ impl Pipeline {
             if let Some(scale) = self.sample_distance() {
                 rays.differential_from_camera(&*self.camera, &raster.0, sample % lens, scale, neighbours);
             }
-            match &self.object_order {
-                None => self
-                    .integrator
-                    .radiance_stream(&self.scene, rays, scratch, radiance),
-                Some(objects) => objects.radiance_stream(&self.scene, &raster.0, rays, scratch, radiance),
+            match object_order {
+                None => self.integrator.radiance_stream(scene, rays, scratch, radiance),
+                Some(objects) => objects.radiance_stream(scene, &raster.0, rays, scratch, radiance),
             }
             for lane in 0..pixels.len() {
                 tell(lane, radiance.get(lane));
@@ -101,8 +104,8 @@ impl Pipeline {
             && pixels.iter().all(center)
     }
 
-    /// Radiance through the centres of some pixels, from `memory.rays` and their hits, which
-    /// [`Self::trace_centers`] has found.
+    /// Radiance through the centres of some pixels at the first time, from `memory.rays` and their
+    /// hits, which [`Self::trace_centers`] has found.
     pub(crate) fn shade_centers(&self, memory: &mut SampleMemory, mut tell: impl FnMut(usize, Rgb)) {
         let SampleMemory {
             scratch,
@@ -111,6 +114,7 @@ impl Pipeline {
             raster,
             radiance,
             hits,
+            ..
         } = memory;
         if let Some(scale) = self.sample_distance() {
             rays.differential_from_camera(&*self.camera, &raster.0, 0, scale, neighbours);
@@ -122,7 +126,7 @@ impl Pipeline {
         }
     }
 
-    /// Finds the nearest hits through the centres of some pixels.
+    /// Finds the nearest hits through the centres of some pixels at the first time.
     pub(crate) fn trace_centers(&self, pixels: &[[u32; 2]], memory: &mut SampleMemory) {
         let SampleMemory {
             rays, raster, hits, ..
@@ -136,9 +140,20 @@ impl Pipeline {
     }
 
     /// Maximum number of samples per pixel: each position of the sampler, through each point of the
-    /// camera's lens. Samples of one position are consecutive.
+    /// camera's lens, at each time of the film. Samples of one time are consecutive, and within it
+    /// those of one position.
     pub fn samples(&self) -> u32 {
+        self.moments() * self.moment_samples()
+    }
+
+    /// Maximum number of samples per pixel at one time.
+    pub(crate) fn moment_samples(&self) -> u32 {
         self.sampler.count() * self.camera.lens_points()
+    }
+
+    /// The scene that a sample sees.
+    pub fn scene_of(&self, sample: u32) -> &Scene {
+        self.moment(sample / self.moment_samples()).0
     }
 
     /// The raster coordinates of a sampler position.
@@ -155,7 +170,7 @@ impl Pipeline {
 
     /// Ray differential of a camera ray to its neighbouring samples, if any texture needs it.
     pub fn camera_differential(&self, pixel: [u32; 2], sample: u32) -> Option<RayDifferential> {
-        let lens = self.camera.lens_points();
+        let (lens, sample) = (self.camera.lens_points(), sample % self.moment_samples());
         let raster = self.raster(pixel, sample / lens);
         let scale = self.sample_distance()?;
         Some(RayDifferential::of_camera(
@@ -168,7 +183,7 @@ impl Pipeline {
 
     /// The camera ray of a sample of a pixel.
     pub fn camera_ray(&self, pixel: [u32; 2], sample: u32) -> Ray {
-        let lens = self.camera.lens_points();
+        let (lens, sample) = (self.camera.lens_points(), sample % self.moment_samples());
         let raster = self.raster(pixel, sample / lens);
         self.camera.lens_ray(raster, sample % lens)
     }
@@ -177,6 +192,6 @@ impl Pipeline {
     pub(crate) fn radiance_of(&self, pixel: [u32; 2], sample: u32, scratch: &mut Scratch) -> Rgb {
         scratch.differential = self.camera_differential(pixel, sample);
         self.integrator
-            .radiance(&self.scene, &self.camera_ray(pixel, sample), scratch)
+            .radiance(self.scene_of(sample), &self.camera_ray(pixel, sample), scratch)
     }
 }

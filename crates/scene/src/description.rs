@@ -1,15 +1,17 @@
 use crate::document::{self, Flattened, Value, type_name};
 use crate::path_classes::{Expression, compile};
-use crate::{AUTO, Checked, Sources, transform};
-use serde::de::IgnoredAny;
+use crate::{AUTO, Checked, Motion, Sources, transform};
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{Error, IgnoredAny, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
 use std::sync::{Arc, LazyLock};
 use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue};
 use whitstone_core::config::{
-    FilePath, GroupRef, IntegerIn, PluginRef, Positive, Table, decode, inline_reference,
+    FilePath, Finite, GroupRef, IntegerIn, PluginRef, Positive, Table, decode, inline_reference,
 };
 use whitstone_core::{FilmSize, PathClasses, SceneError, SceneErrors, SourceSpan, Transform, nearest};
 
@@ -19,6 +21,7 @@ const MAX_PIXELS: u64 = 1 << 28;
 const DEFAULT_SIDE: u32 = 512;
 
 /// A scene as it is written: the kind of every table is known, but no plugin has been built.
+#[derive(Clone)]
 pub struct Description<'s> {
     /// The source text.
     pub sources: &'s Sources,
@@ -54,7 +57,7 @@ pub struct Description<'s> {
 }
 
 /// Parts of a scene that exist but could not be read, so that they are not reported as missing too.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Faulty {
     /// Names of top-level tables; an empty table replaces each.
     pub tables: BTreeSet<&'static str>,
@@ -116,8 +119,10 @@ pub struct ShapeTable<'s> {
     pub id: Option<String>,
     /// `None` for the default material.
     pub material: Option<(SourceSpan, PluginRef)>,
-    /// Object-to-world transform.
+    /// Object-to-world transform, of a moving shape at the first time of the film.
     pub transform: Transform,
+    /// `None` if it stands still.
+    pub motion: Option<Motion>,
     /// Whether it casts shadows.
     pub casts_shadow: bool,
     /// The group that it instantiates, if any: the value of the key `group`.
@@ -152,6 +157,9 @@ pub struct GroupTable<'s> {
 pub struct FilmTable {
     /// Size in pixels.
     pub size: FilmSize,
+    /// The times in seconds at which the scene is seen; the image is the mean over them. At least
+    /// one.
+    pub times: Vec<f64>,
     /// Layers to write besides the radiance, in the requested order.
     pub aovs: Vec<Aov>,
     /// Layers of path classes, after those.
@@ -191,6 +199,7 @@ impl Default for FilmTable {
                 width: DEFAULT_SIDE,
                 height: DEFAULT_SIDE,
             },
+            times: vec![0.0],
             aovs: Vec::new(),
             paths: None,
             span: None,
@@ -256,13 +265,115 @@ struct RawFilm {
     width: Option<Spanned<Side>>,
     height: Option<Spanned<Side>>,
     #[serde(default)]
+    time: FilmTime,
+    #[serde(default)]
     aovs: Vec<Spanned<Aov>>,
     /// Read by [`Reader::paths`].
     #[serde(default, rename = "paths")]
     _paths: Option<IgnoredAny>,
 }
 
+/// The key `time`: one time in seconds, or the shutter.
+#[derive(Clone, Copy)]
+enum FilmTime {
+    At(f64),
+    Shutter(Shutter),
+}
+
+/// Equal intervals of time, of which the middles are sampled.
+#[derive(Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Shutter {
+    open: Finite,
+    close: Finite,
+    count: IntegerIn<1, 256>,
+}
+
+impl Default for FilmTime {
+    fn default() -> Self {
+        Self::At(0.0)
+    }
+}
+
+impl FilmTime {
+    /// All times; section 3 of the model.
+    fn all(self) -> Vec<f64> {
+        match self {
+            Self::At(time) => vec![time],
+            Self::Shutter(Shutter { open, close, count }) => {
+                let (open, close, count) = (open.get(), close.get(), count.get());
+                let middle = |k: u32| open + (close - open) * (f64::from(k) + 0.5) / f64::from(count);
+                (0..count).map(middle).collect()
+            }
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for FilmTime {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct TimeVisitor;
+
+        impl<'de> Visitor<'de> for TimeVisitor {
+            type Value = FilmTime;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a time in seconds, or { open, close, count }")
+            }
+            fn visit_i64<E: Error>(self, time: i64) -> Result<FilmTime, E> {
+                self.visit_f64(time as f64)
+            }
+            fn visit_f64<E: Error>(self, time: f64) -> Result<FilmTime, E> {
+                let time = Finite::new(time);
+                let time = time.ok_or_else(|| E::custom("expected a finite time"))?;
+                Ok(FilmTime::At(time.get()))
+            }
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<FilmTime, A::Error> {
+                let shutter = Shutter::deserialize(MapAccessDeserializer::new(map))?;
+                let (open, close) = (shutter.open.get(), shutter.close.get());
+                // A difference that overflows has no middle.
+                if !(open <= close && (close - open).is_finite()) {
+                    let message = format!(
+                        "expected `close` not before `open`, and a finite difference, found {open} and {close} s"
+                    );
+                    return Err(A::Error::custom(message));
+                }
+                Ok(FilmTime::Shutter(shutter))
+            }
+        }
+
+        deserializer.deserialize_any(TimeVisitor)
+    }
+}
+
 impl<'s> Description<'s> {
+    /// The same scene at another time, with the transforms that its moving shapes have then.
+    ///
+    /// # Errors
+    ///
+    /// A transform that is singular at that time.
+    pub fn at(&self, time: f64) -> Result<Self, SceneErrors> {
+        let mut moved = self.clone();
+        let mut errors = SceneErrors::default();
+        let groups = moved.groups.values_mut();
+        let shapes = moved
+            .shapes
+            .iter_mut()
+            .chain(groups.flat_map(|group| &mut group.shapes));
+        for shape in shapes {
+            let found = shape.motion.as_ref().map(|motion| motion.at(time));
+            if let Some(transform) = found.and_then(|found| errors.take(found)) {
+                shape.transform = transform;
+            }
+        }
+        errors.into_result(moved)
+    }
+
+    /// Whether a shape moves.
+    pub fn moves(&self) -> bool {
+        let groups = self.groups.values();
+        let mut shapes = self.shapes.iter().chain(groups.flat_map(|group| &group.shapes));
+        shapes.any(|shape| shape.motion.is_some())
+    }
+
     /// Reads the tables. There is no description only if a file is not TOML.
     pub fn parse(sources: &'s Sources) -> Checked<Self> {
         let (mut merged, mut errors) = match document::merge(sources) {
@@ -276,8 +387,10 @@ impl<'s> Description<'s> {
             inline: &mut inline,
             faulty: &mut faulty,
             errors: &mut errors,
+            times: Vec::new(),
         };
-        let film = reader.film(merged.remove("film"));
+        let film = reader.film(merged.remove("film")).unwrap_or_default();
+        reader.times.clone_from(&film.times);
         let expect = reader.expect(merged.remove("expect"));
         let camera = merged.remove("camera");
         if camera.is_none() {
@@ -312,7 +425,7 @@ impl<'s> Description<'s> {
         errors.0.extend(not_flat.0.into_iter().filter(news));
         let description = Self {
             sources,
-            film: film.unwrap_or_default(),
+            film,
             camera,
             sampler,
             integrator,
@@ -342,6 +455,8 @@ struct Reader<'a, 's> {
     inline: &'a mut Vec<PluginTable<'s>>,
     faulty: &'a mut Faulty,
     errors: &'a mut SceneErrors,
+    /// The times of the film.
+    times: Vec<f64>,
 }
 
 impl<'s> Reader<'_, 's> {
@@ -392,6 +507,7 @@ impl<'s> Reader<'_, 's> {
         let paths = table.get_ref().get("paths").cloned();
         Some(FilmTable {
             size: FilmSize { width, height },
+            times: raw.time.all(),
             aovs,
             paths: paths.and_then(|value| self.paths(value)),
             span: Some(table.span()),
@@ -603,6 +719,12 @@ impl<'s> Reader<'_, 's> {
                 None => Some(Transform::IDENTITY),
                 Some(value) => self.errors.take(transform::parse(&value)),
             };
+            let motion = plugin.table.get_mut().remove("motion");
+            let own = transform.unwrap_or(Transform::IDENTITY);
+            let motion = motion.and_then(|value| self.motion(&value, &own));
+            let first = self.times.first().copied().unwrap_or_default();
+            // Errors at the times of the film are already reported.
+            let placed = motion.as_ref().and_then(|motion| motion.at(first).ok());
             let group = plugin.table.get_ref().get("group").and_then(|value| {
                 Some(GroupRef {
                     span: value.span(),
@@ -621,10 +743,25 @@ impl<'s> Reader<'_, 's> {
                 group,
                 id: id.map(|(_, id)| id),
                 material: material.map(|(span, text)| (span, PluginRef::from(text.as_str()))),
-                transform: transform.unwrap_or(Transform::IDENTITY),
+                transform: placed.unwrap_or(own),
+                motion,
             });
         }
         shapes
+    }
+
+    /// The motion of a shape with its own transform, if it is valid at all times of the film.
+    fn motion(&mut self, value: &Value<'s>, own: &Transform) -> Option<Motion> {
+        let motion = self.errors.take(Motion::parse(value, own))?;
+        // The first error is enough: it may be the same at all times.
+        let faulty = self.times.iter().find_map(|time| motion.at(*time).err());
+        match faulty {
+            Some(errors) => {
+                self.errors.0.extend(errors.0);
+                None
+            }
+            None => Some(motion),
+        }
     }
 
     fn groups(&mut self, value: Option<Value<'s>>) -> BTreeMap<String, GroupTable<'s>> {

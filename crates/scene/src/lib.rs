@@ -9,6 +9,7 @@ mod description;
 mod document;
 mod groups;
 mod import;
+mod motion;
 mod path_classes;
 mod plan;
 #[cfg(feature = "schema")]
@@ -23,6 +24,7 @@ pub use description::{
 };
 pub use document::{Flattened, nearest_top_level};
 pub use groups::{Appearance, Appearances, PlannedGroup, unknown_id};
+pub use motion::Motion;
 pub use plan::{Omitted, Plan};
 #[cfg(feature = "schema")]
 pub use schema::{scene_schema, table_schema};

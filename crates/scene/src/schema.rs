@@ -126,10 +126,7 @@ fn import() -> Value {
             "transform": {
                 "description": "Transform of everything in it: one step, or steps in the order in which they are applied.",
                 "default": [],
-                "anyOf": [
-                    reference(STEP),
-                    { "type": "array", "items": reference(STEP) },
-                ],
+                "anyOf": steps(),
             },
             "prefix": {
                 "description": "Prefix of the ids that it defines; its name and a slash if omitted.",
@@ -189,6 +186,11 @@ fn film() -> Value {
         json!({
             "width": pixels("Number of columns."),
             "height": pixels("Number of rows."),
+            "time": {
+                "description": "The time in seconds at which moving shapes are seen, or the shutter: the image is then the mean of the images at the middles of `count` equal intervals.",
+                "default": 0,
+                "anyOf": [{ "type": "number" }, shutter()],
+            },
             "aovs": {
                 "description": "Layers to write in addition to the radiance.",
                 "type": "array",
@@ -204,6 +206,37 @@ fn film() -> Value {
             },
         }),
         &[],
+    )
+}
+
+fn shutter() -> Value {
+    object(
+        "A shutter that is open for some time.",
+        json!({
+            "open": { "description": "When it opens, in seconds.", "type": "number" },
+            "close": { "description": "When it closes, in seconds; not before it opens.", "type": "number" },
+            "count": { "description": "Number of images.", "type": "integer", "minimum": 1, "maximum": 256 },
+        }),
+        &["open", "close", "count"],
+    )
+}
+
+/// The steps of a transform.
+fn steps() -> Value {
+    json!([reference(STEP), { "type": "array", "items": reference(STEP) }])
+}
+
+fn keyframe() -> Value {
+    object(
+        "The transform at a time.",
+        json!({
+            "time": { "description": "In seconds.", "type": "number" },
+            "transform": {
+                "description": "Steps that follow the shape's own; the same kinds of steps in all keyframes.",
+                "anyOf": steps(),
+            },
+        }),
+        &["time", "transform"],
     )
 }
 
@@ -267,10 +300,14 @@ fn common_keys(family: FamilyName) -> Value {
             "transform": {
                 "description": "From object to world space: one step, or steps in the order in which they are applied.",
                 "default": [],
-                "anyOf": [
-                    reference(STEP),
-                    { "type": "array", "items": reference(STEP) },
-                ],
+                "anyOf": steps(),
+            },
+            "motion": {
+                "description": "Keyframes of the motion, by ascending times. Between them, each number of their steps is interpolated linearly.",
+                "type": "array",
+                "minItems": 2,
+                "items": keyframe(),
+                "x-default": "none",
             },
         }),
         _ => json!({}),

@@ -4,8 +4,8 @@ use crate::document::type_name;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 use whitstone_core::config::decode;
-use whitstone_core::transform_steps::{SINGULAR, TransformOp};
-use whitstone_core::{DAffine3, SceneError, SceneErrors, Transform};
+use whitstone_core::transform_steps::{SINGULAR, TransformOp, TransformOpError};
+use whitstone_core::{DAffine3, SceneError, SceneErrors, SourceSpan, Transform};
 
 use crate::document::Value;
 
@@ -16,6 +16,30 @@ use crate::document::Value;
 ///
 /// All errors of the steps, each at its position; also a singular result.
 pub fn parse(value: &Value<'_>) -> Result<Transform, SceneErrors> {
+    let mut errors = SceneErrors::default();
+    let steps = errors.take(parse_steps(value)).unwrap_or_default();
+    let mut world_from_object = DAffine3::IDENTITY;
+    for step in steps {
+        // `parse_steps` has checked that it has a map.
+        if let Ok(map) = step.get_ref().map() {
+            world_from_object = map * world_from_object;
+        }
+    }
+    let transform = Transform::new(world_from_object);
+    if transform.is_none() && errors.0.is_empty() {
+        errors
+            .0
+            .push(SceneError::at(value.span(), SINGULAR).with_help("every scale factor must be nonzero"));
+    }
+    errors.into_result(transform.unwrap_or(Transform::IDENTITY))
+}
+
+/// The steps of a transform, as they are written.
+///
+/// # Errors
+///
+/// All errors of the steps, each at its position.
+pub(crate) fn parse_steps(value: &Value<'_>) -> Result<Vec<Spanned<TransformOp>>, SceneErrors> {
     let mut errors = SceneErrors::default();
     let one = std::slice::from_ref(value);
     let steps = match value.get_ref() {
@@ -29,22 +53,14 @@ pub fn parse(value: &Value<'_>) -> Result<Transform, SceneErrors> {
             return Err(SceneError::at(value.span(), message).into());
         }
     };
-    let mut world_from_object = DAffine3::IDENTITY;
-    for step in steps {
-        if let Some(matrix) = errors.take(parse_step(step)) {
-            world_from_object = matrix * world_from_object;
-        }
-    }
-    let transform = Transform::new(world_from_object);
-    if transform.is_none() && errors.0.is_empty() {
-        errors
-            .0
-            .push(SceneError::at(value.span(), SINGULAR).with_help("every scale factor must be nonzero"));
-    }
-    errors.into_result(transform.unwrap_or(Transform::IDENTITY))
+    let steps = steps
+        .iter()
+        .filter_map(|step| errors.take(parse_step(step)))
+        .collect();
+    errors.into_result(steps)
 }
 
-fn parse_step(step: &Value<'_>) -> Result<DAffine3, SceneErrors> {
+fn parse_step(step: &Value<'_>) -> Result<Spanned<TransformOp>, SceneErrors> {
     let DeValue::Table(table) = step.get_ref() else {
         let found = type_name(step.get_ref());
         return Err(
@@ -54,14 +70,20 @@ fn parse_step(step: &Value<'_>) -> Result<DAffine3, SceneErrors> {
         );
     };
     let table: Spanned<DeTable<'_>> = Spanned::new(step.span(), table.clone());
-    let step_read: TransformOp = decode(&table)?;
-    step_read.map().map_err(|fault| {
-        let error = SceneError::at(step.span(), fault.message);
-        match fault.help {
-            Some(help) => error.with_help(help).into(),
-            None => error.into(),
-        }
-    })
+    let read: TransformOp = decode(&table)?;
+    match read.map() {
+        Ok(_) => Ok(Spanned::new(step.span(), read)),
+        Err(fault) => Err(fault_at(step.span(), fault).into()),
+    }
+}
+
+/// The error of a step.
+pub(crate) fn fault_at(span: SourceSpan, fault: TransformOpError) -> SceneError {
+    let error = SceneError::at(span, fault.message);
+    match fault.help {
+        Some(help) => error.with_help(help),
+        None => error,
+    }
 }
 
 #[cfg(test)]

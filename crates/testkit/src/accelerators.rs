@@ -11,8 +11,8 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use whitstone_core::triangle::ShearedRay;
 use whitstone_core::{
-    Accelerator, Accelerators, DVec3, Geometry, Interval, LoweredShape, Plugin, PreliminaryIntersection, Ray,
-    SelfHitFilter, TriangleMesh,
+    Accelerator, Accelerators, DAffine3, DMat3, DVec3, Geometry, Interval, LoweredShape, Plugin,
+    PreliminaryIntersection, Ray, SelfHitFilter, TriangleMesh,
 };
 
 /// Checks that an accelerator gives bit for bit the results of testing every element in order, for
@@ -20,7 +20,8 @@ use whitstone_core::{
 ///
 /// The geometries are: nothing, one triangle, random triangles and balls, coincident elements,
 /// grids of axis-parallel faces with rays in their planes, slivers, an unbounded wall, and elements
-/// of very different sizes.
+/// of very different sizes. Those of triangles are also moved, and accelerators that can be
+/// refitted must give the results for the moved triangles.
 ///
 /// # Panics
 ///
@@ -84,6 +85,8 @@ struct Questions {
 /// The geometries of the laws with their questions.
 struct Known {
     plain: Vec<(&'static str, Arc<Geometry>, Questions)>,
+    /// Other places of the triangles of plain geometries, by their numbers.
+    moved: Vec<(usize, Moved)>,
     instances: Vec<(&'static str, Shapes, Questions)>,
 }
 
@@ -105,14 +108,62 @@ impl Known {
             let questions = Questions::new(&geometry, rays.div_ceil(part));
             (name, geometry, questions)
         });
+        let plain: Vec<_> = plain.collect();
+        let moved = plain
+            .iter()
+            .enumerate()
+            .flat_map(|(number, (_, geometry, questions))| {
+                let rays = (questions.single.len() as u32).div_ceil(4);
+                Moved::all(geometry, rays)
+                    .into_iter()
+                    .map(move |moved| (number, moved))
+            });
         let instances = instance_geometries().into_iter().map(|(name, shapes, rays)| {
             let truth = Geometry::new(shapes(&naive));
             (name, shapes, Questions::new(&truth, rays.div_ceil(part)))
         });
         Self {
-            plain: plain.collect(),
+            moved: moved.collect(),
+            plain,
             instances: instances.collect(),
         }
+    }
+}
+
+/// A geometry whose triangles have moved.
+struct Moved {
+    geometry: Arc<Geometry>,
+    /// The map, if it is a rotation and translation.
+    rigid: Option<DAffine3>,
+    questions: Questions,
+}
+
+impl Moved {
+    /// A geometry of triangles twisted, and turned as a whole; nothing for other geometries.
+    fn all(geometry: &Geometry, rays: u32) -> Vec<Self> {
+        let moved = |rigid: Option<DAffine3>| {
+            let turn = |p: DVec3| match rigid {
+                Some(rigid) => rigid.transform_point3(p),
+                None => DMat3::from_rotation_y(0.7 * p.y) * p + 0.1 * p.x * DVec3::Y,
+            };
+            let shapes = geometry.shapes().iter().map(|shape| match shape {
+                LoweredShape::Triangles(mesh) => {
+                    let mut mesh = mesh.clone();
+                    mesh.positions.iter_mut().for_each(|p| *p = turn(*p));
+                    Some(LoweredShape::Triangles(mesh))
+                }
+                _ => None,
+            });
+            let geometry = Arc::new(Geometry::new(shapes.collect::<Option<_>>()?));
+            Some(Self {
+                questions: Questions::new(&geometry, rays),
+                geometry,
+                rigid,
+            })
+        };
+        let rotation = DMat3::from_axis_angle(DVec3::new(1.0, 2.0, -0.5).normalize(), 1.1);
+        let rigid = DAffine3::from_mat3_translation(rotation, DVec3::new(3.0, -0.25, 0.1));
+        [None, Some(rigid)].into_iter().filter_map(moved).collect()
     }
 }
 
@@ -123,10 +174,17 @@ fn naive(geometry: Arc<Geometry>) -> Box<dyn Accelerator> {
 /// The first difference, for one of `part` rays of each geometry.
 fn first_broken(build: impl Fn(Arc<Geometry>) -> Box<dyn Accelerator>, part: u32) -> Result<(), Broken> {
     let known = Known::of(part);
-    for (name, geometry, questions) in &known.plain {
+    for (number, (name, geometry, questions)) in known.plain.iter().enumerate() {
         let accelerator = build(geometry.clone());
         let asked = questions.ask(&*accelerator);
         asked.map_err(|broken| broken.within(&format!("over {name}")))?;
+        let moved = known.moved.iter().filter(|(of, _)| *of == number);
+        for (_, moved) in moved {
+            let refitted = accelerator.refitted(&moved.geometry, moved.rigid.as_ref());
+            let asked = refitted.map(|refitted| moved.questions.ask(&*refitted));
+            let within = |broken: Broken| broken.within(&format!("refitted to {name} that has moved"));
+            asked.unwrap_or(Ok(())).map_err(within)?;
+        }
     }
     for (name, shapes, questions) in &known.instances {
         // The accelerator under test on both levels: over the instances and inside the groups. Then
@@ -428,6 +486,7 @@ mod tests {
         ClosedInterval,
         ShadowsIgnoreMax,
         MissesFlatBoxes,
+        RefitsNothing,
     }
 
     impl Faulty {
@@ -488,6 +547,22 @@ mod tests {
             self.hits(ray, interval, skip).next().is_some()
         }
 
+        fn refitted(
+            &self,
+            geometry: &Arc<Geometry>,
+            _rigid: Option<&DAffine3>,
+        ) -> Option<Box<dyn Accelerator>> {
+            let geometry = match self.fault {
+                Fault::RefitsNothing => &self.geometry,
+                _ => geometry,
+            };
+            Some(Box::new(Self {
+                geometry: geometry.clone(),
+                elements: self.elements.clone(),
+                fault: self.fault,
+            }))
+        }
+
         fn statistics(&self) -> Statistics {
             Statistics::default()
         }
@@ -524,6 +599,7 @@ mod tests {
             Fault::ClosedInterval,
             Fault::ShadowsIgnoreMax,
             Fault::MissesFlatBoxes,
+            Fault::RefitsNothing,
         ] {
             assert!(verdict(fault).is_err(), "{fault:?}");
         }

@@ -46,10 +46,11 @@ pub fn ours(pipeline: &Pipeline, pixel: [usize; 2], sample: u32) -> Vec<TreeNode
     let pixel = pixel.map(|p| p as u32);
     let ray = pipeline.camera_ray(pixel, sample);
     scratch.differential = pipeline.camera_differential(pixel, sample);
-    pipeline.integrator.radiance(&pipeline.scene, &ray, &mut scratch);
+    let scene = pipeline.scene_of(sample);
+    pipeline.integrator.radiance(scene, &ray, &mut scratch);
     let mut nodes = scratch.record.unwrap_or_default();
     for node in nodes.iter_mut().filter(|node| node.shape >= 0) {
-        node.shape = i64::from(pipeline.scene.shape_id(node.shape as u32));
+        node.shape = i64::from(scene.shape_id(node.shape as u32));
     }
     nodes
 }

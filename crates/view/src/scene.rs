@@ -293,7 +293,7 @@ impl Loaded {
             (true, Some(own)) => own,
             _ => &self.pipeline.sampler,
         };
-        own.count() * self.pipeline.camera.lens_points()
+        own.count() * self.pipeline.camera.lens_points() * self.pipeline.moments()
     }
 
     /// Prepares the pipeline for a picture, with the given layers.

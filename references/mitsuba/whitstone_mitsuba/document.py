@@ -16,6 +16,7 @@ from . import (
     footprints,
     lights,
     materials,
+    motion,
     paths,
     patterns,
     samplers,
@@ -79,6 +80,10 @@ class Document:
     footprints: bool = False
     # Whether a surface has a bump map with a height that depends on (u, v).
     gradients: bool = False
+    # Number of times at which the film sees the scene; this is the scene at one of them.
+    moments: int = 1
+    # Whether any of its shapes moves.
+    moves: bool = False
     # The coincident surfaces: dictionaries of shapes, form and gap, or of not_examined.
     coincident: Tuple[dict, ...] = ()
 
@@ -135,6 +140,9 @@ class Document:
         if any(not texture.mapping.usual() and not getattr(texture, "covers", False) for texture in own):
             reason = "the texture mapping is computed in Python: Mitsuba's own textures use (u, v) only"
             found["mapping"] = {"type": "mapping", "twin": "hosted", "reason": reason}
+        if self.moves:
+            reason = "Mitsuba has no moving shapes: the driver interpolates transforms, and averages images at fixed times"
+            found["motion"] = {"type": "motion", "twin": "hosted", "reason": reason}
         camera = self.camera.hosted()
         if camera is not None:
             found[camera[0]] = {"type": camera[0], "twin": "formula", "reason": camera[1]}
@@ -171,6 +179,7 @@ def _film(table: Any, errors: List[str]) -> Tuple[int, int, Tuple[str, ...], Tup
         fields.error("aovs", f"expected a list of names from {', '.join(AOVS)}, found {names!r}")
         names = []
     classes = paths.read(fields.take("paths", {}), errors)
+    fields.take("time")  # read by `motion`
     fields.close()
     return width, height, tuple(name for name in AOVS if name in names), classes
 
@@ -221,8 +230,8 @@ def _shared(value: Any, name: str, errors: List[str]) -> dict:
     return {}
 
 
-def parse(text: str, base: str) -> Document:
-    """Reads a document. Raises `SceneError` with every problem, or `Unsupported` if only twins are
+def parse(text: str, base: str, moment: int = 0) -> Document:
+    """Reads a document, at the time of the film with this number. Raises `SceneError` with every problem, or `Unsupported` if only twins are
     missing.
     """
     try:
@@ -236,6 +245,8 @@ def parse(text: str, base: str) -> Document:
         if key not in TABLES:
             errors.append(f"{key}: unknown table; {nearest(key, TABLES)}")
     width, height, aovs, classes = _film(root.get("film", {}), errors)
+    moves = motion.any_moves(root)
+    root, moments = motion.still(root, moment, errors)
     camera = cameras.read(root.get("camera"), width, height, errors, unsupported)
     sampler = samplers.read(root.get("sampler", {"type": "center"}), errors, unsupported)
     integrator = _integrator(root.get("integrator", {"type": "whitted"}), errors, unsupported)
@@ -269,4 +280,4 @@ def parse(text: str, base: str) -> Document:
         places = [(lamp, lamp.place()) for lamp in lamps.lamps]
         margins = tuple(lamp if place is None else replace(lamp, margin=found.margin(place)) for lamp, place in places)
         lamps = replace(lamps, lamps=margins)
-    return Document(width, height, aovs, samplers.Samples.all(sampler, camera.lens_points()), camera, integrator, lamps, tuple(material_reader.all), tuple(shape_list), folder, classes, covered, gradients, tuple(found.reported))
+    return Document(width, height, aovs, samplers.Samples.all(sampler, camera.lens_points()), camera, integrator, lamps, tuple(material_reader.all), tuple(shape_list), folder, classes, covered, gradients, moments, moves, tuple(found.reported))

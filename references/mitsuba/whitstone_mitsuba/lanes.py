@@ -70,3 +70,10 @@ class Counts:
     shadow: int = 0
     respawned: int = 0
     rehits: int = 0
+
+    def add(self, other: "Counts") -> None:
+        """Adds the numbers of another image."""
+        self.closest += other.closest
+        self.shadow += other.shadow
+        self.respawned += other.respawned
+        self.rehits += other.rehits

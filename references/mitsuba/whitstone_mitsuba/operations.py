@@ -10,11 +10,12 @@ from typing import Any, Dict, List
 import numpy as np
 
 from whitstone_protocol import exr, requests
-from whitstone_protocol.errors import DriverError
+from whitstone_protocol.errors import DriverError, Unsupported
 from whitstone_protocol.requests import Answer, Operation, Request, cpu, get
 
 from . import aovs, check, document, paths, probes, stock, timing, tree, usage
 from .driver import Tracer
+from .lanes import Counts
 from .runtime import LLVM, VARIANT, dr, mi, set_threads
 from .scene import Built, Cache, geometry
 from .settings import Setting
@@ -23,9 +24,9 @@ _documents = Cache(16)
 _scenes = Cache(8)
 
 
-def _parse(request: Request) -> document.Document:
-    """The request's document; cached until its text or its files change."""
-    key = (get(request, "scene", str), get(request, "base", str, "."))
+def _parse(request: Request, moment: int = 0) -> document.Document:
+    """The request's document at one of its times; cached until its text or its files change."""
+    key = (get(request, "scene", str), get(request, "base", str, "."), moment)
     parsed = _documents.get(key, lambda: document.parse(*key))
     if not parsed.folder.unchanged():
         _documents.forget(key)
@@ -33,9 +34,9 @@ def _parse(request: Request) -> document.Document:
     return parsed
 
 
-def _load(request: Request, setting: Setting) -> Built:
-    """The request's scene; cached until it changes."""
-    parsed = _parse(request)
+def _load(request: Request, setting: Setting, moment: int = 0) -> Built:
+    """The request's scene at one of its times; cached until it changes."""
+    parsed = _parse(request, moment)
     if setting.vertices:
         # Used only once, and there may be many seeds: not cached.
         return Built(parsed, setting)
@@ -75,32 +76,48 @@ def render(request: Request) -> Answer:
     memory = usage.Memory()
     processor, begin = time.process_time(), time.perf_counter()
     built = _load(request, setting)
-    loaded = time.perf_counter()
     doc = built.document
     x, y = _all_pixels(built)
+    loading, counts = time.perf_counter() - begin, Counts()
+    means: Dict[str, Any] = {}
+    coincident: List[dict] = []
     tracer = Tracer(built, [setting])
-    values = tracer.pixels(x, y, np.zeros(len(x), dtype=np.int64))
+    for moment in range(doc.moments):
+        if moment > 0:
+            start = time.perf_counter()
+            tracer = Tracer(_load(request, setting, moment), [setting])
+            loading += time.perf_counter() - start
+        values = tracer.pixels(x, y, np.zeros(len(x), dtype=np.int64))
+        found = {letter: values[:, number] for number, letter in enumerate("RGB")}
+        # The path classes do not count as time of the image.
+        start, own = time.perf_counter(), time.process_time()
+        if doc.paths:
+            found.update(paths.render(tracer, x, y))
+        begin, processor = begin + time.perf_counter() - start, processor + time.process_time() - own
+        coincident.extend(pair for pair in tracer.built.document.coincident if pair not in coincident)
+        for name, plane in found.items():
+            means[name] = means.get(name, 0.0) + plane.astype(np.float64) / doc.moments
+        counts.add(tracer.counts)
     traced = time.perf_counter()
     processor = time.process_time() - processor
     grown = memory.grown()
-    channels = {letter: values[:, number] for number, letter in enumerate("RGB")}
+    channels = {letter: means.pop(letter) for letter in "RGB"}
     if doc.aovs:
         channels.update(aovs.render(Tracer(built, [setting]), x, y))
-    if doc.paths:
-        channels.update(paths.render(tracer, x, y))
+    channels.update(means)
     _write(out, doc, channels)
     return {
-        "seconds": {"load": loaded - begin, "trace": traced - loaded, "cpu": processor},
+        "seconds": {"load": loading, "trace": traced - begin - loading, "cpu": processor},
         "memory": grown,
-        "rays": {"closest": tracer.counts.closest, "shadow": tracer.counts.shadow},
+        "rays": {"closest": counts.closest, "shadow": counts.shadow},
         "width": doc.width,
         "height": doc.height,
-        "samples": len(doc.samples),
+        "samples": len(doc.samples) * doc.moments,
         "twin": doc.twin(),
         "hosted": doc.hosted(),
-        "coincident": list(doc.coincident),
-        "respawned": tracer.counts.respawned,
-        "rehits": tracer.counts.rehits,
+        "coincident": coincident,
+        "respawned": counts.respawned,
+        "rehits": counts.rehits,
         "setting": setting.to_json(),
     }
 
@@ -116,6 +133,8 @@ def stock_(request: Request) -> Answer:
     _threads(request)
     begin = time.perf_counter()
     stock.check(_parse(request))
+    if _parse(request).moments > 1:
+        raise Unsupported("film.time: Mitsuba's own integrators render one time")
     built = _load(request, setting)
     loaded = time.perf_counter()
     image = stock.render(built, setting, repeats)
@@ -158,9 +177,13 @@ def probe(request: Request) -> Answer:
     for mine in groups.values():
         built = _load(request, settings[mine[0]])
         xy = np.array([_pixel(pixel, built) for pixel in pixels], dtype=np.int64).reshape(-1, 2)
-        tracer = Tracer(built, [settings[number] for number in mine])
         which = np.repeat(np.arange(len(mine)), len(xy))
-        radiance = tracer.pixels(np.tile(xy[:, 0], len(mine)), np.tile(xy[:, 1], len(mine)), which)
+        radiance: Any = 0.0
+        for moment in range(built.document.moments):
+            tracer = Tracer(_load(request, settings[mine[0]], moment), [settings[number] for number in mine])
+            values_there = tracer.pixels(np.tile(xy[:, 0], len(mine)), np.tile(xy[:, 1], len(mine)), which)
+            radiance = radiance + values_there.astype(np.float64) / built.document.moments
+        radiance = radiance.astype(np.float32)
         for number, rows in zip(mine, radiance.reshape(len(mine), len(xy), 3)):
             values[number] = rows.tolist()
     return {"values": values}
@@ -180,7 +203,11 @@ def tree_(request: Request) -> Answer:
     _threads(request)
     built = _load(request, setting)
     x, y = _pixel(request.get("pixel"), built)
-    return {"nodes": tree.grow(built, setting, x, y, get(request, "sample", int, 0))}
+    # The samples of one time are consecutive.
+    moment, sample = divmod(get(request, "sample", int, 0), len(built.document.samples))
+    if not 0 <= moment < built.document.moments:
+        raise DriverError(f"sample: expected 0 to {len(built.document.samples) * built.document.moments - 1}")
+    return {"nodes": tree.grow(_load(request, setting, moment), setting, x, y, sample)}
 
 
 def check_(request: Request) -> Answer:

@@ -10,6 +10,7 @@ HEAD = film() + DOWN
 SKY = '[[light]]\ntype = "background"\nradiance = 1\n'
 SPOT = '[[light]]\ntype = "spot"\nposition = [0, 4, 0]\ntarget = [0, 0, 0]\nintensity = 1\n'
 POINT = '[[light]]\ntype = "point"\nposition = [0, 4, 0]\nintensity = 1\n'
+MOVING = '[[shape]]\ntype = "sphere"\nmotion = [{ time = 0, transform = [] }, { time = 1, transform = [] }]\n'
 BALL = '[[shape]]\ntype = "sphere"\nmaterial = { %s }\n'
 
 
@@ -69,6 +70,7 @@ class Documents(Case):
         glass = 'type = "dielectric"'
         for text, *words in (
             (HEAD + SKY + BALL % 'type = "mirror"', "integrator.at_max_depth", "black"),
+            (HEAD + BLACK_LIMIT + MOVING, "shape[0].motion", "one time"),
             (HEAD.replace("height = 1\n", 'height = 1\naovs = ["uv"]\n') + BLACK_LIMIT, "film.aovs", "layers"),
             (HEAD.replace("height = 1\n", 'height = 1\npaths = { one = "E D L" }\n') + BLACK_LIMIT, "film.paths", "layers"),
             (HEAD + BLACK_LIMIT + "min_contribution = 0.1\n", "integrator.min_contribution"),

@@ -150,6 +150,8 @@ class _Scene:
             return None
         fields.text("id")
         fields.flag("casts_shadow", True)
+        if fields.take("motion", None) is not None:
+            fields.unsupported("POV-Ray renders one time: it has no motion blur", "motion")
         own = transforms.read(fields.take("transform"), f"{fields.where}.transform", self.context)
         material = self.materials.of(fields)
         solid = twin(fields, Place(self.context.setting, own))
@@ -222,6 +224,8 @@ class _Scene:
         fields.take("type")
         fields.text("id")
         fields.flag("casts_shadow", True)
+        if fields.take("motion", None) is not None:
+            fields.unsupported("POV-Ray renders one time: it has no motion blur", "motion")
         replaced = fields.take("materials", {})
         if not isinstance(replaced, dict):
             fields.error("materials", "expected a table from names of materials to materials")
@@ -250,6 +254,8 @@ def _film(table: Any, context: Context) -> Tuple[int, int]:
     for key in ("aovs", "paths"):
         if fields.take(key, None):
             fields.unsupported("POV-Ray has no layers other than the radiance", key)
+    # Without moving shapes, which have no twin, the image is the same at all times.
+    fields.take("time", None)
     fields.close()
     return width, height
 

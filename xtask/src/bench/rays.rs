@@ -66,7 +66,7 @@ impl Rays {
         Ok(Self::new(data::rays(path, stride)?, set == "shadow"))
     }
 
-    fn new(single: Vec<Query>, any: bool) -> Self {
+    pub(super) fn new(single: Vec<Query>, any: bool) -> Self {
         let streams = single.chunks(LANES).map(|rays| {
             let mut stream = RayStream {
                 len: rays.len(),

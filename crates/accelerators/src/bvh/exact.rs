@@ -45,6 +45,16 @@ impl Sixteen {
         }
     }
 
+    /// The nodes as they were before they were sorted, without leaves.
+    pub(super) fn wide(&self) -> Wide<16> {
+        Wide {
+            nodes: self.nodes.iter().map(|node| node.boxes).collect(),
+            root: (!self.leaves.slots.is_empty()).then_some(self.root),
+            depth: self.depth,
+            ..Wide::default()
+        }
+    }
+
     /// The boxes and the children of a node.
     pub(super) fn node(&self, node: usize) -> &super::node::Node<16> {
         &self.nodes[node].boxes

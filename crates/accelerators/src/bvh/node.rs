@@ -2,6 +2,8 @@
 
 use crate::support::leaves::child::{Child, WIDTH};
 use crate::support::leaves::frame::{LocalRay, Planes};
+use crate::support::leaves::items::Box4;
+use glam::Vec4;
 use whitstone_core::DVec3;
 use whitstone_simd::Lanes;
 
@@ -21,6 +23,34 @@ impl<const N: usize> Node<N> {
         planes: [[[f32::INFINITY; N], [f32::NEG_INFINITY; N]]; 3],
         children: [0; N],
     };
+
+    /// The places of its children. The box of an empty place is inverted.
+    pub(super) fn used(&self) -> impl Iterator<Item = usize> + use<N> {
+        let empty = self.planes[0][0].map(|min| min == f32::INFINITY);
+        (0..N).filter(move |&i| !empty[i])
+    }
+
+    /// The box of a child.
+    pub(super) fn get(&self, i: usize) -> Box4 {
+        let corner = |side: usize| Vec4::from_array([0, 1, 2, 2].map(|axis| self.planes[axis][side][i]));
+        Box4 {
+            min: corner(0),
+            max: corner(1),
+        }
+    }
+
+    /// Sets the box of a child.
+    pub(super) fn set(&mut self, i: usize, aabb: Box4) {
+        for axis in 0..3 {
+            self.planes[axis][0][i] = aabb.min[axis];
+            self.planes[axis][1][i] = aabb.max[axis];
+        }
+    }
+
+    /// The box around all children.
+    pub(super) fn whole(&self) -> Box4 {
+        self.used().fold(Box4::EMPTY, |whole, i| whole.union(self.get(i)))
+    }
 
     /// The children, each with the corners of its box.
     pub(super) fn boxes(&self) -> impl Iterator<Item = (Child, [DVec3; 2])> {

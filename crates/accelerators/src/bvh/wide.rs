@@ -11,6 +11,7 @@ use super::node::Node;
 use super::tree::Binary;
 use crate::support::leaves::child::{Child, Kind, WIDTH};
 use crate::support::leaves::filter::NUMBERS;
+use crate::support::leaves::items::Box4;
 use crate::support::leaves::{Number, Slot, by_coordinate};
 use rayon::prelude::*;
 
@@ -63,6 +64,61 @@ impl<const N: usize> Wide<N> {
         });
         let parts: Vec<Part<N>> = parts.collect();
         top.join(&parts, &binary[0])
+    }
+}
+
+impl<const N: usize> Wide<N> {
+    /// Fits the boxes of all nodes anew; `boxes` are those of the elements of all leaves, in order.
+    pub(super) fn refit(&mut self, boxes: &[Box4]) {
+        let Some(root) = self.root else { return };
+        let around = |first: usize, count: usize| {
+            let items = boxes[first..][..count].iter();
+            items.fold(Box4::EMPTY, |whole, aabb| whole.union(*aabb))
+        };
+        let leaf = |child: Child| match child.kind() {
+            Kind::Inner(_) => None,
+            Kind::Triangles(first, count) | Kind::Mixed(first, count) => Some(around(first, count)),
+        };
+        self.nodes.par_iter_mut().with_min_len(PART).for_each(|node| {
+            for i in node.used() {
+                if let Some(aabb) = leaf(Child(node.children[i])) {
+                    node.set(i, aabb);
+                }
+            }
+        });
+        // Children follow their parents.
+        for number in (0..self.nodes.len()).rev() {
+            for i in self.nodes[number].used() {
+                if let Kind::Inner(child) = Child(self.nodes[number].children[i]).kind() {
+                    let aabb = self.nodes[child].whole();
+                    self.nodes[number].set(i, aabb);
+                }
+            }
+        }
+        let whole = leaf(root).unwrap_or_else(|| self.nodes[root.index()].whole());
+        let area = |aabb: Box4| f64::from(aabb.half_area());
+        let children = self
+            .nodes
+            .iter()
+            .flat_map(|node| node.used().map(|i| area(node.get(i))));
+        self.cost = (area(whole) + children.sum::<f64>()) / area(whole).max(f64::from(f32::MIN_POSITIVE));
+    }
+
+    /// The slots of all leaves: the first and the number, in order.
+    pub(super) fn leaves(&self) -> Vec<(usize, usize)> {
+        let inside = self
+            .nodes
+            .iter()
+            .flat_map(|node| node.used().map(|i| Child(node.children[i])));
+        let all = self.root.into_iter().chain(inside);
+        let mut leaves: Vec<(usize, usize)> = all
+            .filter_map(|child| match child.kind() {
+                Kind::Inner(_) => None,
+                Kind::Triangles(first, count) | Kind::Mixed(first, count) => Some((first, count)),
+            })
+            .collect();
+        leaves.sort_unstable();
+        leaves
     }
 }
 

@@ -17,7 +17,7 @@ use std::sync::Arc;
 use std::time::Instant;
 use whitstone_core::triangle::ShearedRay;
 use whitstone_core::{
-    Aabb, Accelerator, DVec3, DebugBounds, Element, Geometry, Interval, LoweredShape,
+    Aabb, Accelerator, DAffine3, DVec3, DebugBounds, Element, Geometry, Interval, LoweredShape,
     PreliminaryIntersection, Ray, SceneError, SceneErrors, SelfHitFilter, Statistics, TraversalStatistics,
 };
 
@@ -405,10 +405,20 @@ impl<V: Visitor> Visitor for Counting<V> {
 }
 
 /// An acceleration structure over items; [`Searched`] adds the searches.
-pub(crate) trait Structure: Send + Sync {
+pub(crate) trait Structure: Send + Sync + Sized + 'static {
     /// Calls the visitor for every element that may be hit with `min` < t <= `limit`, roughly front
     /// to back. The visitor returns the new limit, or `None` to stop; so does this method.
     fn visit(&self, ray: &WideRay, min: f64, limit: f64, visitor: &mut impl Visitor) -> Option<f64>;
+
+    /// The same structure around moved elements, as in [`Accelerator::refitted`].
+    fn refitted(
+        &self,
+        _geometry: &Geometry,
+        _elements: &Elements,
+        _rigid: Option<&DAffine3>,
+    ) -> Option<Self> {
+        None
+    }
 
     /// Statistics of the structure, with `bytes`, but without those that all structures share.
     fn statistics(&self) -> Statistics;
@@ -504,6 +514,24 @@ impl<S: Structure> Accelerator for Searched<S> {
         let mut best = None;
         self.visit(ray, interval, &mut self.nearest(ray, interval, skip, &mut best));
         best
+    }
+
+    fn refitted(&self, geometry: &Arc<Geometry>, rigid: Option<&DAffine3>) -> Option<Box<dyn Accelerator>> {
+        let start = Instant::now();
+        let elements = Elements::of(geometry);
+        if elements.unbounded != self.unbounded || elements.items.len() != self.bounded {
+            return None;
+        }
+        Some(Box::new(Self {
+            geometry: geometry.clone(),
+            unbounded: self.unbounded.clone(),
+            reach: elements.reach,
+            width: self.width,
+            structure: self.structure.refitted(geometry, &elements, rigid)?,
+            bounded: self.bounded,
+            degenerate: elements.degenerate,
+            build_seconds: start.elapsed().as_secs_f64(),
+        }))
     }
 
     fn traversal_statistics(

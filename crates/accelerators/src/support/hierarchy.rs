@@ -4,7 +4,7 @@ use crate::support::binary::{Builder, Tree};
 use crate::support::elements::{Elements, Item};
 use rayon::prelude::*;
 use std::ops::Range;
-use whitstone_core::{DebugBounds, Element, Geometry, Statistics};
+use whitstone_core::{DAffine3, DebugBounds, Element, Geometry, Statistics};
 
 /// A convex bounding volume.
 pub(crate) trait Volume: Copy + Send + Sync {
@@ -14,6 +14,12 @@ pub(crate) trait Volume: Copy + Send + Sync {
     /// The smallest volume around the contents of two others; `None` if it must be fitted to the
     /// elements themselves.
     fn joined(first: &Self, second: &Self) -> Option<Self>;
+
+    /// The volume around the contents of this one, rotated and moved; `None` if that is not simpler
+    /// than a new fit.
+    fn moved(&self, _rigid: &DAffine3) -> Option<Self> {
+        None
+    }
 
     /// Half the surface area.
     fn half_area(&self) -> f64;
@@ -65,6 +71,72 @@ impl<V: Volume> Hierarchy<V> {
             depth,
             step_cost: builder.step_cost,
         }
+    }
+
+    /// The same hierarchy around moved elements. `None` if some element is missing among them.
+    pub(crate) fn refitted(
+        &self,
+        geometry: &Geometry,
+        items: &[Item],
+        rigid: Option<&DAffine3>,
+    ) -> Option<Self> {
+        // The padding of other elements does not move with them.
+        let is_plain = |item: &Item| !item.sliver && matches!(item.element, Element::Triangle { .. });
+        let moved = |rigid: &DAffine3| {
+            let moved = |node: &Node<V>| {
+                Some(Node {
+                    volume: node.volume.moved(rigid)?,
+                    ..*node
+                })
+            };
+            self.nodes.par_iter().map(moved).collect::<Option<Vec<_>>>()
+        };
+        // Corners that are equal stay equal, so the same number of items means the same items.
+        let same = items.len() == self.elements.len() && items.par_iter().all(is_plain);
+        let nodes = match rigid.filter(|_| same).and_then(moved) {
+            Some(nodes) => nodes,
+            None => nodes(&self.places(), &self.moved_items(items)?, geometry),
+        };
+        Some(Self {
+            nodes,
+            elements: self.elements.clone(),
+            depth: self.depth,
+            step_cost: self.step_cost,
+        })
+    }
+
+    /// The items in the order of the leaves, from the order of the geometry; `None` if one is
+    /// missing.
+    fn moved_items(&self, items: &[Item]) -> Option<Vec<Item>> {
+        let key = |element: Element| match element {
+            Element::Triangle { shape, triangle } => (shape, triangle),
+            Element::Custom { shape } => (shape, 0),
+        };
+        let item = |element: &Element| {
+            let place = items.binary_search_by_key(&key(*element), |item| key(item.element));
+            Some(items[place.ok()?])
+        };
+        self.elements.par_iter().map(item).collect()
+    }
+
+    /// The nodes without their volumes.
+    fn places(&self) -> Vec<Place> {
+        let mut ranges = vec![0..0; self.nodes.len()];
+        // Children follow their parents.
+        for (number, node) in self.nodes.iter().enumerate().rev() {
+            let first = node.first as usize;
+            ranges[number] = match node.count {
+                0 => ranges[first].start..ranges[first + 1].end,
+                count => first..first + count as usize,
+            };
+        }
+        let places = self.nodes.iter().zip(ranges);
+        let place = |(node, range): (&Node<V>, Range<usize>)| Place {
+            first: node.first,
+            count: node.count,
+            range,
+        };
+        places.map(place).collect()
     }
 
     /// The root; `None` if there are no elements.

@@ -1,7 +1,8 @@
 use crate::stream::{HitStream, Lanes, RayStream};
-use crate::{Aabb, Interval, PreliminaryIntersection, Ray, SelfHitFilter};
-use glam::DVec3;
+use crate::{Aabb, Geometry, Interval, PreliminaryIntersection, Ray, SelfHitFilter};
+use glam::{DAffine3, DVec3};
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// An acceleration structure over a [`crate::Geometry`].
 ///
@@ -36,6 +37,14 @@ pub trait Accelerator: Send + Sync {
         for (lane, hidden) in hidden.iter_mut().enumerate().take(rays.len) {
             *hidden = self.occluded(&rays.ray(lane), rays.interval(lane), rays.skip.skip(lane));
         }
+    }
+
+    /// The same structure for a geometry whose elements have moved: its bounding volumes are fitted
+    /// anew, and their contents stay. The geometry has the same shapes, with the same triangles at
+    /// other places. `rigid`: the rotation and translation by which all of it has moved, if it is
+    /// one. `None` if a new build is needed.
+    fn refitted(&self, _geometry: &Arc<Geometry>, _rigid: Option<&DAffine3>) -> Option<Box<dyn Accelerator>> {
+        None
     }
 
     /// Why the image depends on this accelerator, if it does not obey the law; the note is reported

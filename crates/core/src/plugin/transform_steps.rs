@@ -77,6 +77,58 @@ impl TransformOp {
     }
 }
 
+impl TransformOp {
+    /// The map of the step between this one, at `u` = 0, and `to`, at `u` = 1: each of its numbers
+    /// is interpolated linearly.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::map`]; also if the steps are of different kinds, or rotate about different axes.
+    pub fn between(&self, to: &Self, u: f64) -> Result<DAffine3, TransformOpError> {
+        let (a, b) = (self.map()?, to.map()?);
+        if self.kind() != to.kind() {
+            return Err(TransformOpError {
+                message: "the steps of a keyframe must be of the same kinds as those of the keyframe before",
+                help: Some("a step that changes nothing is { translate = [0, 0, 0] } or { scale = 1 }"),
+            });
+        }
+        if let (Some(from), Some(to)) = (self.rotate, to.rotate) {
+            let Rotate { axis, degrees } = from;
+            if axis != to.axis {
+                return Err(TransformOpError {
+                    message: "the axis of a rotation must be the same in all keyframes",
+                    help: Some("only degrees are interpolated; write one rotation for each axis"),
+                });
+            }
+            let (from, to) = (degrees.get(), to.degrees.get());
+            // `map` has checked that it is not zero.
+            let axis = axis.get().normalize();
+            return Ok(DAffine3::from_mat3(rotation(axis, from + u * (to - from))));
+        }
+        // The other maps have the numbers of their steps as entries.
+        let mix = |a: DVec3, b: DVec3| a + u * (b - a);
+        let (linear, moved) = (a.matrix3, b.matrix3);
+        Ok(DAffine3 {
+            matrix3: DMat3::from_cols(
+                mix(linear.x_axis, moved.x_axis),
+                mix(linear.y_axis, moved.y_axis),
+                mix(linear.z_axis, moved.z_axis),
+            ),
+            translation: mix(a.translation, b.translation),
+        })
+    }
+
+    /// Which of the keys it has.
+    fn kind(&self) -> [bool; 4] {
+        [
+            self.translate.is_some(),
+            self.scale.is_some(),
+            self.rotate.is_some(),
+            self.matrix.is_some(),
+        ]
+    }
+}
+
 /// The rotation, counter-clockwise when the axis points towards the viewer. Multiples of 90 degrees
 /// are exact, so that floors and walls are exactly aligned with the axes.
 fn rotation(axis: DVec3, degrees: f64) -> DMat3 {

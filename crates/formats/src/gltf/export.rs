@@ -212,7 +212,7 @@ impl<'a> Exporter<'a> {
         let material = shape.get("material");
         let colors = material.is_some_and(|material| self.reads_colors(material, &mut BTreeSet::new()));
         let mut keys = shape.clone();
-        for key in ["id", "material", "transform", "casts_shadow"] {
+        for key in ["id", "material", "transform", "motion", "casts_shadow"] {
             keys.remove(key);
         }
         if !colors {
@@ -391,6 +391,9 @@ impl<'a> Exporter<'a> {
             }
             if shape.contains_key("materials") {
                 self.note("[[shape]] materials of an instance", &name);
+            }
+            if shape.contains_key("motion") {
+                self.note("[[shape]] motion", &name);
             }
             if table::kind(shape) == "instance" {
                 let Some(inside) = table::text(shape, "group") else {

@@ -86,6 +86,7 @@ pub(crate) const FEATURES: &[Feature] = features! {
     Dropped "[[shape]] instance beyond the limit": "Other programs show at most 200,000 nodes; it is kept for Whitstone.";
     Dropped "[[shape]] materials of an instance": "Other programs see the materials of the group; they are kept for Whitstone.";
     Dropped "[[shape]] without a shadow": "Other programs may show its shadow; it is kept for Whitstone.";
+    Dropped "[[shape]] motion": "Other programs see it where its first keyframe places it; it is kept for Whitstone.";
     Dropped "[camera] of another type": "Other programs see no camera; it is kept for Whitstone.";
     Dropped "[[light]] of another type": "Other programs see point, directional and spot lights; it is kept for Whitstone.";
     Dropped "[material] of another type": "Other programs see grey; it is kept for Whitstone.";

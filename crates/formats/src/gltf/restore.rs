@@ -181,6 +181,18 @@ impl Restorer<'_> {
         if !self.moves() {
             return;
         }
+        if let Some(Value::Array(keyframes)) = table.get_mut("motion") {
+            // The motion follows the transform.
+            for keyframe in keyframes.iter_mut().filter_map(Value::as_table_mut) {
+                self.append(keyframe);
+            }
+        } else {
+            self.append(table);
+        }
+    }
+
+    /// Appends the transform of the options to the steps of a table.
+    fn append(&self, table: &mut Table) {
         let mut steps = match table.remove("transform") {
             None => Vec::new(),
             Some(Value::Array(steps)) => steps,

@@ -162,6 +162,15 @@ fn print_pipeline(pipeline: &Pipeline, names: &Names) {
         "film",
         &format!("{} x {}, layers: {}", size.width, size.height, or_none(layers)),
     );
+    let times = &pipeline.film.times;
+    if pipeline.moments() > 1 {
+        let (first, last) = (times[0], times[times.len() - 1]);
+        let text = format!(
+            "{}, from {first} s to {last} s; the rows below are about the first",
+            times.len()
+        );
+        row("times", &text);
+    }
     if let Some(paths) = &pipeline.film.paths {
         let sum = if paths.classes.is_partition() {
             "every path is in exactly one, so that they sum to the image"
@@ -280,6 +289,7 @@ fn report(pipeline: &Pipeline, names: &Names, tree: Option<&PixelTree>, counted:
         "width": size.width,
         "height": size.height,
         "layers": pipeline.film.channels().collect::<Vec<_>>(),
+        "times": pipeline.film.times,
         "camera": names.camera,
         "sampler": names.sampler,
         "samples": pipeline.samples(),

@@ -118,7 +118,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         atomic::check(output).map_err(Failure::environment)?;
     }
     if arguments.without_specialization {
-        pipeline.scene = pipeline.scene.without_specialization();
+        pipeline = pipeline.without_specialization();
     }
     let size = pipeline.film.size;
     let bar = progress(u64::from(size.width) * u64::from(size.height), "rendering");

@@ -240,6 +240,17 @@ impl<'a> Items<'a> {
         }
     }
 
+    /// The number of the element of a slot; `None` if the geometry has no such element.
+    pub(crate) fn number(&self, slot: Slot) -> Option<u32> {
+        match (slot.element(), self.geometry.shapes().get(slot.shape as usize)?) {
+            (Element::Triangle { triangle, .. }, LoweredShape::Triangles(mesh)) => ((triangle as usize)
+                < mesh.triangles.len())
+            .then(|| self.starts[slot.shape as usize] + triangle),
+            (Element::Custom { .. }, LoweredShape::Triangles(_)) | (Element::Triangle { .. }, _) => None,
+            (Element::Custom { .. }, _) => Some(self.starts[slot.shape as usize]),
+        }
+    }
+
     /// The box around the results of `center`.
     pub(crate) fn centers(&self) -> &Aabb {
         &self.centers

@@ -26,6 +26,9 @@ impl<'a> Exporter<'a> {
         if shape.contains_key("materials") {
             self.note("[[shape]] materials of an instance", name);
         }
+        if shape.contains_key("motion") {
+            self.note("[[shape]] motion", name);
+        }
         let textured = shape.get("material").is_some_and(|value| self.lies_by_uv(value));
         let mut sides = PLAIN;
         let mut nodes = match kind {

@@ -23,6 +23,9 @@ impl<'a> Exporter<'a> {
         if shape.contains_key("materials") {
             self.note("[[shape]] materials of an instance", name);
         }
+        if shape.contains_key("motion") {
+            self.note("[[shape]] motion", name);
+        }
         if kind == "instance" {
             return self.instance(shape, &map, name, areas.is_none());
         }
@@ -214,7 +217,7 @@ impl<'a> Exporter<'a> {
     /// an error.
     pub(super) fn mesh_file(&mut self, shape: &Table) -> Option<String> {
         let mut shape = shape.clone();
-        for key in ["id", "material", "transform", "displacement"] {
+        for key in ["id", "material", "transform", "motion", "displacement"] {
             shape.remove(key);
         }
         let key = shape.to_string();
