@@ -37,6 +37,11 @@ impl Memory {
         Ok(())
     }
 
+    /// The bytes that are not reserved; `None` without a limit.
+    pub(crate) fn left(&self) -> Option<u64> {
+        Some(self.limit?.saturating_sub(self.taken))
+    }
+
     /// Reserves the memory of the image.
     pub(crate) fn take_film(&mut self, film: &FilmTable) -> Result<(), SceneErrors> {
         let room = self.take(film.bytes());

@@ -30,6 +30,8 @@ pub struct Pipeline {
     pub scene: Scene,
     /// Limits on the ray trees of its samples.
     pub tree_limits: TreeLimits,
+    /// The memory for pending rays in bytes, if it is limited.
+    pub(crate) memory_left: Option<u64>,
     /// Hash of the flattened scene.
     pub scene_hash: String,
     /// The accelerator in use, and the reason if the scene leaves the choice.
@@ -52,7 +54,21 @@ pub struct Pipeline {
     pub build_seconds: f64,
 }
 
+/// A thread may always have this many pending rays: no usual scene has more.
+const FEWEST_PENDING: usize = 4096;
+
 impl Pipeline {
+    /// Limits on ray trees if this many threads share the memory.
+    pub(crate) fn tree_limits_of(&self, threads: usize) -> TreeLimits {
+        let of_thread = |left: u64| left / threads.max(1) as u64 / TreeLimits::PENDING_BYTES;
+        let most = self.memory_left.map_or(u64::MAX, of_thread);
+        let most = usize::try_from(most).unwrap_or(usize::MAX).max(FEWEST_PENDING);
+        TreeLimits {
+            pending: self.tree_limits.pending.min(most),
+            ..self.tree_limits
+        }
+    }
+
     /// Reads, plans and builds a scene in one pass, which reports the errors of all steps.
     pub fn load(
         sources: &Sources,
@@ -186,6 +202,7 @@ impl Pipeline {
             }
             _ => None,
         };
+        let memory_left = builder.memory.left();
         let (warnings, used) = (builder.warnings, builder.used);
         let (coincident, coincident_unknown) = (builder.coincident, builder.coincident_unknown);
         let groups = builder.groups.into_values().collect();
@@ -214,6 +231,7 @@ impl Pipeline {
                         rays: options.max_tree_rays.unwrap_or(usual.rays),
                         ..usual
                     },
+                    memory_left,
                     scene_hash: description.flattened.hash.clone(),
                     accelerator: built.chosen,
                     groups,
