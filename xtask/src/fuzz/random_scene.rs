@@ -150,9 +150,11 @@ impl<'a> Generator<'a> {
                 .and_then(Value::as_array_mut)
                 .and_then(Vec::pop);
         }
-        if contains(&Value::from(scene.clone()), "fractal") {
-            // Milliseconds a ray.
-            scene.insert("film".into(), film(4, 3, Vec::new()).into());
+        // Milliseconds a ray, and a tenth of one.
+        let slow = [("fractal", [3, 2]), ("implicit", [8, 6]), ("isosurface", [8, 6])];
+        let whole = Value::from(scene.clone());
+        if let Some((_, [width, height])) = slow.into_iter().find(|(kind, _)| contains(&whole, kind)) {
+            scene.insert("film".into(), film(width, height, Vec::new()).into());
         }
         scene
     }

@@ -46,7 +46,7 @@ pub(crate) fn page(result: &Value, fuzzed: &Value) -> String {
         page,
         "\n{}\n\n{}\n",
         wrapped(&format!(
-            "Executions so far, of `{}`, to which `--json` adds. Every finding was corrected.",
+            "Executions so far (`{}`, to which `cargo xtask fuzz --json` adds):",
             fuzz::RESULT
         )),
         fuzz::table(fuzzed)
@@ -80,9 +80,10 @@ const BY_TESTS: &str = "## Promises that tests keep
 | Files without end, pipes and files of the system are refused. | [hostile_files](../tests/tests/hostile_files.rs) |
 | With `--root DIR`, no file outside of DIR is read. | [hostile_files](../tests/tests/hostile_files.rs) |
 | A ray tree of more than `--max-tree-rays` rays is an error. | [hostile_files](../tests/tests/hostile_files.rs) |
-| Where the system allows no threads, one thread renders. | [hostile_files](../tests/tests/hostile_files.rs) |
+| Where the system allows no threads, one thread renders, and `view` ends with an error. | [hostile_files](../tests/tests/hostile_files.rs) |
 | Names cannot send control characters to the terminal. | [hostile_files](../tests/tests/hostile_files.rs) |
 | A scene cut at any byte is answered with a place. | [fuzz](../tests/tests/fuzz.rs) |
+| A damaged file in the cache of live references is made again. | [live](../crates/validate/src/live.rs) |
 | Links in the cache of live references are not followed. | [fake_mitsuba](../tests/tests/fake_mitsuba.rs) |
 | A driver that hangs, floods its output or ends early is reported. | [validation](../tests/tests/validation.rs) |
 | The image does not depend on accelerator, threads or SIMD instructions. | [determinism](../tests/tests/determinism.rs) |
