@@ -99,7 +99,7 @@ const PROMISES: [Promise; 6] = [
     },
     Promise {
         name: "The files of a stored reference belong together.",
-        how: "`reference --accept` replaces a reference of the same scene that has another image and another floor, and ends by SIGKILL at a random moment or, under `strace`, before each of its renames. The files are then those of the old reference or those of the new one, or `validate` refuses them. The next run stores the new ones.",
+        how: "`reference --accept` replaces a reference of the same scene that has another image and another floor, and ends by SIGKILL at a random moment or, under `strace`, before one of its last renames. The files are then those of the old reference or those of the new one, or `validate` refuses them. The next run stores the new ones.",
         run: references::stored,
     },
     Promise {

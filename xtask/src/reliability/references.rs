@@ -52,12 +52,11 @@ impl<'s> Live<'s> {
         let folder = self.folder.path().display().to_string();
         let program = [self.subject.program.display().to_string()];
         let own = arguments.iter().map(|argument| argument.replace('@', &folder));
-        let usual = ["--mitsuba", &self.python, "--target"].map(str::to_owned);
+        let usual = ["--mitsuba", &self.python].map(str::to_owned);
         let words: Vec<String> = (before.iter().cloned())
             .chain(program)
             .chain(own)
             .chain(usual)
-            .chain([format!("{folder}/target")])
             .collect();
         let mut command = self.subject.plain(&words);
         command.env(MARK, folder);
@@ -106,6 +105,8 @@ pub(super) fn drivers(subject: &Subject) -> Result<Tally, Failure> {
         "--no-oracle",
         "--json",
         "@/v.json",
+        "--target",
+        "@/target",
     ];
     let command = || live.command(&[], &arguments);
     let (undisturbed, time) = undisturbed(&mut command(), folder)?;
@@ -140,6 +141,8 @@ pub(super) fn stored(subject: &Subject) -> Result<Tally, Failure> {
         SCENE,
         "--accept",
         "--all",
+        "--target",
+        "@/target",
         "--references",
         "@/images",
         "--set",
@@ -149,6 +152,9 @@ pub(super) fn stored(subject: &Subject) -> Result<Tally, Failure> {
     let (mut old, _) = undisturbed(&mut command(&[], &["--set", "camera.fov=60"]), folder)?;
     clear(folder)?;
     let (new, time) = undisturbed(&mut command(&[], &[]), folder)?;
+    if is_refused(&live, &arguments)?.is_ok() {
+        return Err(Failure::environment("`validate` does not use a stored reference"));
+    }
     old.retain(|name, _| is_stored(name));
     make_older(&mut old, &new)?;
     let start = || clear(folder).and_then(|()| put(folder, old.iter()));
@@ -162,8 +168,8 @@ pub(super) fn stored(subject: &Subject) -> Result<Tally, Failure> {
         start()?;
         let counts = faults::counts(&[], false, |before| command(before, &[]))?;
         for (call, count) in counts.iter().filter(|(call, _)| call.starts_with("rename")) {
-            // In the quick form the last ones, which replace the reference.
-            let first = if subject.quick { count.saturating_sub(3) } else { 0 };
+            // The last ones replace the reference.
+            let first = count.saturating_sub(if subject.quick { 3 } else { 12 });
             ends.extend((first + 1..=*count).map(|number| {
                 let inject = format!("inject={call}:signal=SIGKILL:when={number}");
                 let options = ["strace", "-qq", "-o", "/dev/null", "-e"].map(str::to_owned);
@@ -236,7 +242,10 @@ fn make_older(old: &mut Files, new: &Files) -> Result<(), Failure> {
 
 /// An error if `validate` uses the stored reference.
 fn is_refused(live: &Live<'_>, arguments: &[&str]) -> Result<Result<(), String>, Failure> {
-    let scene = &arguments[4..];
+    let scene = &arguments[6..];
+    // Its report is not one of the files that are compared.
+    let target = tempfile::tempdir().map_err(Failure::environment)?;
+    let target = target.path().to_string_lossy();
     let words = [
         &[
             "validate",
@@ -246,6 +255,8 @@ fn is_refused(live: &Live<'_>, arguments: &[&str]) -> Result<Result<(), String>,
             "--no-oracle",
             "--json",
             "-",
+            "--target",
+            &target,
         ],
         scene,
     ]
