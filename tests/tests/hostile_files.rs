@@ -202,8 +202,8 @@ fn without_threads_one_thread_renders() {
         light = [{ type = \"ambient\", radiance = 1 }]\n\
         shape = [{ type = \"sphere\" }]\n";
     fs::write(folder.path().join("ball.toml"), ball).unwrap();
-    let render = |processes: &str, name: &str| {
-        let output = Command::new("setpriv")
+    let run = |processes: &str, arguments: &[&str]| {
+        Command::new("setpriv")
             .args([
                 "--reuid",
                 "54321",
@@ -214,16 +214,26 @@ fn without_threads_one_thread_renders() {
             ])
             .arg(format!("--nproc={processes}"))
             .arg(&program)
-            .args(["render", "ball.toml", "-o", name])
+            .args(arguments)
             .current_dir(folder.path())
             .env("RUST_BACKTRACE", "0")
             .output()
-            .unwrap();
+            .unwrap()
+    };
+    let render = |processes: &str, name: &str| {
+        let output = run(processes, &["render", "ball.toml", "-o", name]);
         let text = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(output.status.code(), Some(0), "{processes}: {text}");
         fs::read(folder.path().join(name)).unwrap()
     };
     assert_eq!(render("1", "one.exr"), render("1000", "many.exr"));
+    // A page needs threads.
+    for processes in ["1", "12"] {
+        let output = run(processes, &["view", "ball.toml", "--target", "target"]);
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(3), "{processes}: {text}");
+        assert!(text.contains("it needs 16 threads"), "{processes}: {text}");
+    }
 }
 
 /// With `--root`, no file outside of it is read, whatever names it.

@@ -25,15 +25,18 @@ pub(crate) fn run(registry: &Registry) -> Result<Exit, Failure> {
         Ok(problems)
     };
     let workers = std::thread::available_parallelism().map_or(1, |count| count.get().min(4));
-    let results: Vec<_> = std::thread::scope(|scope| {
+    let results: Vec<Result<_, Failure>> = std::thread::scope(|scope| {
         let handles: Vec<_> = (0..workers)
-            .map(|number| scope.spawn(move || worker(number)))
+            .map(|number| std::thread::Builder::new().spawn_scoped(scope, move || worker(number)))
             .collect();
-        handles.into_iter().map(|handle| handle.join()).collect()
+        handles
+            .into_iter()
+            .map(|handle| Ok(handle.map_err(Failure::environment)?.join()))
+            .collect()
     });
     let mut problems = Vec::new();
     for result in results {
-        let result = result.map_err(|_| Failure::environment("a check panicked"))?;
+        let result = result?.map_err(|_| Failure::environment("a check panicked"))?;
         problems.extend(result.map_err(Failure::environment)?);
     }
     verdict(

@@ -6,13 +6,20 @@
 mod against_mitsuba;
 mod random_scene;
 mod scenes;
+mod totals;
 
 use clap::Args;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::time::Instant;
+use totals::Totals;
 use whitstone::core::Registry;
 use whitstone::{Exit, Failure};
+
+pub(crate) use totals::table;
+/// The stored totals.
+pub(crate) const RESULT: &str = "studies/results/fuzz.json";
 
 /// The kinds of files, by their extension, and random scenes.
 const KINDS: [&str; 17] = [
@@ -47,7 +54,7 @@ const FOLDER: &str = "target/fuzz";
 #[derive(Args, Debug)]
 #[command(
     help_template = whitstone::commands::HELP_TEMPLATE,
-    after_help = "Examples:\n  cargo xtask fuzz\n  cargo xtask fuzz ply gltf --seconds 3600\n  cargo xtask fuzz scenes --first 1000000"
+    after_help = "Examples:\n  cargo xtask fuzz\n  cargo xtask fuzz ply gltf --seconds 3600\n  cargo xtask fuzz scenes --first 1000000\n  cargo xtask fuzz scenes --seconds 3600 --json studies/results/fuzz.json"
 )]
 pub(crate) struct Arguments {
     /// Kinds of files [default: all]
@@ -57,43 +64,72 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "SECONDS", default_value_t = 60)]
     seconds: u64,
     /// Number of the first random scene; each number is another scene, the same in every run
-    #[arg(long, value_name = "NUMBER", default_value_t = 0)]
-    first: u64,
-    /// Render the random scenes whose numbers are read, and print what became of each
-    #[arg(long, hide = true)]
-    worker: bool,
+    /// [default: the first that no run of --json has reached, or 0]
+    #[arg(long, value_name = "NUMBER")]
+    first: Option<u64>,
+    /// Add what was tried to the totals in this file
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Be a process of the kind `scenes`
+    #[arg(long, hide = true, value_name = "ROLE")]
+    worker: Option<scenes::Role>,
 }
+
+/// What a run has tried.
+struct Run {
+    executions: u64,
+    /// Random scenes that were not refused.
+    valid: Option<u64>,
+    findings: usize,
+    /// The number after that of the last random scene.
+    next: Option<u64>,
+}
+
+/// Longer runs of random scenes are divided, so that a run that is interrupted has added to the
+/// totals.
+const PART: u64 = 600;
 
 /// Runs the command.
 pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
-    if arguments.worker {
-        return scenes::work(registry);
+    if let Some(role) = arguments.worker {
+        return scenes::work(role, registry);
     }
     let kinds: Vec<&str> = match arguments.kinds.as_slice() {
         [] => KINDS.to_vec(),
         kinds => kinds.iter().map(String::as_str).collect(),
     };
-    let mut found = 0;
-    if kinds.contains(&SCENES) {
-        found += scenes::run(arguments.first, arguments.seconds, registry)?;
-    }
-    if kinds.contains(&MITSUBA) {
-        found += against_mitsuba::run(arguments.first, arguments.seconds, registry)?;
-    }
     let is_file = |kind: &&str| ![SCENES, MITSUBA].contains(kind);
-    let files: Vec<&str> = kinds.into_iter().filter(is_file).collect();
-    if files.is_empty() {
-        return Ok(exit(found));
+    let program = kinds.iter().any(is_file).then(build).transpose()?;
+    let totals = || match &arguments.json {
+        Some(path) => Totals::read(path),
+        None => Ok(Totals::default()),
+    };
+    let mut found = 0;
+    for kind in kinds {
+        let mut first = match arguments.first {
+            Some(first) => first,
+            None => totals()?.next(kind),
+        };
+        let mut left = arguments.seconds;
+        while left > 0 {
+            let start = Instant::now();
+            let (run, seconds) = match (kind, &program) {
+                (SCENES, _) => (scenes::run(first, left.min(PART))?, PART),
+                (MITSUBA, _) => (against_mitsuba::run(first, left.min(PART), registry)?, PART),
+                (_, Some(program)) => (fuzz(program, kind, left)?, left),
+                (_, None) => break,
+            };
+            left = left.saturating_sub(seconds);
+            first = run.next.unwrap_or(first);
+            found += run.findings;
+            if let Some(path) = &arguments.json {
+                let mut totals = totals()?;
+                totals.add(kind, &run, start.elapsed());
+                totals.write(path)?;
+            }
+        }
     }
-    let program = build()?;
-    for kind in files {
-        found += fuzz(&program, kind, arguments.seconds)?;
-    }
-    Ok(exit(found))
-}
-
-fn exit(found: usize) -> Exit {
-    if found == 0 { Exit::Pass } else { Exit::Differs }
+    Ok(if found == 0 { Exit::Pass } else { Exit::Differs })
 }
 
 /// Compiles the target; returns its path.
@@ -126,8 +162,8 @@ fn build() -> Result<PathBuf, Failure> {
     std::path::absolute(program).map_err(Failure::environment)
 }
 
-/// Fuzzes one kind of file; returns the number of findings.
-fn fuzz(program: &Path, kind: &str, seconds: u64) -> Result<usize, Failure> {
+/// Fuzzes one kind of file.
+fn fuzz(program: &Path, kind: &str, seconds: u64) -> Result<Run, Failure> {
     let folder = |name: &str| -> Result<PathBuf, Failure> {
         let path = Path::new(FOLDER).join(name).join(kind);
         fs::create_dir_all(&path).map_err(Failure::environment)?;
@@ -183,7 +219,12 @@ fn fuzz(program: &Path, kind: &str, seconds: u64) -> Result<usize, Failure> {
             program.display()
         );
     }
-    Ok(found)
+    Ok(Run {
+        executions: executed.and_then(|count| count.trim().parse().ok()).unwrap_or(0),
+        valid: None,
+        findings: found,
+        next: None,
+    })
 }
 
 /// The number of files in a folder.

@@ -229,9 +229,9 @@ fn query(path: &Path, arguments: &Arguments, registry: &Registry) -> Result<Row,
     };
     let next = AtomicUsize::new(0);
     let answers = Mutex::new(Vec::new());
-    std::thread::scope(|scope| {
+    std::thread::scope(|scope| -> std::io::Result<()> {
         for _ in 0..arguments.threads.max(1) {
-            scope.spawn(|| {
+            std::thread::Builder::new().spawn_scoped(scope, || {
                 loop {
                     let number = next.fetch_add(1, Ordering::Relaxed);
                     if number >= asked {
@@ -242,9 +242,11 @@ fn query(path: &Path, arguments: &Arguments, registry: &Registry) -> Result<Row,
                     let mut answers = answers.lock().unwrap_or_else(PoisonError::into_inner);
                     answers.push((value, begun.elapsed().as_secs_f64()));
                 }
-            });
+            })?;
         }
-    });
+        Ok(())
+    })
+    .map_err(Failure::environment)?;
     row.seconds = start.elapsed().as_secs_f64();
     row.slowest_ray = tracer.slowest_ray().as_secs_f64();
     let answers = answers.into_inner().unwrap_or_else(PoisonError::into_inner);

@@ -3,8 +3,8 @@
 
 use crate::bench::light_paths;
 use crate::{
-    comparisons, diagrams, formats, growth, licences, pages, pictures, plugins, reliability, run_time, scale,
-    subjects, topics, traversal, variants, verdict, worst_cases,
+    comparisons, diagrams, formats, fuzz, growth, licences, pages, pictures, plugins, reliability, run_time,
+    scale, subjects, topics, traversal, variants, verdict, worst_cases,
 };
 use clap::Args;
 use std::fmt::Write;
@@ -105,7 +105,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         (PathBuf::from(run_time::PAGE), run_time::page(&times).into_bytes()),
         (
             PathBuf::from(reliability::PAGE),
-            reliability::page(&stored(reliability::RESULT)?).into_bytes(),
+            reliability::page(&stored(reliability::RESULT)?, &stored(fuzz::RESULT)?).into_bytes(),
         ),
         (
             PathBuf::from(growth::PAGE),

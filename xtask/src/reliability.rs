@@ -5,6 +5,8 @@ mod faults;
 mod kills;
 mod memory;
 mod page;
+mod references;
+mod times;
 
 use clap::Args;
 use serde_json::{Value, json};
@@ -23,8 +25,9 @@ pub(crate) use page::{PAGE, RESULT, page};
 /// Inject faults into the program, kill it, feed it damaged files, and count the harm
 ///
 /// Each promise of docs/reliability.md is tried many times on the program `whitstone` in the folder
-/// of this one. Faults of system calls need strace (Debian: apt-get install strace); without it
-/// they are skipped, and the report says so.
+/// of this one. Faults of system calls need strace (Debian: apt-get install strace), and the promises
+/// about references a live Mitsuba (see `whitstone doctor`); without them they are skipped, and the
+/// report says so.
 ///
 /// Exit code 0 if no attempt broke a promise, 1 if one did.
 #[derive(Args, Debug)]
@@ -78,7 +81,7 @@ struct Promise {
     run: fn(&Subject) -> Result<Tally, Failure>,
 }
 
-const PROMISES: [Promise; 4] = [
+const PROMISES: [Promise; 6] = [
     Promise {
         name: "A system call that fails does no harm.",
         how: "Each command runs under `strace`, which lets one system call fail: the first, the second, and so on, for each kind of call and error. The command ends with a documented exit code, without a panic; every file is absent, as it was, or complete; exit code 0 means that all files are there.",
@@ -86,8 +89,18 @@ const PROMISES: [Promise; 4] = [
     },
     Promise {
         name: "A killed command leaves whole files, and the next run is undisturbed.",
-        how: "SIGKILL at a random moment. After it every file is absent, as it was, or complete. The command then runs again: its files are, bit for bit, those of a run that was never killed, and temporaries are gone.",
+        how: "SIGKILL at a random moment. After it every file is absent, as it was, or complete. The command then runs again: its files are, bit for bit, those of a run that was never killed (times excepted), and temporaries are gone. `converge` continues with the measurements that it has stored.",
         run: kills::run,
+    },
+    Promise {
+        name: "A driver does not outlive its command.",
+        how: "`validate --fresh` with a live Mitsuba, and SIGKILL at a random moment. One second later no process that it started is alive. Its files are as after every kill, and the next run gives the same results.",
+        run: references::drivers,
+    },
+    Promise {
+        name: "The files of a stored reference belong together.",
+        how: "`reference --accept` replaces a reference of the same scene that has another image and another floor, and ends by SIGKILL at a random moment or, under `strace`, before one of its last renames. The files are then those of the old reference or those of the new one, or `validate` refuses them. The next run stores the new ones.",
+        run: references::stored,
     },
     Promise {
         name: "A damaged file is answered.",
@@ -121,11 +134,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Failure> {
         quick: arguments.quick,
     };
     let mut results = Vec::new();
-    let mut harm = 0;
+    let (mut harm, mut skipped) = (0, 0);
     for promise in &PROMISES {
         let start = Instant::now();
         let tally = (promise.run)(&subject)?;
         harm += tally.broken.len();
+        skipped += usize::from(tally.skipped.is_some());
         match &tally.skipped {
             Some(why) => println!("skipped  {} {why}", promise.name),
             None => println!(
@@ -145,6 +159,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Failure> {
             "tried": tally.tried, "failed": tally.broken.len(), "skipped": tally.skipped,
         }));
     }
+    println!(
+        "promises: {}, skipped: {skipped}, broken attempts: {harm}",
+        PROMISES.len()
+    );
     if let Some(path) = &arguments.json {
         let report =
             json!({ "program": env!("CARGO_PKG_VERSION"), "quick": arguments.quick, "promises": results });
@@ -289,9 +307,42 @@ const CASES: [Case; 11] = [
     },
 ];
 
+/// A short study. Its many system calls would take hours to fail one by one, so it is only killed.
+const CONVERGE: Case = Case {
+    name: "converge",
+    is_killed: true,
+    arguments: &[
+        "converge",
+        "@/study.toml",
+        "--no-mitsuba",
+        "--threads",
+        "1",
+        "--repeats",
+        "3",
+        "--json",
+        "@/c.json",
+        "--target",
+        "@/target",
+    ],
+};
+
+/// `%` stands for the repository.
+const STUDY: &str = r#"title = "A study"
+about = "For `cargo xtask reliability`."
+scene = "%/scenes/showcase/classic.toml"
+set = ["film.width=16", "film.height=12"]
+[truth]
+set = ['sampler={ type = "grid", samples_per_axis = 8 }']
+check = [{ set = ['sampler={ type = "sobol", samples = 64 }'] }]
+[[series]]
+name = "grid"
+set = ['sampler={ type = "grid" }']
+sweep = { "sampler.samples_per_axis" = [1, 2, 3] }
+"#;
+
 /// Files that commands read, in the folder of each.
 fn is_input(name: &str) -> bool {
-    ["a.exr", "b.exr"].contains(&name) || name.starts_with("ready.")
+    ["a.exr", "b.exr", "study.toml"].contains(&name) || name.starts_with("ready.")
 }
 
 impl Subject {
@@ -346,6 +397,8 @@ impl Subject {
             ];
             self.succeeds(&words)?;
         }
+        let study = STUDY.replace('%', &self.root.to_string_lossy());
+        fs::write(folder.path().join("study.toml"), study).map_err(Failure::environment)?;
         let program = self.program.display().to_string();
         let jobs = folder.path().join("ready.jsonl").display().to_string();
         let small = "film={width=16,height=12}";
@@ -398,15 +451,22 @@ impl Subject {
     /// A new folder with the input files of [`Self::folder`], which are among these.
     fn folder_with(&self, files: &BTreeMap<String, Vec<u8>>) -> Result<tempfile::TempDir, Failure> {
         let folder = tempfile::tempdir().map_err(Failure::environment)?;
-        for (name, bytes) in files.iter().filter(|(name, _)| is_input(name)) {
-            let path = folder.path().join(name);
-            path.parent()
-                .map_or(Ok(()), fs::create_dir_all)
-                .and_then(|()| fs::write(&path, bytes))
-                .map_err(Failure::environment)?;
-        }
+        let inputs = files.iter().filter(|(name, _)| is_input(name));
+        put(folder.path(), inputs)?;
         Ok(folder)
     }
+}
+
+/// Writes files into a folder.
+fn put<'f>(folder: &Path, files: impl Iterator<Item = (&'f String, &'f Vec<u8>)>) -> Result<(), Failure> {
+    for (name, bytes) in files {
+        let path = folder.join(name);
+        path.parent()
+            .map_or(Ok(()), fs::create_dir_all)
+            .and_then(|()| fs::write(&path, bytes))
+            .map_err(Failure::environment)?;
+    }
+    Ok(())
 }
 
 /// A random number below `count`, the same in every run.
@@ -418,14 +478,14 @@ fn pick(seed: u64, count: usize) -> usize {
 fn run_within(command: &mut Command, limit: Duration) -> std::io::Result<Option<Output>> {
     let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn()?;
     let mut pipe = child.stderr.take();
-    let reader = std::thread::spawn(move || {
+    let reader = std::thread::Builder::new().spawn(move || {
         let mut text = Vec::new();
         if let Some(pipe) = &mut pipe {
             // What came before an error of the pipe is enough.
             let _ = pipe.read_to_end(&mut text);
         }
         text
-    });
+    })?;
     let start = Instant::now();
     loop {
         if let Some(status) = child.try_wait()? {
@@ -463,23 +523,28 @@ fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     found
 }
 
+/// Whether a file is temporary, or in a temporary folder.
 fn is_temporary(name: &str) -> bool {
-    Path::new(name)
-        .extension()
-        .is_some_and(|extension| extension == "tmp")
+    name.split('/').any(|part| extension(part) == "tmp")
+}
+
+/// The extension of a file, or nothing.
+fn extension(name: &str) -> &str {
+    let extension = Path::new(name).extension();
+    extension
+        .and_then(|extension| extension.to_str())
+        .unwrap_or_default()
 }
 
 /// Whether a file is complete: equal to that of an undisturbed run, or, where it contains times, of
 /// its format.
 fn is_whole(name: &str, bytes: &[u8], undisturbed: Option<&Vec<u8>>) -> bool {
     let text = || std::str::from_utf8(bytes);
-    match Path::new(name)
-        .extension()
-        .and_then(|extension| extension.to_str())
-    {
-        Some("json") => serde_json::from_slice::<Value>(bytes).is_ok(),
-        Some("html") => text().is_ok_and(|text| text.trim_end().ends_with("</html>")),
-        Some("xml") => text().is_ok_and(|text| text.trim_end().ends_with("</testsuites>")),
+    match extension(name) {
+        "json" => serde_json::from_slice::<Value>(bytes).is_ok(),
+        "html" => text().is_ok_and(|text| text.trim_end().ends_with("</html>")),
+        "xml" => text().is_ok_and(|text| text.trim_end().ends_with("</testsuites>")),
+        "toml" if name.ends_with("meta.toml") => times::table(bytes).is_some(),
         _ => undisturbed.is_some_and(|expected| expected == bytes),
     }
 }

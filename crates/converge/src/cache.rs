@@ -7,6 +7,7 @@ use std::cell::RefCell;
 use std::collections::HashSet;
 use std::path::PathBuf;
 use whitstone_image::{Image, Limits, atomic, exr_io};
+use whitstone_validate::hashed;
 
 /// The measurements of one configuration; some times may still be missing.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -85,12 +86,12 @@ impl Cache {
         self.record(key).filter(|_| self.kept.borrow().contains(key))
     }
 
-    /// The stored record; a file that cannot be read counts as missing.
+    /// The stored record; a file that cannot be read or is damaged counts as missing.
     pub fn record(&self, key: &str) -> Option<Record> {
         let bytes = std::fs::read(self.folder.join(format!("{key}.json"))).ok();
         bytes
             .filter(|_| self.is_used(key))
-            .and_then(|bytes| serde_json::from_slice(&bytes).ok())
+            .and_then(|bytes| hashed::from_bytes(&bytes))
     }
 
     /// Stores a record.
@@ -99,7 +100,7 @@ impl Cache {
     ///
     /// If it cannot be written.
     pub fn keep(&self, key: &str, record: &Record) -> Result<(), String> {
-        let text = serde_json::to_vec(record).map_err(|error| error.to_string())?;
+        let text = hashed::to_bytes(record).map_err(|error| error.to_string())?;
         self.make()?;
         let path = self.folder.join(format!("{key}.json"));
         atomic::write_bytes(path, &text).map_err(|error| error.to_string())?;

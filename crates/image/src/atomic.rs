@@ -129,8 +129,13 @@ impl Drop for Mark {
 /// A temporary folder, removed when dropped.
 pub struct TemporaryFolder {
     folder: tempfile::TempDir,
+    /// Its lock tells [`sweep()`] that the folder is in use; `None` where there are no locks.
+    _lock: Option<File>,
     _mark: Mark,
 }
+
+/// The locked file in a temporary folder.
+const LOCK: &str = ".lock";
 
 impl TemporaryFolder {
     /// Creates a folder in another one.
@@ -138,12 +143,26 @@ impl TemporaryFolder {
     /// # Errors
     /// If it cannot be created.
     pub fn new_in(parent: &Path) -> io::Result<Self> {
-        let folder = tempfile::Builder::new()
-            .prefix(PREFIX)
-            .suffix(SUFFIX)
-            .tempdir_in(parent)?;
-        let _mark = Mark::new(folder.path());
-        Ok(Self { folder, _mark })
+        loop {
+            let folder = tempfile::Builder::new()
+                .prefix(PREFIX)
+                .suffix(SUFFIX)
+                .tempdir_in(parent)?;
+            let mark = Mark::new(folder.path());
+            // On Windows an open file would keep the folder from being removed.
+            let lock = match cfg!(windows) {
+                true => None,
+                false => lock(&folder.path().join(LOCK))?,
+            };
+            // Another process may have swept it before it was locked.
+            if lock.is_none() || folder.path().is_dir() {
+                return Ok(Self {
+                    folder,
+                    _lock: lock,
+                    _mark: mark,
+                });
+            }
+        }
     }
 
     /// Its path.
@@ -152,9 +171,21 @@ impl TemporaryFolder {
     }
 }
 
+/// Creates a file and locks it; none where there are no locks.
+fn lock(path: &Path) -> io::Result<Option<File>> {
+    let file = File::create(path)?;
+    if file.lock().is_ok() {
+        return Ok(Some(file));
+    }
+    // A file without a lock would say that the folder is not in use.
+    fs::remove_file(path)?;
+    Ok(None)
+}
+
 /// Removes temporary files and folders in `folder` that a process left behind when it was killed.
-/// A file is in use as long as its process holds its lock. Where there are no locks, and for
-/// folders, age decides: another process may still use those that are younger than a day.
+/// A file is in use as long as its process holds its lock, and a folder as long as the file `.lock`
+/// in it is. Where there are no locks, age decides: another process may still use those that are
+/// younger than a day.
 pub fn sweep(folder: &Path) {
     const AGE: Duration = Duration::from_secs(24 * 3600);
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
@@ -169,16 +200,17 @@ pub fn sweep(folder: &Path) {
         };
         let path = entry.path();
         // A link is not followed.
-        let _ = match entry.file_type() {
-            Ok(kind) if kind.is_dir() && is_old() => fs::remove_dir_all(path),
-            Ok(kind) if kind.is_file() => match in_use(&path) {
-                // The lock is held until the file is removed: see `create_in`.
-                Some((false, _held)) => fs::remove_file(path),
-                Some((true, _)) => Ok(()),
-                None if is_old() => fs::remove_file(path),
-                None => Ok(()),
-            },
-            _ => Ok(()),
+        let (lock, remove): (_, fn(PathBuf) -> io::Result<()>) = match entry.file_type() {
+            Ok(kind) if kind.is_dir() => (path.join(LOCK), fs::remove_dir_all),
+            Ok(kind) if kind.is_file() => (path.clone(), fs::remove_file),
+            _ => continue,
+        };
+        let _ = match in_use(&lock) {
+            // The lock is held until the file is removed: see `create_in`.
+            Some((false, _held)) => remove(path),
+            Some((true, _)) => Ok(()),
+            None if is_old() => remove(path),
+            None => Ok(()),
         };
     }
 }
@@ -387,10 +419,15 @@ mod tests {
             fs::create_dir(&folder).unwrap();
             File::open(folder).unwrap().set_modified(time).unwrap();
         }
+        let in_use = TemporaryFolder::new_in(folder.path()).unwrap();
+        // As a process that was killed leaves it.
+        fs::create_dir(path(".whitstone-left-folder.tmp")).unwrap();
+        File::create(path(".whitstone-left-folder.tmp/.lock")).unwrap();
         sweep(folder.path());
-        let held = held.path().file_name().unwrap().to_string_lossy().into_owned();
+        let name = |path: &Path| path.file_name().unwrap().to_string_lossy().into_owned();
         let mut expected = [
-            held,
+            name(held.path()),
+            name(in_use.path()),
             ".whitstone-young-folder.tmp".to_owned(),
             "other.tmp".to_owned(),
         ];

@@ -2,7 +2,7 @@
 //! rays between them, given lists of lanes.
 
 use whitstone_core::stream::{Colors, GROUP, Ids, LANES, Lanes, RayStream, gather, groups};
-use whitstone_core::{DVec3, RayDifferential, Rgb, simd};
+use whitstone_core::{DVec3, RayDifferential, Rgb, TreeLimits, simd};
 
 /// Rays of a wave with their throughput and medium. Their `limit`s stay infinite.
 #[derive(Default)]
@@ -178,6 +178,12 @@ struct Later {
     /// Index of the previously pushed ray of the same camera ray.
     below: u32,
 }
+
+// With the other lists of a row. A list that grows exists twice.
+const _: () = assert!(
+    3 * (size_of::<Later>() + size_of::<RayDifferential>() + size_of::<Rgb>() + size_of::<u32>()) as u64
+        <= TreeLimits::PENDING_BYTES
+);
 
 /// End of a stack.
 const BOTTOM: u32 = u32::MAX;

@@ -119,9 +119,11 @@ impl Adaptive {
         let mut taken = self.rule.initial_samples;
         let state = Mutex::new((tallies, film));
         // One per thread, for all rounds.
+        let threads = rayon::current_num_threads();
+        let limits = pipeline.tree_limits_of(threads);
         let memories: Vec<Mutex<SampleMemory>> =
-            std::iter::repeat_with(|| Mutex::new(SampleMemory::new(pipeline.tree_limits, self.moment)))
-                .take(rayon::current_num_threads())
+            std::iter::repeat_with(|| Mutex::new(SampleMemory::new(limits, self.moment)))
+                .take(threads)
                 .collect();
         loop {
             {

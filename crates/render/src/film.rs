@@ -2,7 +2,7 @@
 
 use std::mem;
 use std::ops::ControlFlow;
-use whitstone_core::{Counters, TooLarge};
+use whitstone_core::{Counters, TooLarge, TreeLimits};
 use whitstone_image::planes::RGB;
 use whitstone_image::{Image, ImageError};
 
@@ -61,7 +61,10 @@ fn too_large([x, y]: [u32; 2], tree: TooLarge) -> String {
                 "the samples of a tile, pixel ({x}, {y}) among them, have more than {} pending rays",
                 limits.pending
             ),
-            "",
+            match limits.pending < TreeLimits::default().pending {
+                true => ", or allow more memory with `--max-memory`, in GiB",
+                false => "",
+            },
         )
     };
     format!("{found}: decrease `max_depth` of the integrator, or increase its `min_contribution`{also}")

@@ -30,11 +30,28 @@ impl Memory {
         }
     }
 
+    /// The bytes that are reserved.
+    pub(crate) fn taken(&self) -> u64 {
+        self.taken
+    }
+
+    /// Counts what the scene takes at other times. The memory that is available has lost it already.
+    pub(crate) fn resume(&mut self, taken: u64) {
+        if !self.measured {
+            self.taken = taken;
+        }
+    }
+
     /// Reserves bytes permanently.
     pub(crate) fn take(&mut self, bytes: u64) -> Result<(), SceneError> {
         self.fits(bytes)?;
         self.taken = self.taken.saturating_add(bytes);
         Ok(())
+    }
+
+    /// The bytes that are not reserved; `None` without a limit.
+    pub(crate) fn left(&self) -> Option<u64> {
+        Some(self.limit?.saturating_sub(self.taken))
     }
 
     /// Reserves the memory of the image.

@@ -31,12 +31,13 @@ impl Pipeline {
         let first = film.layers.len() - count;
         let total = u64::from(region.width) * u64::from(region.height);
         let stopped = AtomicBool::new(false);
+        let limits = self.tree_limits_of(rayon::current_num_threads());
         for top in (0..region.height).step_by(ROWS as usize) {
             let rows = ROWS.min(region.height - top);
             let start = region.place([region.x, region.y + top]);
             let mut values = vec![0.0; (region.width * rows) as usize * count];
             values.par_chunks_mut(count).enumerate().for_each_init(
-                || Scratch::splitting(self.tree_limits, classes.clone()),
+                || Scratch::splitting(limits, classes.clone()),
                 |scratch, (place, values)| {
                     if stopped.load(Ordering::Relaxed) {
                         return;

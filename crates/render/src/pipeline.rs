@@ -33,6 +33,10 @@ pub struct Pipeline {
     pub later: Vec<Moment>,
     /// Limits on the ray trees of its samples.
     pub tree_limits: TreeLimits,
+    /// The memory for pending rays in bytes, if it is limited.
+    pub(crate) memory_left: Option<u64>,
+    /// The memory that is reserved, in bytes.
+    memory_taken: u64,
     /// Hash of the flattened scene.
     pub scene_hash: String,
     /// The accelerator in use, and the reason if the scene leaves the choice.
@@ -63,7 +67,21 @@ pub struct Moment {
     pub object_order: Option<Box<dyn ObjectOrder>>,
 }
 
+/// A thread may always have this many pending rays: no usual scene has more.
+const FEWEST_PENDING: usize = 4096;
+
 impl Pipeline {
+    /// Limits on ray trees if this many threads share the memory.
+    pub(crate) fn tree_limits_of(&self, threads: usize) -> TreeLimits {
+        let of_thread = |left: u64| left / threads.max(1) as u64 / TreeLimits::PENDING_BYTES;
+        let most = self.memory_left.map_or(u64::MAX, of_thread);
+        let most = usize::try_from(most).unwrap_or(usize::MAX).max(FEWEST_PENDING);
+        TreeLimits {
+            pending: self.tree_limits.pending.min(most),
+            ..self.tree_limits
+        }
+    }
+
     /// Reads, plans and builds a scene in one pass, which reports the errors of all steps.
     pub fn load(
         sources: &Sources,
@@ -111,7 +129,7 @@ impl Pipeline {
         let description = plan.description;
         let times = &description.film.times;
         if times.len() == 1 || !description.moves() {
-            let mut built = Self::build_moment(plan, registry, options);
+            let mut built = Self::build_moment(plan, registry, options, None);
             if let Some(pipeline) = built.value.as_mut().filter(|_| times.len() > 1) {
                 pipeline.omitted.push(Omitted {
                     what: format!("{} of the {} times of the film", times.len() - 1, times.len()),
@@ -127,7 +145,7 @@ impl Pipeline {
             shared: options.shared.or(Some(&shared)),
             ..options
         };
-        let mut built = Self::build_moment(plan, registry, options);
+        let mut built = Self::build_moment(plan, registry, options, None);
         let Some(first) = &mut built.value else {
             return built;
         };
@@ -141,9 +159,9 @@ impl Pipeline {
         }
         for time in &times[1..] {
             let moment = description.at(*time).and_then(|description| {
-                let built = Plan::new(&description, registry)
-                    .into_result()
-                    .and_then(|plan| Self::build_moment(&plan, registry, options).into_result());
+                let built = Plan::new(&description, registry).into_result().and_then(|plan| {
+                    Self::build_moment(&plan, registry, options, Some(first.memory_taken)).into_result()
+                });
                 built.map_err(|mut errors| {
                     // The place is that of a transform that is valid by itself.
                     errors
@@ -167,6 +185,7 @@ impl Pipeline {
     fn append(&mut self, moment: Self) {
         // A pair may be separated at one time and not at another.
         let kind = |pair: &Coincidence| (pair.shapes.clone(), pair.form, pair.gap.is_none());
+        (self.memory_left, self.memory_taken) = (moment.memory_left, moment.memory_taken);
         let is_new = |pair: &Coincidence| self.coincident.iter().all(|known| kind(known) != kind(pair));
         let pairs: Vec<Coincidence> = moment.coincident.into_iter().filter(is_new).collect();
         self.coincident.extend(pairs);
@@ -186,8 +205,14 @@ impl Pipeline {
         });
     }
 
-    /// Builds the planned scene at the time of its description.
-    fn build_moment(plan: &Plan<'_, '_>, registry: &Registry, options: BuildOptions<'_>) -> Checked<Self> {
+    /// Builds the planned scene at the time of its description; `taken` is the memory of earlier
+    /// times, with that of the image.
+    fn build_moment(
+        plan: &Plan<'_, '_>,
+        registry: &Registry,
+        options: BuildOptions<'_>,
+        taken: Option<u64>,
+    ) -> Checked<Self> {
         let usual = TreeLimits::default();
         let start = Instant::now();
         let description = plan.description;
@@ -199,7 +224,12 @@ impl Pipeline {
         if let Some(region) = options.region.map(|region| region.within(size)) {
             (part.size.width, part.size.height) = (region.width, region.height);
         }
-        errors.take(builder.memory.take_film(&part));
+        match taken {
+            Some(taken) => builder.memory.resume(taken),
+            None => {
+                errors.take(builder.memory.take_film(&part));
+            }
+        }
         let camera = errors.take(builder.one::<Cameras>(&description.camera, size));
         let sampler =
             (plan.sampler.as_ref()).and_then(|table| errors.take(builder.one::<Samplers>(table, ())));
@@ -278,6 +308,7 @@ impl Pipeline {
             }
             _ => None,
         };
+        let (memory_left, memory_taken) = (builder.memory.left(), builder.memory.taken());
         let (warnings, used) = (builder.warnings, builder.used);
         let (coincident, coincident_unknown) = (builder.coincident, builder.coincident_unknown);
         let groups = builder.groups.into_values().collect();
@@ -307,6 +338,8 @@ impl Pipeline {
                         rays: options.max_tree_rays.unwrap_or(usual.rays),
                         ..usual
                     },
+                    memory_left,
+                    memory_taken,
                     scene_hash: description.flattened.hash.clone(),
                     accelerator: built.chosen,
                     groups,

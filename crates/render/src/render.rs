@@ -327,8 +327,9 @@ impl Pipeline {
         let stopped = AtomicBool::new(false);
         let too_large = Mutex::new(None);
         let bands = Band::all(film, rows);
+        let limits = self.tree_limits_of(rayon::current_num_threads());
         let counters = rayon::broadcast(|_| {
-            let mut scratch = BlockScratch::new(self.tree_limits, moment);
+            let mut scratch = BlockScratch::new(limits, moment);
             let taken = std::iter::from_fn(|| tiles.get(next.fetch_add(1, Ordering::Relaxed)));
             for block in taken.flatten() {
                 if stopped.load(Ordering::Relaxed) {
@@ -366,7 +367,7 @@ impl Pipeline {
             // The last tile may have been finished before.
             film.is_complete = adaptive.is_none() && done.into_inner() == total;
         } else if let Some(adaptive) = adaptive {
-            let mut scratch = BlockScratch::new(self.tree_limits, moment);
+            let mut scratch = BlockScratch::new(limits, moment);
             // Pixels of the region take as many samples as in the whole image.
             for pixels in region.neighbours(size).chunks(LANES) {
                 adaptive.start(self, pixels, &mut scratch.memory);

@@ -20,7 +20,7 @@ use std::time::{Duration, Instant};
 pub fn start_threads() -> Result<(), io::Error> {
     let wanted = thread::available_parallelism().map_or(1, NonZeroUsize::get);
     let pool = rayon::ThreadPoolBuilder::new().spawn_handler(patiently);
-    let pool = match possible(wanted) {
+    let pool = match startable_threads(wanted) {
         all if all == wanted => pool,
         // Some are left for the readers of a driver's output.
         some if some > SPARE => pool.num_threads(some - SPARE),
@@ -57,8 +57,8 @@ fn patiently(worker: rayon::ThreadBuilder) -> io::Result<()> {
 /// Number of threads that are left to others where the system allows few.
 const SPARE: usize = 8;
 
-/// How many threads can be started, up to `wanted`.
-fn possible(wanted: usize) -> usize {
+/// How many threads can be started now, up to `wanted`.
+pub fn startable_threads(wanted: usize) -> usize {
     let mut waiting = Vec::new();
     while waiting.len() < wanted {
         let (end, ended) = channel::<()>();
@@ -82,7 +82,7 @@ mod tests {
 
     #[test]
     fn threads_are_counted() {
-        assert_eq!(possible(0), 0);
-        assert_eq!(possible(3), 3);
+        assert_eq!(startable_threads(0), 0);
+        assert_eq!(startable_threads(3), 3);
     }
 }

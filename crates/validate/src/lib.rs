@@ -8,6 +8,7 @@ pub mod environment;
 pub mod explain;
 pub mod exported;
 pub mod floor;
+pub mod hashed;
 mod inexact;
 mod judge;
 mod judge_noisy;

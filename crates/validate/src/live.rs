@@ -4,6 +4,7 @@ use crate::driver::{Driver, DriverError};
 use crate::environment::Environment;
 use crate::explain::{Range, Trial};
 use crate::floor;
+use crate::hashed;
 use crate::protocol::{Coincident, Rendered, SceneText, Setting, Versions};
 use crate::renderer::Renderer;
 use crate::stop::Stop;
@@ -94,12 +95,12 @@ impl Live {
             limit,
             stop: Stop::default(),
         };
-        let versions = match known.and_then(|bytes| serde_json::from_slice(&bytes).ok()) {
+        let versions = match known.and_then(|bytes| hashed::from_bytes(&bytes)) {
             Some(versions) => versions,
             None => {
                 let versions = renderer.versions(live.driver()?)?;
                 let text =
-                    serde_json::to_vec(&versions).map_err(|error| LiveError::Image(error.to_string()))?;
+                    hashed::to_bytes(&versions).map_err(|error| LiveError::Image(error.to_string()))?;
                 write(&hello_path, &text)?;
                 versions
             }
@@ -308,10 +309,9 @@ impl Live {
         let of_trials = blake3::hash(format!("{trials:?}").as_bytes()).to_hex();
         let name = format!("probes-{}.json", &of_trials[..12]);
         let path = self.folder(scene_hash).join(name);
-        let mut cache: ProbeCache = std::fs::read(&path)
-            .ok()
-            .filter(|_| self.reuse)
-            .and_then(|bytes| serde_json::from_slice(&bytes).ok())
+        let known = std::fs::read(&path).ok().filter(|_| self.reuse);
+        let mut cache: ProbeCache = known
+            .and_then(|bytes| hashed::from_bytes(&bytes))
             .unwrap_or_default();
         let key = |[x, y]: [usize; 2]| format!("{x},{y}");
         let missing: Vec<[usize; 2]> = pixels
@@ -335,7 +335,7 @@ impl Live {
                     .collect();
                 cache.pixels.insert(key(*pixel), grouped);
             }
-            let text = serde_json::to_vec(&cache).map_err(|error| LiveError::Image(error.to_string()))?;
+            let text = hashed::to_bytes(&cache).map_err(|error| LiveError::Image(error.to_string()))?;
             write(&path, &text)?;
         }
         let plain = |pixel: &[usize; 2]| -> Vec<Vec<[f64; 3]>> {
@@ -465,4 +465,72 @@ pub fn hash_sources(renderer: Renderer, environment: &Environment) -> String {
         hasher.update(&std::fs::read(&path).unwrap_or_default());
     }
     hasher.finalize().to_hex()[..12].to_owned()
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+    use crate::explain::Reason;
+    use std::fs;
+    use std::process::Command;
+
+    /// A driver that counts its requests in a file, and whose values are always the same.
+    fn live(folder: &Path) -> Live {
+        let script =
+            r#"while read -r line; do echo >>"$0"; echo '{"ok":true,"values":[[[0.25,1.5,2]]]}'; done"#;
+        let mut command = Command::new("sh");
+        command.args(["-c", script]).arg(folder.join("requests"));
+        let limit = Duration::from_secs(60);
+        Live {
+            renderer: Renderer::MITSUBA,
+            environment: Environment {
+                python: PathBuf::new(),
+                package: PathBuf::new(),
+                module: "",
+                twins: Vec::new(),
+                is_private: true,
+            },
+            driver: Some(Driver::spawn(command, limit).unwrap()),
+            versions: None,
+            warning: None,
+            driver_hash: "d".to_owned(),
+            cache: folder.to_owned(),
+            reuse: true,
+            limit,
+            stop: Stop::default(),
+        }
+    }
+
+    /// Even if it is still a JSON file.
+    #[test]
+    fn damaged_probes_are_made_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let trials = [Trial {
+            reason: Reason::Stored,
+            settings: vec![Setting::default()],
+        }];
+        let probe = || {
+            let scene = SceneText {
+                text: "",
+                base: Path::new(""),
+            };
+            let found = live(folder.path()).probe(scene, "s", &[[3, 4]], &trials).unwrap();
+            assert_eq!(found, [[[[0.25, 1.5, 2.0]]]]);
+            fs::read_to_string(folder.path().join("requests"))
+                .unwrap()
+                .lines()
+                .count()
+        };
+        assert_eq!([probe(), probe()], [1, 1]);
+        let kept = fs::read_dir(folder.path().join("s-d"))
+            .unwrap()
+            .next()
+            .unwrap()
+            .unwrap();
+        let text = fs::read_to_string(kept.path()).unwrap();
+        fs::write(kept.path(), text.replace("0.25", "0.75")).unwrap();
+        assert_eq!([probe(), probe()], [2, 2]);
+        fs::write(kept.path(), &text[..text.len() / 2]).unwrap();
+        assert_eq!(probe(), 3);
+    }
 }

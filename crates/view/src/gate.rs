@@ -9,9 +9,11 @@ use serde_json::Value;
 use std::fmt::Write as _;
 use std::io::Read;
 use std::net::{Ipv4Addr, TcpListener};
+use std::thread;
 use std::time::Duration;
 use thiserror::Error;
 use tiny_http::{Header, Method, Request, Response, Server};
+use whitstone_render::startable_threads;
 
 /// Maximum length of a request target in bytes.
 const MAX_TARGET: usize = 1024;
@@ -37,6 +39,19 @@ pub enum StartError {
     /// The server cannot be started.
     #[error("cannot start the server: {0}")]
     Server(String),
+}
+
+/// Threads of a server and of its page. `tiny_http` panics if its own cannot be started.
+const ALL_THREADS: usize = 16;
+
+/// Starts a thread of a page.
+pub(crate) fn start<'scope>(
+    scope: &'scope thread::Scope<'scope, '_>,
+    work: impl FnOnce() + Send + 'scope,
+) -> Result<(), StartError> {
+    let started = thread::Builder::new().spawn_scoped(scope, work);
+    let failed = |error| StartError::Server(format!("a thread cannot be started: {error}"));
+    started.map(drop).map_err(failed)
 }
 
 /// An answer before it is sent.
@@ -93,6 +108,12 @@ impl Gate {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port))
             .map_err(|error| StartError::Port { port, error })?;
         send_at_once(&listener);
+        let threads = startable_threads(ALL_THREADS);
+        if threads < ALL_THREADS {
+            return Err(StartError::Server(format!(
+                "it needs {ALL_THREADS} threads, and the system allows {threads}"
+            )));
+        }
         let address = listener
             .local_addr()
             .map_err(|error| StartError::Port { port, error })?;

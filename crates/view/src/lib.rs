@@ -36,7 +36,7 @@ mod watch;
 pub use gate::StartError;
 pub use review::{Pairs, Review, Standing};
 
-use gate::Gate;
+use gate::{Gate, start};
 use scene::Origin;
 use state::Shared;
 use std::path::PathBuf;
@@ -111,7 +111,10 @@ impl<'r> View<'r> {
 
     /// Serves the page until `stop` is requested. `say` receives the problems of the scene, for a
     /// terminal.
-    pub fn run(&self, stop: &Stop, say: &(dyn Fn(&str) + Sync)) {
+    ///
+    /// # Errors
+    /// A thread cannot be started.
+    pub fn run(&self, stop: &Stop, say: &(dyn Fn(&str) + Sync)) -> Result<(), StartError> {
         let shared = Shared::default();
         let options = &self.options;
         let origin = Origin {
@@ -140,22 +143,24 @@ impl<'r> View<'r> {
         };
         shared.change(|state| state.watched.push(options.scene.clone()));
         std::thread::scope(|scope| {
-            scope.spawn(|| {
-                renderer::Renderer::new(&shared, self.registry, &origin, &options.references, say).run();
-            });
-            scope.spawn(|| watch::run(&shared));
-            scope.spawn(|| source.run());
-            if let Some(address) = &options.tev {
-                scope.spawn(|| send_to_tev(address, &name, &shared, say));
-            }
-            for _ in 0..THREADS {
-                scope.spawn(|| site.serve(&self.gate));
-            }
-            while !stop.is_requested() {
+            let start_all = || -> Result<(), StartError> {
+                start(scope, || {
+                    renderer::Renderer::new(&shared, self.registry, &origin, &options.references, say).run();
+                })?;
+                start(scope, || watch::run(&shared))?;
+                start(scope, || source.run())?;
+                if let Some(address) = &options.tev {
+                    start(scope, || send_to_tev(address, &name, &shared, say))?;
+                }
+                (0..THREADS).try_for_each(|_| start(scope, || site.serve(&self.gate)))
+            };
+            let started = start_all();
+            while started.is_ok() && !stop.is_requested() {
                 std::thread::sleep(Duration::from_millis(50));
             }
             shared.change(|state| state.ended = true);
-        });
+            started
+        })
     }
 }
 

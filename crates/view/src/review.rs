@@ -1,6 +1,6 @@
 //! A page on the loopback interface on which differences between images are approved, one by one.
 
-use crate::gate::{Answer, Gate, StartError, Wanted, body, number};
+use crate::gate::{Answer, Gate, StartError, Wanted, body, number, start};
 use serde::Deserialize;
 use serde_json::json;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -75,22 +75,25 @@ impl Review {
     }
 
     /// Serves the page until its button "Done" is pressed or `stop` is requested.
-    pub fn run(&self, pairs: &dyn Pairs, stop: &Stop) {
+    ///
+    /// # Errors
+    /// A thread cannot be started.
+    pub fn run(&self, pairs: &dyn Pairs, stop: &Stop) -> Result<(), StartError> {
         let done = AtomicBool::new(false);
         let ended = || done.load(Ordering::SeqCst);
         std::thread::scope(|scope| {
-            for _ in 0..THREADS {
-                scope.spawn(|| {
-                    self.gate.serve(ended, |request, wanted| {
-                        self.answer(pairs, &done, request, wanted)
-                    });
+            let serve = || {
+                self.gate.serve(ended, |request, wanted| {
+                    self.answer(pairs, &done, request, wanted)
                 });
-            }
-            while !ended() && !stop.is_requested() {
+            };
+            let started = (0..THREADS).try_for_each(|_| start(scope, serve));
+            while started.is_ok() && !ended() && !stop.is_requested() {
                 std::thread::sleep(Duration::from_millis(50));
             }
             done.store(true, Ordering::SeqCst);
-        });
+            started
+        })
     }
 
     fn answer(

@@ -3,7 +3,8 @@
 //! The driver of Mitsuba is written from the model and not from the tracer, so a scene that only
 //! one of them accepts, or that they render differently, shows a mistake of one of them.
 
-use super::scenes;
+use super::Run;
+use super::scenes::{Scenes, relocated};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
@@ -12,7 +13,6 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 use whitstone::Failure;
 use whitstone::core::Registry;
-use whitstone::scene::scene_schema;
 
 /// Scenes of one run of `validate`.
 const BATCH: usize = 20;
@@ -22,10 +22,10 @@ const FINDINGS: &str = "target/fuzz/findings/mitsuba";
 /// Scenes that a person may want to look at.
 const UNDECIDED: &str = "target/fuzz/mitsuba/undecided";
 
-/// Validates random scenes for some time; returns the number of findings.
-pub(super) fn run(first: u64, seconds: u64, registry: &Registry) -> Result<usize, Failure> {
+/// Validates random scenes for some time.
+pub(super) fn run(first: u64, seconds: u64, registry: &Registry) -> Result<Run, Failure> {
     let end = Instant::now() + Duration::from_secs(seconds);
-    let schema = scene_schema(registry);
+    let scenes = Scenes::new(registry);
     let python = python()?;
     let folder = Path::new(TARGET).join("scenes");
     let mut number = first;
@@ -35,9 +35,9 @@ pub(super) fn run(first: u64, seconds: u64, registry: &Registry) -> Result<usize
         fs::create_dir_all(&folder).map_err(Failure::environment)?;
         let mut files = Vec::new();
         while files.len() < BATCH {
-            if let Some(text) = scenes::valid(&schema, number, registry).map_err(Failure::environment)? {
+            if let Some(text) = scenes.valid(number).map_err(Failure::environment)? {
                 let file = folder.join(format!("{number}.toml"));
-                fs::write(&file, scenes::relocated(&text)).map_err(Failure::environment)?;
+                fs::write(&file, relocated(&text)).map_err(Failure::environment)?;
                 files.push(file);
             }
             number += 1;
@@ -74,7 +74,12 @@ pub(super) fn run(first: u64, seconds: u64, registry: &Registry) -> Result<usize
     for (file, finding) in &findings {
         println!("{}: {finding}", file.display());
     }
-    Ok(findings.len())
+    Ok(Run {
+        executions: counts.values().sum::<usize>() as u64,
+        valid: Some((of("pass") + of("undecided")) as u64),
+        findings: findings.len(),
+        next: Some(number),
+    })
 }
 
 /// What became of a scene.

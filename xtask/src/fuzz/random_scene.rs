@@ -66,7 +66,7 @@ impl<'a> Generator<'a> {
     }
 
     /// A scene of at most 16 x 12 pixels. Each part is tried some times until `is_valid` accepts
-    /// the scene with it, and is otherwise left out.
+    /// a scene with it, and is otherwise left out.
     pub(super) fn scene(mut self, is_valid: &dyn Fn(&Table) -> bool) -> Table {
         let layers = ["depth", "normal", "uv", "shape_id", "primitive_id"];
         let layers = layers.into_iter().filter(|_| self.random.below(2) == 0);
@@ -93,7 +93,7 @@ impl<'a> Generator<'a> {
             for _ in 0..TRIES {
                 let mut grown = scene.clone();
                 add(&mut self, &mut grown);
-                if is_valid(&grown) {
+                if grown == *scene || is_valid(&grown) {
                     *scene = grown;
                     return;
                 }
@@ -118,24 +118,43 @@ impl<'a> Generator<'a> {
                 }
             });
         }
+        // Shapes and lights are tried alone, because many together take long to build.
+        let few = scene.clone();
+        let mut added = Vec::new();
         for (family, most) in [("shape", 5), ("light", 3)] {
             for _ in 0..most {
-                grow(&mut scene, &mut |this, scene| {
-                    if this.random.below(2) == 0 {
-                        let list = scene.entry(family).or_insert_with(|| Value::Array(Vec::new()));
-                        if let Some(list) = list.as_array_mut() {
-                            list.push(match family {
-                                "shape" => this.placed_shape(),
-                                _ => this.named(family, 0),
-                            });
-                        }
+                if self.random.below(2) > 0 {
+                    continue;
+                }
+                for _ in 0..TRIES {
+                    let item = match family {
+                        "shape" => self.placed_shape(),
+                        _ => self.named(family, 0),
+                    };
+                    let mut grown = few.clone();
+                    push(&mut grown, family, item.clone());
+                    if is_valid(&grown) {
+                        push(&mut scene, family, item);
+                        added.push(family);
+                        break;
                     }
-                });
+                }
             }
         }
-        if contains(&Value::from(scene.clone()), "fractal") {
-            // Milliseconds a ray.
-            scene.insert("film".into(), film(4, 3, Vec::new()).into());
+        // Some that are valid alone are not valid together.
+        while !is_valid(&scene)
+            && let Some(family) = added.pop()
+        {
+            scene
+                .get_mut(family)
+                .and_then(Value::as_array_mut)
+                .and_then(Vec::pop);
+        }
+        // Milliseconds a ray, and a tenth of one.
+        let slow = [("fractal", [3, 2]), ("implicit", [8, 6]), ("isosurface", [8, 6])];
+        let whole = Value::from(scene.clone());
+        if let Some((_, [width, height])) = slow.into_iter().find(|(kind, _)| contains(&whole, kind)) {
+            scene.insert("film".into(), film(width, height, Vec::new()).into());
         }
         scene
     }
@@ -294,6 +313,14 @@ impl<'a> Generator<'a> {
         };
         let value = if above == Some(value) { value + 0.5 } else { value };
         most.map_or(value, |most| value.min(most))
+    }
+}
+
+/// Adds an item to a list of a scene.
+fn push(scene: &mut Table, family: &str, item: Value) {
+    let list = scene.entry(family).or_insert_with(|| Value::Array(Vec::new()));
+    if let Some(list) = list.as_array_mut() {
+        list.push(item);
     }
 }
 

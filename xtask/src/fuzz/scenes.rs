@@ -1,11 +1,14 @@
 //! `fuzz scenes`: random scenes, whose image must not depend on the accelerator, the number of
 //! threads or the vector instructions.
 //!
-//! The instructions are chosen once in a process, so each set has its own: a worker. It reads
-//! numbers of scenes and prints a line for each. A group of workers, one for each set, renders the
+//! The instructions are chosen once in a process, so each set has its own: a worker. Another worker
+//! makes the scenes. Each reads a line for each scene and prints one. A group of workers renders the
 //! same scenes; there are as many groups as keep the cores busy.
 
+use super::Run;
 use super::random_scene::Generator;
+use clap::ValueEnum;
+use serde_json::Value as Json;
 use std::collections::{BTreeMap, VecDeque};
 use std::fs;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -13,7 +16,7 @@ use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError, channel};
 use std::thread;
 use std::time::{Duration, Instant};
 use toml::Table;
@@ -32,8 +35,9 @@ const OTHERS: usize = 3;
 const MEMORY: u64 = 256 << 20;
 /// Rays that a sample may become.
 const TREE_RAYS: u32 = 1 << 12;
-/// Pairs of a ray and an element that are all tested.
-const MOST_TESTS: u64 = 10_000_000;
+/// Pairs of a ray and an element that are all tested: a tenth of a second. A fractal takes
+/// milliseconds a test.
+const MOST_TESTS: u64 = 1_000_000;
 /// Samples of an image; scenes of more are not rendered.
 const MOST_SAMPLES: u64 = 5_000;
 /// A scene must be answered within this time plus [`PER_RAY`] for each of its rays. Without an
@@ -44,11 +48,11 @@ const LIMIT: Duration = Duration::from_secs(10);
 const PER_RAY: Duration = Duration::from_millis(20);
 /// Time after which a worker is given up.
 const PATIENCE: Duration = Duration::from_secs(300);
-/// Scenes that a worker has been asked for at a time. The workers that render a scene once are
-/// ahead of the one that varies it by no more.
+/// Scenes that wait for a worker at a time: no worker is ahead of another by more.
 const WINDOW: usize = 8;
 /// The folder that paths of the scenes are relative to.
 const BASE: &str = "scenes";
+const FRACTAL: &str = "type = \"fractal\"";
 const FINDINGS: &str = "target/fuzz/findings/scenes";
 /// More are not looked for in one run.
 const ENOUGH: usize = 20;
@@ -72,28 +76,109 @@ impl Answer {
     }
 }
 
-/// The scene of this number, as TOML. Most are valid: one in four is left as it comes.
-fn text(schema: &serde_json::Value, number: u64, registry: &Registry) -> Result<String, String> {
-    let is_valid = |scene: &Table| {
-        number.is_multiple_of(4)
-            || toml::to_string(scene).is_ok_and(|text| matches!(build(&text, &[], registry), Ok(Ok(_))))
-    };
-    let scene = Generator::new(schema, number)?.scene(&is_valid);
-    toml::to_string(&scene).map_err(|error| error.to_string())
+/// Makes and renders scenes.
+pub(super) struct Scenes<'a> {
+    registry: &'a Registry,
+    schema: Json,
 }
 
-/// The scene of this number, as TOML, if it is valid, and if single precision holds its numbers.
-pub(super) fn valid(
-    schema: &serde_json::Value,
-    number: u64,
-    registry: &Registry,
-) -> Result<Option<String>, String> {
-    if Generator::new(schema, number)?.is_extreme() {
-        return Ok(None);
+impl<'a> Scenes<'a> {
+    pub(super) fn new(registry: &'a Registry) -> Self {
+        Self {
+            registry,
+            schema: scene_schema(registry),
+        }
     }
-    let text = text(schema, number, registry)?;
-    let is_valid = build(&text, &[], registry)?.is_ok_and(|pipeline| samples(&pipeline) <= MOST_SAMPLES);
-    Ok(is_valid.then_some(text))
+
+    /// The scene of this number, as TOML. Most are valid: one in four is left as it comes.
+    fn text(&self, number: u64) -> Result<String, String> {
+        let is_valid = |scene: &Table| {
+            number.is_multiple_of(4)
+                || toml::to_string(scene).is_ok_and(|text| matches!(self.build(&text, &[]), Ok(Ok(_))))
+        };
+        let scene = Generator::new(&self.schema, number)?.scene(&is_valid);
+        toml::to_string(&scene).map_err(|error| error.to_string())
+    }
+
+    /// The scene of this number, as TOML, if it is valid, and if single precision holds its
+    /// numbers.
+    pub(super) fn valid(&self, number: u64) -> Result<Option<String>, String> {
+        if Generator::new(&self.schema, number)?.is_extreme() {
+            return Ok(None);
+        }
+        let text = self.text(number)?;
+        let built = self.build(&text, &[])?;
+        let is_valid = built.is_ok_and(|pipeline| samples(&pipeline) <= MOST_SAMPLES);
+        Ok(is_valid.then_some(text))
+    }
+
+    /// A scene that is built, or the error with which it is refused. The outer error is a finding.
+    fn build(&self, text: &str, changes: &[String]) -> Result<Result<Pipeline, String>, String> {
+        let options = BuildOptions {
+            max_memory: Some(MEMORY),
+            max_tree_rays: Some(TREE_RAYS),
+            ..BuildOptions::default()
+        };
+        let sources = Sources::from_text("scene.toml", text, Path::new(BASE), changes)
+            .map_err(|error| format!("no TOML: {}", error.sources.report(&error.errors, false)))?;
+        let errors = match Pipeline::load(&sources, self.registry, options) {
+            Ok(pipeline) => return Ok(Ok(pipeline)),
+            Err(errors) => errors.0,
+        };
+        match errors.into_iter().map(|error| error.message).next() {
+            None => Err("refused without an error".to_owned()),
+            Some(message) if message.is_empty() => Err("an error without a message".to_owned()),
+            Some(message) => Ok(Err(message)),
+        }
+    }
+
+    /// Renders a scene, if it is valid, in as many ways as `vary` says.
+    fn answer(&self, text: &str, number: u64, vary: bool) -> Answer {
+        let start = Instant::now();
+        let mut work = Work::default();
+        let pipeline = match self.build(text, &[]) {
+            Ok(Ok(pipeline)) => pipeline,
+            Ok(Err(error)) => return Answer::Refused(error),
+            Err(problem) => return Answer::Finding(problem),
+        };
+        if samples(&pipeline) > MOST_SAMPLES {
+            return Answer::Refused("too many samples".to_owned());
+        }
+        let first = render(&pipeline, 1, &mut work);
+        let rays = u32::try_from(work.rays).unwrap_or(u32::MAX);
+        if start.elapsed() > LIMIT + PER_RAY * rays {
+            return Answer::Finding(format!("takes {:.0} s", start.elapsed().as_secs_f64()));
+        }
+        let first = match first {
+            Ok(first) => first,
+            Err(error) => return Answer::Refused(error),
+        };
+        // A scene this slow is rendered once, so that the worker stays within [`PATIENCE`].
+        if !vary || start.elapsed() > LIMIT {
+            return Answer::Image(first);
+        }
+        let compare = |image: Result<u64, String>, with: &str| match image {
+            Ok(image) if image == first => None,
+            Ok(_) => Some(format!("another image with {with}")),
+            Err(error) => Some(format!("refused with {with}: {error}")),
+        };
+        let threads = compare(render(&pipeline, 3, &mut work), "3 threads");
+        drop(pipeline);
+        let brute_force = work.tests < MOST_TESTS && !text.contains(FRACTAL);
+        let others = accelerators(number, brute_force, self.registry);
+        let mut others = others.into_iter().filter_map(|name| {
+            let change = format!("accelerator={{type=\"{name}\"}}");
+            match self.build(text, std::slice::from_ref(&change)) {
+                Ok(Ok(pipeline)) => compare(render(&pipeline, 1, &mut work), &change),
+                Ok(Err(error)) => compare(Err(error), &change),
+                Err(problem) => Some(format!("{problem}, with {change}")),
+            }
+        });
+        match threads.or_else(|| others.next()) {
+            Some(finding) => Answer::Finding(finding),
+            None => Answer::Image(first),
+        }
+    }
 }
 
 /// The scene for a file four folders below the root: its paths lead to the folder `scenes`.
@@ -107,56 +192,37 @@ fn samples(pipeline: &Pipeline) -> u64 {
     u64::from(size.width) * u64::from(size.height) * u64::from(pipeline.samples())
 }
 
-/// Renders the scenes whose numbers it reads, and prints what became of each.
-pub(super) fn work(registry: &Registry) -> Result<Exit, Failure> {
-    let schema = scene_schema(registry);
-    let vary = std::env::var("WHITSTONE_SIMD").as_deref() == Ok(LEVELS[0]);
+/// What a worker does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum Role {
+    /// Reads numbers, and prints the scenes as JSON strings.
+    Generate,
+    /// Reads numbers and scenes, and prints what became of each.
+    Render,
+    /// The same, and varies accelerator and threads.
+    Vary,
+}
+
+/// Does the work of a worker.
+pub(super) fn work(role: Role, registry: &Registry) -> Result<Exit, Failure> {
+    let scenes = Scenes::new(registry);
     let mut out = std::io::stdout().lock();
     for line in std::io::stdin().lock().lines().map_while(Result::ok) {
-        let number = line.parse().map_err(Failure::environment)?;
-        let text = text(&schema, number, registry).map_err(Failure::environment)?;
-        let answer = answer(&text, number, vary, registry);
-        if writeln!(out, "{}", answer.line())
-            .and_then(|()| out.flush())
-            .is_err()
-        {
+        let (number, text) = line.split_once(' ').unwrap_or((&line, "\"\""));
+        let number = number.parse().map_err(Failure::environment)?;
+        let line = match role {
+            Role::Generate => Json::from(scenes.text(number).map_err(Failure::environment)?).to_string(),
+            Role::Render | Role::Vary => {
+                let text: String = serde_json::from_str(text).map_err(Failure::environment)?;
+                scenes.answer(&text, number, role == Role::Vary).line()
+            }
+        };
+        if writeln!(out, "{line}").and_then(|()| out.flush()).is_err() {
             // Nobody reads any more.
             break;
         }
     }
     Ok(Exit::Pass)
-}
-
-/// Renders a scene, if it is valid, in as many ways as `vary` says.
-fn answer(text: &str, number: u64, vary: bool, registry: &Registry) -> Answer {
-    let start = Instant::now();
-    let mut work = Work::default();
-    let found = image(text, &[], 1, registry, &mut work);
-    let rays = u32::try_from(work.rays).unwrap_or(u32::MAX);
-    if start.elapsed() > LIMIT + PER_RAY * rays {
-        return Answer::Finding(format!("takes {:.0} s", start.elapsed().as_secs_f64()));
-    }
-    let first = match found {
-        Ok(Ok(first)) => first,
-        Ok(Err(error)) => return Answer::Refused(error),
-        Err(problem) => return Answer::Finding(problem),
-    };
-    // A scene this slow is rendered once, so that the worker stays within [`PATIENCE`].
-    if vary && start.elapsed() < LIMIT {
-        let threads = [(Vec::new(), 3)];
-        let others = accelerators(number, work.tests < MOST_TESTS, registry).into_iter();
-        let others = others.map(|name| (vec![format!("accelerator={{type=\"{name}\"}}")], 1));
-        for (changes, threads) in threads.into_iter().chain(others) {
-            let with = || format!("{} and {threads} threads", changes.join(""));
-            match image(text, &changes, threads, registry, &mut work) {
-                Ok(Ok(image)) if image == first => {}
-                Ok(Ok(_)) => return Answer::Finding(format!("another image with {}", with())),
-                Ok(Err(error)) => return Answer::Finding(format!("refused with {}: {error}", with())),
-                Err(problem) => return Answer::Finding(format!("{problem}, with {}", with())),
-            }
-        }
-    }
-    Answer::Image(first)
 }
 
 /// Some accelerators, among them the one that tests everything, if that is not too slow.
@@ -178,26 +244,6 @@ fn accelerators(number: u64, brute_force: bool, registry: &Registry) -> Vec<&'st
     chosen
 }
 
-/// A scene that is built, or the error with which it is refused. The outer error is a finding.
-fn build(text: &str, changes: &[String], registry: &Registry) -> Result<Result<Pipeline, String>, String> {
-    let options = BuildOptions {
-        max_memory: Some(MEMORY),
-        max_tree_rays: Some(TREE_RAYS),
-        ..BuildOptions::default()
-    };
-    let sources = Sources::from_text("scene.toml", text, Path::new(BASE), changes)
-        .map_err(|error| format!("no TOML: {}", error.sources.report(&error.errors, false)))?;
-    let errors = match Pipeline::load(&sources, registry, options) {
-        Ok(pipeline) => return Ok(Ok(pipeline)),
-        Err(errors) => errors.0,
-    };
-    match errors.into_iter().map(|error| error.message).next() {
-        None => Err("refused without an error".to_owned()),
-        Some(message) if message.is_empty() => Err("an error without a message".to_owned()),
-        Some(message) => Ok(Err(message)),
-    }
-}
-
 /// What a rendering took.
 #[derive(Default)]
 struct Work {
@@ -206,22 +252,8 @@ struct Work {
     tests: u64,
 }
 
-/// Hash of the image of a scene, or the error with which it is refused. The outer error is a
-/// finding.
-fn image(
-    text: &str,
-    changes: &[String],
-    threads: usize,
-    registry: &Registry,
-    work: &mut Work,
-) -> Result<Result<u64, String>, String> {
-    let pipeline = match build(text, changes, registry)? {
-        Ok(pipeline) => pipeline,
-        Err(error) => return Ok(Err(error)),
-    };
-    if samples(&pipeline) > MOST_SAMPLES {
-        return Ok(Err("too many samples".to_owned()));
-    }
+/// Hash of the image of a scene, or the error with which it is refused.
+fn render(pipeline: &Pipeline, threads: usize, work: &mut Work) -> Result<u64, String> {
     let film = pipeline.render(RenderOptions {
         threads,
         ..RenderOptions::default()
@@ -232,10 +264,10 @@ fn image(
     work.rays = film.counters.total();
     work.tests = work.rays * elements as u64;
     // The place of the first tree that is too large depends on the threads.
-    Ok(match film.check() {
+    match film.check() {
         Ok(()) => Ok(hash(&film)),
         Err(_) => Err("the ray tree of a sample is too large".to_owned()),
-    })
+    }
 }
 
 fn hash(film: &Film) -> u64 {
@@ -248,20 +280,24 @@ fn hash(film: &Film) -> u64 {
     hasher.finish()
 }
 
-/// A process that renders scenes.
+/// A process that makes or renders scenes.
 struct Worker {
-    level: &'static str,
+    /// What it is, for a message.
+    name: String,
     child: Child,
-    numbers: Option<ChildStdin>,
+    requests: Option<ChildStdin>,
     lines: Receiver<String>,
 }
 
 impl Worker {
-    fn start(level: &'static str) -> Result<Self, Failure> {
+    /// `level` is the value of `WHITSTONE_SIMD`, if it is set.
+    fn start(role: Role, level: Option<&str>) -> Result<Self, Failure> {
         let program = std::env::current_exe().map_err(Failure::environment)?;
+        let role = role.to_possible_value();
+        let role = role.as_ref().map_or("", |role| role.get_name());
         let mut child = Command::new(program)
-            .args(["fuzz", "--worker"])
-            .env("WHITSTONE_SIMD", level)
+            .args(["fuzz", "--worker", role])
+            .envs(level.map(|level| ("WHITSTONE_SIMD", level)))
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()
@@ -269,36 +305,46 @@ impl Worker {
         let (sender, lines) = channel();
         if let Some(pipe) = child.stdout.take() {
             // Ends with the pipe.
-            thread::spawn(move || {
+            let read = move || {
                 for line in BufReader::new(pipe).lines().map_while(Result::ok) {
                     if sender.send(line).is_err() {
                         break;
                     }
                 }
-            });
+            };
+            thread::Builder::new().spawn(read).map_err(Failure::environment)?;
         }
-        let numbers = child.stdin.take();
+        let requests = child.stdin.take();
         Ok(Self {
-            level,
+            name: level.map_or_else(|| role.to_owned(), |level| format!("WHITSTONE_SIMD={level}")),
             child,
-            numbers,
+            requests,
             lines,
         })
     }
 
     /// Asks for a scene. A process that has ended is noticed when its answer is read.
-    fn ask(&mut self, number: u64) {
-        if let Some(pipe) = &mut self.numbers {
-            let _ = writeln!(pipe, "{number}");
+    fn ask(&mut self, request: &str) {
+        if let Some(pipe) = &mut self.requests {
+            let _ = writeln!(pipe, "{request}");
         }
     }
 
     /// The line of the scene that was asked for first, or what went wrong instead.
     fn next(&self) -> Result<String, String> {
         self.lines.recv_timeout(PATIENCE).map_err(|error| match error {
-            RecvTimeoutError::Timeout => "no answer".to_owned(),
-            RecvTimeoutError::Disconnected => "the process ended".to_owned(),
+            RecvTimeoutError::Timeout => format!("no answer, with {}", self.name),
+            RecvTimeoutError::Disconnected => format!("the process ended, with {}", self.name),
         })
+    }
+
+    /// Whether a line can be read without waiting, or the process has ended; it is then [`Self::next`].
+    fn poll(&self) -> Option<Result<String, String>> {
+        match self.lines.try_recv() {
+            Ok(line) => Some(Ok(line)),
+            Err(TryRecvError::Empty) => None,
+            Err(TryRecvError::Disconnected) => Some(self.next()),
+        }
     }
 }
 
@@ -314,63 +360,142 @@ impl Drop for Worker {
 struct Outcome {
     scenes: u64,
     valid: u64,
-    findings: BTreeMap<u64, String>,
+    /// By number, with the scene as a JSON string, unless it could not be made.
+    findings: BTreeMap<u64, (String, Option<String>)>,
 }
 
-/// Has one group of workers render scenes until a time.
-fn examine(next: &AtomicU64, end: Instant) -> Result<Outcome, Failure> {
-    let start_all = || -> Result<Vec<Worker>, Failure> { LEVELS.into_iter().map(Worker::start).collect() };
-    let mut workers = start_all()?;
-    let mut outcome = Outcome::default();
-    let mut asked = VecDeque::new();
-    loop {
-        while asked.len() < WINDOW && Instant::now() < end && outcome.findings.len() < ENOUGH {
-            let number = next.fetch_add(1, Ordering::Relaxed);
-            workers.iter_mut().for_each(|worker| worker.ask(number));
-            asked.push_back(number);
-        }
-        let Some(number) = asked.pop_front() else {
-            return Ok(outcome);
-        };
-        let lines: Vec<Result<String, String>> = workers.iter().map(Worker::next).collect();
-        let each = || lines.iter().zip(&workers);
-        let told = each().find_map(|(line, Worker { level, .. })| match line {
-            Err(problem) => Some(format!("{problem}, with WHITSTONE_SIMD={level}")),
-            Ok(line) => line
-                .strip_prefix("finding ")
-                .map(|text| format!("{text}, with WHITSTONE_SIMD={level}")),
-        });
-        let differs = || {
-            let other = each().find(|(line, _)| **line != lines[0]);
-            other.map(|(_, Worker { level, .. })| format!("another image with WHITSTONE_SIMD={level}"))
-        };
-        outcome.scenes += 1;
-        if let Some(finding) = told.or_else(differs) {
-            outcome.findings.insert(number, finding);
-        } else if lines[0].as_ref().is_ok_and(|line| !line.starts_with("refused")) {
-            outcome.valid += 1;
-        }
-        if lines.iter().any(Result::is_err) {
-            workers = start_all()?;
-            for number in &asked {
-                workers.iter_mut().for_each(|worker| worker.ask(*number));
+/// Workers of all kinds, and the scenes that they have.
+struct Group {
+    generator: Worker,
+    renderers: Vec<Worker>,
+    /// Numbers of the scenes that are being made.
+    made: VecDeque<u64>,
+    /// The scenes that are being rendered: a number and a JSON string.
+    rendered: VecDeque<(u64, String)>,
+    outcome: Outcome,
+}
+
+impl Group {
+    fn start() -> Result<Self, Failure> {
+        Ok(Self {
+            generator: Worker::start(Role::Generate, None)?,
+            renderers: renderers()?,
+            made: VecDeque::new(),
+            rendered: VecDeque::new(),
+            outcome: Outcome::default(),
+        })
+    }
+
+    /// Makes and renders scenes until a time.
+    fn examine(mut self, next: &AtomicU64, end: Instant) -> Result<Outcome, Failure> {
+        loop {
+            while self.made.len() < WINDOW && Instant::now() < end && self.outcome.findings.len() < ENOUGH {
+                let number = next.fetch_add(1, Ordering::Relaxed);
+                self.generator.ask(&number.to_string());
+                self.made.push_back(number);
+            }
+            self.pass_on()?;
+            let Some((number, scene)) = self.rendered.pop_front() else {
+                if self.made.is_empty() {
+                    return Ok(self.outcome);
+                }
+                continue;
+            };
+            let lines: Vec<Result<String, String>> = self.renderers.iter().map(Worker::next).collect();
+            let valid = lines[0].as_ref().is_ok_and(|line| !line.starts_with("refused"));
+            self.outcome.scenes += 1;
+            match finding(&self.renderers, &lines) {
+                Some(finding) => {
+                    self.outcome.findings.insert(number, (finding, Some(scene)));
+                }
+                None => self.outcome.valid += u64::from(valid),
+            }
+            if lines.iter().any(Result::is_err) {
+                self.renderers = renderers()?;
+                for (number, scene) in &self.rendered {
+                    ask_all(&mut self.renderers, *number, scene);
+                }
             }
         }
     }
+
+    /// Gives finished scenes to the renderers. Waits only if they have nothing else to do.
+    fn pass_on(&mut self) -> Result<(), Failure> {
+        while self.rendered.len() < WINDOW
+            && let Some(number) = self.made.front().copied()
+        {
+            let made = match self.rendered.is_empty() {
+                true => self.generator.next(),
+                false => match self.generator.poll() {
+                    Some(made) => made,
+                    None => break,
+                },
+            };
+            self.made.pop_front();
+            match made {
+                Ok(scene) => {
+                    ask_all(&mut self.renderers, number, &scene);
+                    self.rendered.push_back((number, scene));
+                }
+                Err(problem) => {
+                    self.outcome.scenes += 1;
+                    self.outcome.findings.insert(number, (problem, None));
+                    self.generator = Worker::start(Role::Generate, None)?;
+                    for number in &self.made {
+                        self.generator.ask(&number.to_string());
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
 }
 
-/// Renders random scenes for some time; returns the number of findings.
-pub(super) fn run(first: u64, seconds: u64, registry: &Registry) -> Result<usize, Failure> {
+/// Starts a renderer for each set of vector instructions.
+fn renderers() -> Result<Vec<Worker>, Failure> {
+    let roles = [Role::Vary, Role::Render, Role::Render];
+    let both = roles.into_iter().zip(LEVELS);
+    both.map(|(role, level)| Worker::start(role, Some(level)))
+        .collect()
+}
+
+fn ask_all(workers: &mut [Worker], number: u64, scene: &str) {
+    for worker in workers {
+        worker.ask(&format!("{number} {scene}"));
+    }
+}
+
+/// What is wrong with the answers of the renderers to one scene.
+fn finding(renderers: &[Worker], lines: &[Result<String, String>]) -> Option<String> {
+    let each = || lines.iter().zip(renderers);
+    let told = each().find_map(|(line, worker)| match line {
+        Err(problem) => Some(problem.clone()),
+        Ok(line) => line
+            .strip_prefix("finding ")
+            .map(|text| format!("{text}, with {}", worker.name)),
+    });
+    told.or_else(|| {
+        let other = each().find(|(line, _)| **line != lines[0]);
+        other.map(|(_, worker)| format!("another image with {}", worker.name))
+    })
+}
+
+/// Renders random scenes for some time, beginning with a number.
+pub(super) fn run(first: u64, seconds: u64) -> Result<Run, Failure> {
     let end = Instant::now() + Duration::from_secs(seconds);
     let next = AtomicU64::new(first);
-    // A group keeps about 1.7 cores busy: one worker varies each scene, two render it once.
+    // A group keeps about two cores busy.
     let cores = thread::available_parallelism().map_or(1, usize::from);
-    let groups = (cores * 3 / 5).max(1);
+    let groups = cores.div_ceil(2);
     let outcomes: Vec<Result<Outcome, Failure>> = thread::scope(|scope| {
-        let groups: Vec<_> = (0..groups).map(|_| scope.spawn(|| examine(&next, end))).collect();
+        let examine = || Group::start().and_then(|group| group.examine(&next, end));
+        let groups: Vec<_> = (0..groups)
+            .map(|_| thread::Builder::new().spawn_scoped(scope, examine))
+            .collect();
         groups
             .into_iter()
             .map(|group| {
+                let group = group.map_err(Failure::environment)?;
                 group
                     .join()
                     .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
@@ -390,13 +515,21 @@ pub(super) fn run(first: u64, seconds: u64, registry: &Registry) -> Result<usize
         all.valid,
         all.findings.len()
     );
-    let schema = scene_schema(registry);
-    for (number, finding) in &all.findings {
+    for (number, (finding, scene)) in &all.findings {
+        let Some(scene) = scene else {
+            println!("number {number}: {finding}");
+            continue;
+        };
         let file = Path::new(FINDINGS).join(format!("{number}.toml"));
-        let text = text(&schema, *number, registry).map_err(Failure::environment)?;
+        let text: String = serde_json::from_str(scene).map_err(Failure::environment)?;
         fs::create_dir_all(FINDINGS).map_err(Failure::environment)?;
         fs::write(&file, relocated(&text)).map_err(Failure::environment)?;
         println!("{}: {finding}", file.display());
     }
-    Ok(all.findings.len())
+    Ok(Run {
+        executions: all.scenes,
+        valid: Some(all.valid),
+        findings: all.findings.len(),
+        next: Some(next.into_inner()),
+    })
 }

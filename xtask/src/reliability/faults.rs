@@ -50,7 +50,7 @@ const VERSION: Case = Case {
 
 pub(super) fn run(subject: &Subject) -> Result<Tally, Failure> {
     let mut tally = Tally::default();
-    if Command::new("strace").arg("-V").output().is_err() {
+    if !is_available() {
         tally.skipped = Some("strace is not installed (Debian: apt-get install strace).".to_owned());
         return Ok(tally);
     }
@@ -85,6 +85,11 @@ pub(super) fn run(subject: &Subject) -> Result<Tally, Failure> {
     Ok(tally)
 }
 
+/// Whether strace is installed.
+pub(super) fn is_available() -> bool {
+    Command::new("strace").arg("-V").output().is_ok()
+}
+
 fn strace(options: &[&str]) -> Vec<String> {
     ["strace", "-f", "-qq"]
         .iter()
@@ -95,15 +100,28 @@ fn strace(options: &[&str]) -> Vec<String> {
 
 /// How often the command makes each call.
 fn count(subject: &Subject, case: &Case, folder: &Path) -> Result<BTreeMap<String, usize>, Failure> {
+    counts(&["-f"], case.name == "compare", |before| {
+        subject.command(before, case, folder)
+    })
+}
+
+/// How often a command makes each system call. It gets the words that come before it.
+pub(super) fn counts(
+    options: &[&str],
+    differs: bool,
+    command: impl Fn(&[String]) -> Command,
+) -> Result<BTreeMap<String, usize>, Failure> {
     let list = tempfile::NamedTempFile::new().map_err(Failure::environment)?;
-    let before = strace(&["-c", "-o", &list.path().to_string_lossy()]);
-    let output = subject
-        .command(&before, case, folder)
-        .output()
-        .map_err(Failure::environment)?;
-    if output.status.code() != Some(0) && case.name != "compare" {
+    let list_name = list.path().to_string_lossy();
+    let before = [&["strace", "-qq", "-c", "-o", &list_name], options].concat();
+    let before: Vec<String> = before.into_iter().map(str::to_owned).collect();
+    let output = command(&before).output().map_err(Failure::environment)?;
+    if output.status.code() != Some(i32::from(differs)) {
         let text = String::from_utf8_lossy(&output.stderr).into_owned();
-        return Err(Failure::environment(format!("{}: {text}", case.name)));
+        return Err(Failure::environment(format!(
+            "{command:?}: {text}",
+            command = command(&[])
+        )));
     }
     let text = std::fs::read_to_string(list.path()).map_err(Failure::environment)?;
     let row = |line: &str| {

@@ -72,8 +72,6 @@ const LOADS: [Load; 5] = [
             "film={width=32,height=24}",
             "--set",
             "integrator.max_depth=100000",
-            "--max-tree-rays",
-            "65536",
         ],
         write: |_| {
             fs::read_to_string("scenes/showcase/nested_dielectrics.toml").map_err(Failure::environment)
@@ -133,7 +131,7 @@ pub(super) fn run(subject: &Subject) -> Result<Tally, Failure> {
             let most = limit * 11 / 10 + 64;
             // Refused for its size, not for a fault of the scene.
             let refused = code == Some(2)
-                && ["more than the limit", "pending rays", "more than 65536 rays"]
+                && ["more than the limit", "pending rays"]
                     .iter()
                     .any(|why| stderr.contains(why));
             tally.count(match code {

@@ -1,5 +1,6 @@
 //! Generates `docs/reliability.md` from the stored counts.
 
+use crate::fuzz;
 use crate::run_time::wrapped;
 use serde_json::Value;
 use std::fmt::Write as _;
@@ -10,7 +11,7 @@ pub(crate) const PAGE: &str = "docs/reliability.md";
 pub(crate) const RESULT: &str = "studies/results/reliability.json";
 
 /// The whole page.
-pub(crate) fn page(result: &Value) -> String {
+pub(crate) fn page(result: &Value, fuzzed: &Value) -> String {
     let mut page = format!(
         "# Reliability\n\n{}\n\n| promise | attempts | broken |\n|---|---|---|\n",
         wrapped(&format!(
@@ -20,11 +21,14 @@ pub(crate) fn page(result: &Value) -> String {
     let promises = result["promises"].as_array().map_or(&[][..], Vec::as_slice);
     let text = |promise: &Value, key: &str| promise[key].as_str().unwrap_or_default().to_owned();
     for promise in promises {
+        let tried = match promise["skipped"].is_string() {
+            true => "skipped".to_owned(),
+            false => promise["tried"].to_string(),
+        };
         let _ = writeln!(
             page,
-            "| {} | {} | {} |",
+            "| {} | {tried} | {} |",
             text(promise, "promise"),
-            promise["tried"],
             promise["failed"]
         );
     }
@@ -37,11 +41,21 @@ pub(crate) fn page(result: &Value) -> String {
         );
     }
     page += "\n";
+    page += FUZZING;
+    let _ = write!(
+        page,
+        "\n{}\n\n{}\n",
+        wrapped(&format!(
+            "Executions so far (`{}`, to which `cargo xtask fuzz --json` adds):",
+            fuzz::RESULT
+        )),
+        fuzz::table(fuzzed)
+    );
     page += BY_TESTS;
     page
 }
 
-const BY_TESTS: &str = "## Fuzzing
+const FUZZING: &str = "## Fuzzing
 
 `cargo xtask fuzz` feeds damaged files to everything that reads files: scenes of every format,
 meshes, materials and images. It is guided by coverage (libFuzzer, with the counters of the stable
@@ -55,8 +69,9 @@ with all plugins, and with numbers from ordinary to extreme. A valid scene is re
 other accelerators, with three threads, and with each set of vector instructions; all images must be
 the same, bit for bit. `cargo xtask fuzz mitsuba` validates such scenes against Mitsuba. CI does
 each for 20 s.
+";
 
-## Promises that tests keep
+const BY_TESTS: &str = "## Promises that tests keep
 
 | promise | test |
 |---|---|
@@ -65,9 +80,10 @@ each for 20 s.
 | Files without end, pipes and files of the system are refused. | [hostile_files](../tests/tests/hostile_files.rs) |
 | With `--root DIR`, no file outside of DIR is read. | [hostile_files](../tests/tests/hostile_files.rs) |
 | A ray tree of more than `--max-tree-rays` rays is an error. | [hostile_files](../tests/tests/hostile_files.rs) |
-| Where the system allows no threads, one thread renders. | [hostile_files](../tests/tests/hostile_files.rs) |
+| Where the system allows no threads, one thread renders, and `view` ends with an error. | [hostile_files](../tests/tests/hostile_files.rs) |
 | Names cannot send control characters to the terminal. | [hostile_files](../tests/tests/hostile_files.rs) |
 | A scene cut at any byte is answered with a place. | [fuzz](../tests/tests/fuzz.rs) |
+| A damaged file in the cache of live references is made again. | [live](../crates/validate/src/live.rs) |
 | Links in the cache of live references are not followed. | [fake_mitsuba](../tests/tests/fake_mitsuba.rs) |
 | A driver that hangs, floods its output or ends early is reported. | [validation](../tests/tests/validation.rs) |
 | The image does not depend on accelerator, threads or SIMD instructions. | [determinism](../tests/tests/determinism.rs) |

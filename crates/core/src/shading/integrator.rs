@@ -615,6 +615,11 @@ pub struct TreeLimits {
     pub pending: usize,
 }
 
+impl TreeLimits {
+    /// Memory of a pending ray in bytes, also while its list grows and exists twice.
+    pub const PENDING_BYTES: u64 = 1024;
+}
+
 impl Default for TreeLimits {
     fn default() -> Self {
         Self {

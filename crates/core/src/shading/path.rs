@@ -1,6 +1,6 @@
 //! State of the rays of a ray tree.
 
-use crate::{MediumStack, Ray, RayDifferential, Rgb, SelfHitFilter, SpecularRayKind};
+use crate::{MediumStack, Ray, RayDifferential, Rgb, SelfHitFilter, SpecularRayKind, TreeLimits};
 use std::fmt;
 
 /// A ray of a ray tree that is still to be traced.
@@ -26,6 +26,9 @@ pub struct PathState {
     /// Ray differentials, if textures read footprints.
     pub differential: Option<RayDifferential>,
 }
+
+// A list that grows exists twice, and is then up to twice as long as it needs to be.
+const _: () = assert!(3 * size_of::<PathState>() as u64 <= TreeLimits::PENDING_BYTES);
 
 impl PathState {
     /// A camera ray in empty space: the root of a tree.

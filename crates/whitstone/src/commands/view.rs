@@ -74,6 +74,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     println!("{}", view.url());
     eprintln!("open this address in a browser on this machine; Ctrl-C ends the view");
     // Nothing has to be kept, so a signal ends the process at once.
-    view.run(interrupt::stop(), &|text| eprintln!("{text}"));
+    view.run(interrupt::stop(), &|text| eprintln!("{text}"))
+        .map_err(Failure::environment)?;
     Ok(Exit::Pass)
 }

@@ -115,7 +115,9 @@ pub(super) fn run(arguments: &Arguments, items: &[Item<'_>]) -> Result<Vec<bool>
     eprintln!(
         "open this address in a browser on this machine; its button \"Done\" or Ctrl-C ends the review"
     );
-    review.run(&session, interrupt::stop());
+    review
+        .run(&session, interrupt::stop())
+        .map_err(Failure::environment)?;
     let accepted: Vec<bool> = session.accepted().iter().map(Option::is_some).collect();
     let count = accepted.iter().filter(|accepted| **accepted).count();
     println!(

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 use whitstone_image::atomic;
 use whitstone_stress::FamilyReport;
+use whitstone_validate::hashed;
 
 /// Finished families, in a file that exists only while the run is unfinished.
 pub(super) struct Unfinished {
@@ -30,8 +31,8 @@ impl Unfinished {
         });
         let run = format!("{program:?} {settings}");
         let path = target.join("stress-unfinished.json");
-        let text = std::fs::read_to_string(&path).unwrap_or_default();
-        let kept: Kept = serde_json::from_str(&text).unwrap_or_default();
+        let bytes = std::fs::read(&path).unwrap_or_default();
+        let kept: Kept = hashed::from_bytes(&bytes).unwrap_or_default();
         Self {
             path,
             kept: match kept.run == run && !fresh {
@@ -50,11 +51,11 @@ impl Unfinished {
 
     pub(super) fn add(&mut self, report: FamilyReport) -> Result<(), Failure> {
         self.kept.families.push(report);
-        let text = serde_json::to_string(&self.kept).map_err(Failure::environment)?;
+        let bytes = hashed::to_bytes(&self.kept).map_err(Failure::environment)?;
         if let Some(folder) = self.path.parent() {
             make_folder(folder)?;
         }
-        atomic::write_bytes(&self.path, text.as_bytes()).map_err(Failure::environment)
+        atomic::write_bytes(&self.path, &bytes).map_err(Failure::environment)
     }
 
     /// Deletes the file when the run is complete.
