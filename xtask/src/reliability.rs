@@ -25,9 +25,9 @@ pub(crate) use page::{PAGE, RESULT, page};
 /// Inject faults into the program, kill it, feed it damaged files, and count the harm
 ///
 /// Each promise of docs/reliability.md is tried many times on the program `whitstone` in the folder
-/// of this one. Faults of system calls need strace (Debian: apt-get install strace), and the promises
-/// about references a live Mitsuba (see `whitstone doctor`); without them they are skipped, and the
-/// report says so.
+/// of this one. Faults of system calls need strace (Debian: apt-get install strace), and the
+/// promises about references a live Mitsuba (see `whitstone doctor`); without them they are
+/// skipped, and the report says so.
 ///
 /// Exit code 0 if no attempt broke a promise, 1 if one did.
 #[derive(Args, Debug)]

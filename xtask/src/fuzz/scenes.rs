@@ -2,8 +2,8 @@
 //! threads or the vector instructions.
 //!
 //! The instructions are chosen once in a process, so each set has its own: a worker. Another worker
-//! makes the scenes. Each reads a line for each scene and prints one. A group of workers renders the
-//! same scenes; there are as many groups as keep the cores busy.
+//! makes the scenes. Each reads a line for each scene and prints one. A group of workers renders
+//! the same scenes; there are as many groups as keep the cores busy.
 
 use super::Run;
 use super::random_scene::Generator;
@@ -338,7 +338,7 @@ impl Worker {
         })
     }
 
-    /// Whether a line can be read without waiting, or the process has ended; it is then [`Self::next`].
+    /// As [`Self::next`], or none if it would have to wait.
     fn poll(&self) -> Option<Result<String, String>> {
         match self.lines.try_recv() {
             Ok(line) => Some(Ok(line)),
