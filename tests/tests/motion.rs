@@ -4,7 +4,7 @@
 use std::ops::ControlFlow;
 use std::path::Path;
 use whitstone::core::Scratch;
-use whitstone::render::{Film, Pipeline, RenderOptions};
+use whitstone::render::{BuildOptions, Film, Pipeline, RenderOptions};
 use whitstone::scene::Sources;
 use whitstone_tests::{bits, build, load, root};
 
@@ -283,4 +283,23 @@ fn coincident_surfaces_of_all_times_are_found() {
     let found = |time: &str| built(&scene(time)).coincident.len();
     assert_eq!([found("0.25"), found("0.75")], [0, 1]);
     assert_eq!(found("{ open = 0, close = 1, count = 2 }"), 1);
+}
+
+#[test]
+fn the_memory_limit_holds_for_all_times_together() {
+    let load = |count: u32| {
+        let text = moving(&format!("time = {{ open = 0, close = 1, count = {count} }}"));
+        let sources = Sources::from_text("scene.toml", &text, Path::new("."), &[])
+            .ok()
+            .unwrap();
+        let options = BuildOptions {
+            max_memory: Some(64 << 10),
+            ..BuildOptions::default()
+        };
+        Pipeline::load(&sources, &whitstone::registry(), options).map(|_| ())
+    };
+    load(2).unwrap();
+    let errors = load(256).unwrap_err().0;
+    assert!(errors[0].message.starts_with("at 0."), "{errors:?}");
+    assert!(errors[0].message.contains("more than the limit"), "{errors:?}");
 }

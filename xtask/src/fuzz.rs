@@ -65,7 +65,7 @@ pub(crate) struct Arguments {
     seconds: u64,
     /// Number of the first random scene; each number is another scene, the same in every run
     /// [default: the first that no run of --json has reached, or 0]
-    #[arg(long, value_name = "NUMBER")]
+    #[arg(long, value_name = "NUMBER", conflicts_with = "json")]
     first: Option<u64>,
     /// Add what was tried to the totals in this file
     #[arg(long, value_name = "FILE")]

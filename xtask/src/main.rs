@@ -69,6 +69,7 @@ enum Verb {
     Reliability(reliability::Arguments),
     Scale(scale::Arguments),
     Slim(slim::Arguments),
+    Subjects(subjects::Arguments),
     Topics(topics::Arguments),
 }
 
@@ -96,6 +97,7 @@ fn main() -> ExitCode {
         Verb::Topics(arguments) => topics::run(arguments),
         Verb::Pictures(arguments) => pictures::run(arguments, &registry),
         Verb::Slim(arguments) => slim::run(arguments, &registry),
+        Verb::Subjects(arguments) => subjects::run(arguments),
         Verb::Readme(arguments) => readme::run(arguments, &registry),
         Verb::Reliability(arguments) => reliability::run(arguments),
         Verb::Scale(arguments) => scale::run(arguments),

@@ -138,7 +138,13 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
             PathBuf::from(subjects::PAGE),
             page(
                 subjects::PAGE,
-                &[(subjects::MARKS, subjects::table(&all_stored(subjects::RESULTS)?))],
+                &[
+                    (subjects::MARKS, subjects::table(&all_stored(subjects::RESULTS)?)),
+                    (
+                        subjects::VALIDATED_MARKS,
+                        subjects::validated(&stored(subjects::VALIDATED)?),
+                    ),
+                ],
             )?,
         ),
         (PathBuf::from("docs/images/showcase.png"), sheet(registry)?),

@@ -1,18 +1,121 @@
-//! Writes what `conventions` finds in the renderers of `subjects` into docs/subjects.md, from its
-//! stored results.
+//! Writes into docs/subjects.md what `validate` and `conventions` find in the renderers of
+//! `subjects`, from their stored results.
 
-use serde_json::Value;
+use crate::bench::machine;
+use clap::Args;
+use serde_json::{Map, Value, json};
 use std::fmt::Write as _;
+use std::path::PathBuf;
+use whitstone::image::atomic;
+use whitstone::validate::Status;
+use whitstone::{Exit, Failure};
 
 /// The page that has the table, between its markers.
 pub(crate) const PAGE: &str = "docs/subjects.md";
-/// What the names of the stored results begin with.
+/// The stored result of `validate`.
+pub(crate) const VALIDATED: &str = "studies/results/subjects.json";
+/// The markers of its table.
+pub(crate) const VALIDATED_MARKS: (&str, &str) = (
+    "<!-- validation: written by `cargo xtask readme` -->",
+    "<!-- end of validation -->",
+);
+/// What the names of the stored results of `conventions` begin with.
 pub(crate) const RESULTS: &str = "conventions-";
 /// The markers.
 pub(crate) const MARKS: (&str, &str) = (
     "<!-- conventions: written by `cargo xtask readme` -->",
     "<!-- end of conventions -->",
 );
+
+/// Store the results of `validate` for several subjects
+///
+/// Keeps verdict and error of each scene in studies/results/subjects.json. `cargo xtask readme`
+/// writes them into docs/subjects.md.
+#[derive(Args, Debug)]
+#[command(
+    help_template = whitstone::commands::HELP_TEMPLATE,
+    after_help = "Example:\n  cargo xtask validate scenes/shapes --subject cycles --subject povray --config subjects/whitstone.toml --json comparison.json\n  cargo xtask subjects comparison.json"
+)]
+pub(crate) struct Arguments {
+    /// The file that `validate --subject NAME --subject NAME --json FILE` has written
+    file: PathBuf,
+}
+
+/// Runs the command.
+pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Failure> {
+    let failed = |why: String| Failure::usage(format!("{}: {why}", arguments.file.display()));
+    let text = std::fs::read(&arguments.file).map_err(|error| failed(error.to_string()))?;
+    let comparison: Value = serde_json::from_slice(&text).map_err(|error| failed(error.to_string()))?;
+    let stored = condensed(&comparison).ok_or_else(|| {
+        failed("expected the results of several subjects, as `validate --json` writes them".to_owned())
+    })?;
+    let text = format!("{stored:#}\n");
+    atomic::write_bytes(VALIDATED, text.as_bytes()).map_err(Failure::environment)?;
+    println!("{VALIDATED}");
+    Ok(Exit::Pass)
+}
+
+/// Verdict and error of every scene that was compared.
+fn condensed(comparison: &Value) -> Option<Value> {
+    let mut subjects = Map::new();
+    for subject in comparison["subjects"].as_array()? {
+        let mut scenes = Map::new();
+        for case in subject["results"].as_array()? {
+            let scene = json!({
+                "verdict": case["status"],
+                "rmse": case["rmse"],
+                "explained": case["explained"],
+            });
+            scenes.insert(case["scene"].as_str()?.to_owned(), scene);
+        }
+        subjects.insert(subject["name"].as_str()?.to_owned(), Value::Object(scenes));
+    }
+    Some(json!({ "date": machine::date(), "subjects": subjects }))
+}
+
+/// Whether an image was right.
+fn is_right(scene: &Value) -> bool {
+    serde_json::from_value(scene["verdict"].clone()).is_ok_and(Status::is_right)
+}
+
+/// How many scenes pass, and with which errors.
+pub(crate) fn validated(stored: &Value) -> String {
+    let date = stored["date"].as_str().unwrap_or_default();
+    let mut text = format!(
+        "Measured on {date}.\n\n\
+         | subject | scenes that pass | RMSE | with explained pixels | differ |\n\
+         |---|---|---|---|---|\n"
+    );
+    for (name, scenes) in stored["subjects"].as_object().into_iter().flatten() {
+        let scenes = || scenes.as_object().into_iter().flatten();
+        let range = |explained: bool| {
+            let errors = scenes()
+                .filter(|(_, scene)| is_right(scene) && (scene["explained"].as_u64() > Some(0)) == explained)
+                .filter_map(|(_, scene)| scene["rmse"].as_f64());
+            let (least, most) = errors.fold((f64::INFINITY, 0.0_f64), |(least, most), error| {
+                (least.min(error), most.max(error))
+            });
+            match least <= most {
+                true => format!("{least:.0e} to {most:.0e}"),
+                false => "–".to_owned(),
+            }
+        };
+        let differ: Vec<String> = scenes()
+            .filter(|(_, scene)| !is_right(scene))
+            .map(|(scene, _)| format!("`{scene}`"))
+            .collect();
+        let _ = writeln!(
+            text,
+            "| `{name}` | {} of {} | {} | {} | {} |",
+            scenes().filter(|(_, scene)| is_right(scene)).count(),
+            scenes().count(),
+            range(false),
+            range(true),
+            differ.join(", "),
+        );
+    }
+    text
+}
 
 fn entries<'v>(result: &'v Value, list: &str) -> impl Iterator<Item = (&'v str, &'v Value)> {
     let entries = result["conventions"][list].as_array().into_iter().flatten();
@@ -57,6 +160,47 @@ pub(crate) fn table(results: &[Value]) -> String {
 mod tests {
     use super::*;
     use serde_json::json;
+
+    #[test]
+    fn scenes_that_pass_are_counted() {
+        let case = |scene: &str, status: &str, rmse: f64, explained: u32| json!({ "scene": scene, "status": status, "rmse": rmse, "explained": explained });
+        let results = [
+            case("a", "pass", 1e-6, 0),
+            case("b", "confirmed", 2e-5, 0),
+            case("c", "pass", 1e-3, 2),
+            case("d", "fail", 0.1, 0),
+        ];
+        let stored = condensed(&json!({ "subjects": [{ "name": "n", "results": results }] })).unwrap();
+        assert!(validated(&stored).ends_with("| `n` | 3 of 4 | 1e-6 to 2e-5 | 1e-3 to 1e-3 | `d` |\n"));
+        assert_eq!(condensed(&json!({ "results": results })), None);
+    }
+
+    /// The page explains each scene that differs, in the paragraph of the renderer.
+    #[test]
+    fn scenes_that_differ_are_explained() {
+        let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../");
+        let read = |path: &str| std::fs::read_to_string(format!("{root}{path}")).unwrap();
+        let page = read(PAGE);
+        let plain = |title: &str| -> String {
+            let letters = title.chars().filter(char::is_ascii_alphanumeric);
+            letters.map(|letter| letter.to_ascii_lowercase()).collect()
+        };
+        let paragraphs: Vec<(String, &str)> = (page.split("\n- **").skip(1))
+            .filter_map(|text| text.split_once("**"))
+            .map(|(title, text)| (plain(title), text))
+            .collect();
+        let stored: Value = serde_json::from_str(&read(VALIDATED)).unwrap();
+        for (name, scenes) in stored["subjects"].as_object().unwrap() {
+            let paragraph = paragraphs.iter().find(|(title, _)| title == name);
+            let text = paragraph.map_or("", |(_, text)| text);
+            for (scene, result) in scenes.as_object().unwrap() {
+                assert!(
+                    is_right(result) || text.contains(&format!("`{scene}`")),
+                    "{name}: {scene}"
+                );
+            }
+        }
+    }
 
     #[test]
     fn a_probe_that_is_skipped_has_no_number() {

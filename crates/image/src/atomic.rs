@@ -152,7 +152,10 @@ impl TemporaryFolder {
             // On Windows an open file would keep the folder from being removed.
             let lock = match cfg!(windows) {
                 true => None,
-                false => lock(&folder.path().join(LOCK))?,
+                false => match lock(&folder.path().join(LOCK)) {
+                    Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
+                    lock => lock?,
+                },
             };
             // Another process may have swept it before it was locked.
             if lock.is_none() || folder.path().is_dir() {
@@ -218,6 +221,8 @@ pub fn sweep(folder: &Path) {
 /// Whether a process holds the lock of a file; if not, it is now locked by the returned handle.
 /// `None` where locks are not supported.
 fn in_use(path: &Path) -> Option<(bool, File)> {
+    // To open a pipe would wait.
+    fs::symlink_metadata(path).ok().filter(fs::Metadata::is_file)?;
     let file = File::open(path).ok()?;
     match file.try_lock() {
         Ok(()) => Some((false, file)),

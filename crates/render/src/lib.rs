@@ -32,4 +32,4 @@ pub use film::{Film, FilmError, Progress};
 pub use pipeline::{Moment, Pipeline};
 pub use render::{Region, RenderOptions};
 pub use shared::Shared;
-pub use threads::{start_threads, startable_threads};
+pub use threads::{SPARE_THREADS, start_threads, startable_threads};

@@ -69,11 +69,14 @@ pub struct Moment {
 
 /// A thread may always have this many pending rays: no usual scene has more.
 const FEWEST_PENDING: usize = 4096;
+/// The memory is divided among at least this many threads, so that whether a scene is refused does
+/// not depend on the threads of usual machines.
+const FEWEST_SHARES: usize = 16;
 
 impl Pipeline {
     /// Limits on ray trees if this many threads share the memory.
     pub(crate) fn tree_limits_of(&self, threads: usize) -> TreeLimits {
-        let of_thread = |left: u64| left / threads.max(1) as u64 / TreeLimits::PENDING_BYTES;
+        let of_thread = |left: u64| left / threads.max(FEWEST_SHARES) as u64 / TreeLimits::PENDING_BYTES;
         let most = self.memory_left.map_or(u64::MAX, of_thread);
         let most = usize::try_from(most).unwrap_or(usize::MAX).max(FEWEST_PENDING);
         TreeLimits {
@@ -183,9 +186,9 @@ impl Pipeline {
 
     /// Adds the same scene at a later time.
     fn append(&mut self, moment: Self) {
-        // A pair may be separated at one time and not at another.
-        let kind = |pair: &Coincidence| (pair.shapes.clone(), pair.form, pair.gap.is_none());
         (self.memory_left, self.memory_taken) = (moment.memory_left, moment.memory_taken);
+        // A pair may be separated at one time and not at another.
+        let kind = |pair: &Coincidence| (pair.shapes, pair.form, pair.gap.is_none());
         let is_new = |pair: &Coincidence| self.coincident.iter().all(|known| kind(known) != kind(pair));
         let pairs: Vec<Coincidence> = moment.coincident.into_iter().filter(is_new).collect();
         self.coincident.extend(pairs);

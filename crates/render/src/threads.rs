@@ -22,8 +22,7 @@ pub fn start_threads() -> Result<(), io::Error> {
     let pool = rayon::ThreadPoolBuilder::new().spawn_handler(patiently);
     let pool = match startable_threads(wanted) {
         all if all == wanted => pool,
-        // Some are left for the readers of a driver's output.
-        some if some > SPARE => pool.num_threads(some - SPARE),
+        some if some > SPARE_THREADS => pool.num_threads(some - SPARE_THREADS),
         _ => pool.num_threads(1).use_current_thread(),
     };
     match pool.build_global() {
@@ -54,8 +53,9 @@ fn patiently(worker: rayon::ThreadBuilder) -> io::Result<()> {
     }
 }
 
-/// Number of threads that are left to others where the system allows few.
-const SPARE: usize = 8;
+/// Number of threads that are left where the system allows few: for the readers of a driver's
+/// output, or for a server and its page.
+pub const SPARE_THREADS: usize = 16;
 
 /// How many threads can be started now, up to `wanted`.
 pub fn startable_threads(wanted: usize) -> usize {

@@ -13,7 +13,7 @@ use std::thread;
 use std::time::Duration;
 use thiserror::Error;
 use tiny_http::{Header, Method, Request, Response, Server};
-use whitstone_render::startable_threads;
+use whitstone_render::{SPARE_THREADS, startable_threads};
 
 /// Maximum length of a request target in bytes.
 const MAX_TARGET: usize = 1024;
@@ -40,9 +40,6 @@ pub enum StartError {
     #[error("cannot start the server: {0}")]
     Server(String),
 }
-
-/// Threads of a server and of its page. `tiny_http` panics if its own cannot be started.
-const ALL_THREADS: usize = 16;
 
 /// Starts a thread of a page.
 pub(crate) fn start<'scope>(
@@ -108,10 +105,11 @@ impl Gate {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port))
             .map_err(|error| StartError::Port { port, error })?;
         send_at_once(&listener);
-        let threads = startable_threads(ALL_THREADS);
-        if threads < ALL_THREADS {
+        // `tiny_http` panics if its own threads cannot be started.
+        let threads = startable_threads(SPARE_THREADS);
+        if threads < SPARE_THREADS {
             return Err(StartError::Server(format!(
-                "it needs {ALL_THREADS} threads, and the system allows {threads}"
+                "it needs {SPARE_THREADS} threads, and the system allows {threads}"
             )));
         }
         let address = listener

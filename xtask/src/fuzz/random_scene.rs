@@ -151,10 +151,17 @@ impl<'a> Generator<'a> {
                 .and_then(Vec::pop);
         }
         // Milliseconds a ray, and a tenth of one.
-        let slow = [("fractal", [3, 2]), ("implicit", [8, 6]), ("isosurface", [8, 6])];
+        let slow = [
+            ("fractal", [3_i64, 2]),
+            ("implicit", [8, 6]),
+            ("isosurface", [8, 6]),
+        ];
         let whole = Value::from(scene.clone());
-        if let Some((_, [width, height])) = slow.into_iter().find(|(kind, _)| contains(&whole, kind)) {
-            scene.insert("film".into(), film(width, height, Vec::new()).into());
+        if let Some((_, [width, height])) = slow.into_iter().find(|(kind, _)| contains(&whole, kind))
+            && let Some(film) = scene.get_mut("film").and_then(Value::as_table_mut)
+        {
+            film.insert("width".into(), width.into());
+            film.insert("height".into(), height.into());
         }
         scene
     }

@@ -14,9 +14,9 @@ use std::fs;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
-use std::process::{Child, ChildStdin, Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, TryRecvError, channel};
 use std::thread;
 use std::time::{Duration, Instant};
 use toml::Table;
@@ -285,7 +285,8 @@ struct Worker {
     /// What it is, for a message.
     name: String,
     child: Child,
-    requests: Option<ChildStdin>,
+    /// Written by a thread: a process that hangs does not read, and its pipe fills.
+    requests: Sender<String>,
     lines: Receiver<String>,
 }
 
@@ -314,7 +315,20 @@ impl Worker {
             };
             thread::Builder::new().spawn(read).map_err(Failure::environment)?;
         }
-        let requests = child.stdin.take();
+        let (requests, waiting) = channel::<String>();
+        if let Some(mut pipe) = child.stdin.take() {
+            // Ends with the process, or with the last request.
+            let write = move || {
+                while let Ok(request) = waiting.recv() {
+                    if writeln!(pipe, "{request}").is_err() {
+                        break;
+                    }
+                }
+            };
+            thread::Builder::new()
+                .spawn(write)
+                .map_err(Failure::environment)?;
+        }
         Ok(Self {
             name: level.map_or_else(|| role.to_owned(), |level| format!("WHITSTONE_SIMD={level}")),
             child,
@@ -324,10 +338,8 @@ impl Worker {
     }
 
     /// Asks for a scene. A process that has ended is noticed when its answer is read.
-    fn ask(&mut self, request: &str) {
-        if let Some(pipe) = &mut self.requests {
-            let _ = writeln!(pipe, "{request}");
-        }
+    fn ask(&self, request: String) {
+        let _ = self.requests.send(request);
     }
 
     /// The line of the scene that was asked for first, or what went wrong instead.
@@ -391,7 +403,7 @@ impl Group {
         loop {
             while self.made.len() < WINDOW && Instant::now() < end && self.outcome.findings.len() < ENOUGH {
                 let number = next.fetch_add(1, Ordering::Relaxed);
-                self.generator.ask(&number.to_string());
+                self.generator.ask(number.to_string());
                 self.made.push_back(number);
             }
             self.pass_on()?;
@@ -413,7 +425,7 @@ impl Group {
             if lines.iter().any(Result::is_err) {
                 self.renderers = renderers()?;
                 for (number, scene) in &self.rendered {
-                    ask_all(&mut self.renderers, *number, scene);
+                    ask_all(&self.renderers, *number, scene);
                 }
             }
         }
@@ -434,7 +446,7 @@ impl Group {
             self.made.pop_front();
             match made {
                 Ok(scene) => {
-                    ask_all(&mut self.renderers, number, &scene);
+                    ask_all(&self.renderers, number, &scene);
                     self.rendered.push_back((number, scene));
                 }
                 Err(problem) => {
@@ -442,7 +454,7 @@ impl Group {
                     self.outcome.findings.insert(number, (problem, None));
                     self.generator = Worker::start(Role::Generate, None)?;
                     for number in &self.made {
-                        self.generator.ask(&number.to_string());
+                        self.generator.ask(number.to_string());
                     }
                 }
             }
@@ -459,9 +471,9 @@ fn renderers() -> Result<Vec<Worker>, Failure> {
         .collect()
 }
 
-fn ask_all(workers: &mut [Worker], number: u64, scene: &str) {
+fn ask_all(workers: &[Worker], number: u64, scene: &str) {
     for worker in workers {
-        worker.ask(&format!("{number} {scene}"));
+        worker.ask(format!("{number} {scene}"));
     }
 }
 

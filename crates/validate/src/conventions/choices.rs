@@ -113,7 +113,8 @@ pub(super) fn changes(choices: &[Choice], picked: &Picked) -> Vec<String> {
         }
     }
     if spot != Spot::STATED {
-        changes.push(spot.change());
+        // It replaces all lights, so that other changes come after it.
+        changes.insert(0, spot.change());
     }
     changes
 }
