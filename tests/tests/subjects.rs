@@ -173,6 +173,18 @@ fn scenes_that_cannot_be_expressed_are_skipped() {
     assert!(outcome.junit.contains("<skipped"), "{}", outcome.junit);
 }
 
+/// Some scenes are exported to POV-Ray as a file for each colour channel.
+#[test]
+fn scenes_of_several_files_are_skipped() {
+    let subject = Subject::script("exit 1", "scene = \"povray\"");
+    let outcome = subject.validate(&["scenes/community/rtc_planes.toml"]);
+    expect(
+        &outcome,
+        3,
+        &["skipped", "it takes more than one file", "scene-red.pov"],
+    );
+}
+
 #[test]
 fn a_command_may_say_that_it_cannot_render_a_scene() {
     let subject = Subject::script("echo no spheres here; exit 77", "");

@@ -46,17 +46,22 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Failure> {
     let failed = |why: String| Failure::usage(format!("{}: {why}", arguments.file.display()));
     let text = std::fs::read(&arguments.file).map_err(|error| failed(error.to_string()))?;
     let comparison: Value = serde_json::from_slice(&text).map_err(|error| failed(error.to_string()))?;
-    let stored = condensed(&comparison).ok_or_else(|| {
+    let found = condensed(&comparison, &machine::date()).ok_or_else(|| {
         failed("expected the results of several subjects, as `validate --json` writes them".to_owned())
     })?;
-    let text = format!("{stored:#}\n");
+    let mut all: Map<String, Value> = match std::fs::read(VALIDATED) {
+        Ok(text) => serde_json::from_slice(&text).map_err(Failure::environment)?,
+        Err(_) => Map::new(),
+    };
+    all.extend(found);
+    let text = format!("{:#}\n", Value::Object(all));
     atomic::write_bytes(VALIDATED, text.as_bytes()).map_err(Failure::environment)?;
     println!("{VALIDATED}");
     Ok(Exit::Pass)
 }
 
-/// Verdict and error of every scene that was compared.
-fn condensed(comparison: &Value) -> Option<Value> {
+/// Verdict and error of every scene that was compared, by subject.
+fn condensed(comparison: &Value, date: &str) -> Option<Map<String, Value>> {
     let mut subjects = Map::new();
     for subject in comparison["subjects"].as_array()? {
         let mut scenes = Map::new();
@@ -68,26 +73,30 @@ fn condensed(comparison: &Value) -> Option<Value> {
             });
             scenes.insert(case["scene"].as_str()?.to_owned(), scene);
         }
-        subjects.insert(subject["name"].as_str()?.to_owned(), Value::Object(scenes));
+        let entry = json!({ "date": date, "scenes": scenes });
+        subjects.insert(subject["name"].as_str()?.to_owned(), entry);
     }
-    Some(json!({ "date": machine::date(), "subjects": subjects }))
+    Some(subjects)
 }
 
-/// Whether an image was right.
+/// The verdict of a scene.
+fn verdict(scene: &Value) -> Option<Status> {
+    serde_json::from_value(scene["verdict"].clone()).ok()
+}
+
 fn is_right(scene: &Value) -> bool {
-    serde_json::from_value(scene["verdict"].clone()).is_ok_and(Status::is_right)
+    verdict(scene).is_some_and(Status::is_right)
 }
 
 /// How many scenes pass, and with which errors.
 pub(crate) fn validated(stored: &Value) -> String {
-    let date = stored["date"].as_str().unwrap_or_default();
-    let mut text = format!(
-        "Measured on {date}.\n\n\
-         | subject | scenes that pass | RMSE | with explained pixels | differ |\n\
-         |---|---|---|---|---|\n"
-    );
-    for (name, scenes) in stored["subjects"].as_object().into_iter().flatten() {
-        let scenes = || scenes.as_object().into_iter().flatten();
+    let mut text =
+        "| subject | measured | scenes that pass | RMSE | with explained pixels | undecided | wrong |\n\
+        |---|---|---|---|---|---|---|\n"
+            .to_owned();
+    for (name, subject) in stored.as_object().into_iter().flatten() {
+        let date = subject["date"].as_str().unwrap_or_default();
+        let scenes = || subject["scenes"].as_object().into_iter().flatten();
         let range = |explained: bool| {
             let errors = scenes()
                 .filter(|(_, scene)| is_right(scene) && (scene["explained"].as_u64() > Some(0)) == explained)
@@ -100,18 +109,23 @@ pub(crate) fn validated(stored: &Value) -> String {
                 false => "–".to_owned(),
             }
         };
-        let differ: Vec<String> = scenes()
-            .filter(|(_, scene)| !is_right(scene))
+        let having = |status: Status| scenes().filter(move |(_, scene)| verdict(scene) == Some(status));
+        let wrong: Vec<String> = having(Status::Fail)
             .map(|(scene, _)| format!("`{scene}`"))
             .collect();
         let _ = writeln!(
             text,
-            "| `{name}` | {} of {} | {} | {} | {} |",
+            "| `{name}` | {date} | {} of {} | {} | {} | {} | {} |",
             scenes().filter(|(_, scene)| is_right(scene)).count(),
             scenes().count(),
             range(false),
             range(true),
-            differ.join(", "),
+            having(Status::Undecided).count(),
+            if wrong.is_empty() {
+                "–".to_owned()
+            } else {
+                wrong.join(", ")
+            },
         );
     }
     text
@@ -169,15 +183,23 @@ mod tests {
             case("b", "confirmed", 2e-5, 0),
             case("c", "pass", 1e-3, 2),
             case("d", "fail", 0.1, 0),
+            case("e", "undecided", 0.1, 0),
         ];
-        let stored = condensed(&json!({ "subjects": [{ "name": "n", "results": results }] })).unwrap();
-        assert!(validated(&stored).ends_with("| `n` | 3 of 4 | 1e-6 to 2e-5 | 1e-3 to 1e-3 | `d` |\n"));
-        assert_eq!(condensed(&json!({ "results": results })), None);
+        let stored = condensed(
+            &json!({ "subjects": [{ "name": "n", "results": results }] }),
+            "2000-01-01",
+        )
+        .unwrap();
+        assert!(
+            validated(&Value::Object(stored))
+                .ends_with("| `n` | 2000-01-01 | 3 of 5 | 1e-6 to 2e-5 | 1e-3 to 1e-3 | 1 | `d` |\n")
+        );
+        assert_eq!(condensed(&json!({ "results": results }), ""), None);
     }
 
-    /// The page explains each scene that differs, in the paragraph of the renderer.
+    /// The page explains each scene that is wrong, in the paragraph of the renderer.
     #[test]
-    fn scenes_that_differ_are_explained() {
+    fn wrong_scenes_are_explained() {
         let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../");
         let read = |path: &str| std::fs::read_to_string(format!("{root}{path}")).unwrap();
         let page = read(PAGE);
@@ -190,12 +212,12 @@ mod tests {
             .map(|(title, text)| (plain(title), text))
             .collect();
         let stored: Value = serde_json::from_str(&read(VALIDATED)).unwrap();
-        for (name, scenes) in stored["subjects"].as_object().unwrap() {
+        for (name, subject) in stored.as_object().unwrap() {
             let paragraph = paragraphs.iter().find(|(title, _)| title == name);
             let text = paragraph.map_or("", |(_, text)| text);
-            for (scene, result) in scenes.as_object().unwrap() {
+            for (scene, result) in subject["scenes"].as_object().unwrap() {
                 assert!(
-                    is_right(result) || text.contains(&format!("`{scene}`")),
+                    verdict(result) != Some(Status::Fail) || text.contains(&format!("`{scene}`")),
                     "{name}: {scene}"
                 );
             }

@@ -188,7 +188,12 @@ fn export(subject: &Subject, job: &Job<'_>, path: &Path) -> Result<Vec<String>, 
     if !dropped.is_empty() {
         return Err(cannot(&dropped.join("; ")));
     }
-    Ok(of(Treatment::Approximated))
+    let approximated = of(Treatment::Approximated);
+    if !path.is_file() {
+        let how = approximated.join("; ");
+        return Err(cannot(&format!("it takes more than one file: {how}")));
+    }
+    Ok(approximated)
 }
 
 fn told(note: &Note) -> String {
