@@ -40,7 +40,9 @@ pub(super) fn run(subject: &Subject) -> Result<Tally, Failure> {
                 put(folder.path(), outputs.map(|name| (name, &old)))?;
             }
             let moment = moment(number * attempts + attempt, time);
-            kill_after(command().spawn_quietly()?, moment)?;
+            if !kill_after(command().spawn_quietly()?, moment)? {
+                continue;
+            }
             let seen = whole(&files(folder.path()), &undisturbed, true);
             let seen = seen.and(again(&mut command(), folder.path(), &undisturbed)?);
             tally.count(seen.map_err(|seen| format!("{}, killed after {moment:.0?}: {seen}", case.name)));
@@ -77,11 +79,27 @@ impl Quiet for Command {
     }
 }
 
-pub(super) fn kill_after(mut child: std::process::Child, moment: Duration) -> Result<(), Failure> {
+/// Kills a command at a moment; returns whether that was before its end.
+pub(super) fn kill_after(child: std::process::Child, moment: Duration) -> Result<bool, Failure> {
     std::thread::sleep(moment);
+    kill(child)
+}
+
+/// Kills a command; returns whether that was before its end.
+pub(super) fn kill(mut child: std::process::Child) -> Result<bool, Failure> {
     child.kill().map_err(Failure::environment)?;
-    child.wait().map_err(Failure::environment)?;
-    Ok(())
+    child.wait().map(is_killed).map_err(Failure::environment)
+}
+
+#[cfg(unix)]
+fn is_killed(status: std::process::ExitStatus) -> bool {
+    const SIGKILL: i32 = 9;
+    std::os::unix::process::ExitStatusExt::signal(&status) == Some(SIGKILL)
+}
+
+#[cfg(not(unix))]
+fn is_killed(status: std::process::ExitStatus) -> bool {
+    !status.success()
 }
 
 /// Removes everything in a folder.
@@ -135,6 +153,15 @@ pub(super) fn whole(found: &Files, undisturbed: &Files, killed: bool) -> Result<
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[cfg(unix)]
+    #[test]
+    fn only_a_command_that_did_not_end_is_killed() {
+        let ended = Command::new("true").spawn_quietly().unwrap();
+        assert!(!kill_after(ended, Duration::from_millis(500)).unwrap());
+        let sleeps = Command::new("sleep").arg("60").spawn_quietly().unwrap();
+        assert!(kill_after(sleeps, Duration::ZERO).unwrap());
+    }
 
     #[test]
     fn harm_is_found() {

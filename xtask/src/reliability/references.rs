@@ -1,7 +1,7 @@
 //! Commands with a live Mitsuba that are killed.
 
 use super::faults;
-use super::kills::{Files, LIMIT, Quiet, again, clear, kill_after, moment, undisturbed, whole};
+use super::kills::{Files, LIMIT, Quiet, again, clear, kill, kill_after, moment, undisturbed, whole};
 use super::times::is_same;
 use super::{Subject, Tally, files, is_temporary, put, run_within};
 use serde_json::Value;
@@ -63,8 +63,8 @@ impl<'s> Live<'s> {
         command
     }
 
-    /// The processes of this command and of the programs that it started.
-    fn alive(&self) -> Vec<String> {
+    /// The processes of this command and of the programs that it started, with their numbers.
+    fn alive(&self) -> Vec<(String, String)> {
         let mark = format!("{MARK}={}", self.folder.path().display());
         let is_marked = |process: &Path| {
             let environment = fs::read(process.join("environ")).unwrap_or_default();
@@ -74,14 +74,17 @@ impl<'s> Live<'s> {
         };
         let processes = fs::read_dir("/proc").into_iter().flatten().flatten();
         let marked = processes.map(|entry| entry.path()).filter(|path| is_marked(path));
-        let name = |path: PathBuf| {
+        let describe = |path: PathBuf| {
+            let number = path
+                .file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned();
             let words = fs::read(path.join("cmdline")).unwrap_or_default();
-            String::from_utf8_lossy(&words)
-                .replace('\0', " ")
-                .trim()
-                .to_owned()
+            let words = String::from_utf8_lossy(&words).replace('\0', " ");
+            (number, words.trim().to_owned())
         };
-        marked.map(name).collect()
+        marked.map(describe).collect()
     }
 }
 
@@ -110,17 +113,29 @@ pub(super) fn drivers(subject: &Subject) -> Result<Tally, Failure> {
     ];
     let command = || live.command(&[], &arguments);
     let (undisturbed, time) = undisturbed(&mut command(), folder)?;
+    let mut with_driver = 0;
     for attempt in 0..if subject.quick { 3 } else { 60 } {
         clear(folder)?;
         let moment = moment(attempt, time);
-        kill_after(command().spawn_quietly()?, moment)?;
+        let child = command().spawn_quietly()?;
+        std::thread::sleep(moment);
+        let own = child.id().to_string();
+        let has_driver = live.alive().iter().any(|(number, _)| *number != own);
+        if !kill(child)? {
+            continue;
+        }
+        with_driver += usize::from(has_driver);
         std::thread::sleep(Duration::from_secs(1));
         let mut seen = match live.alive().first() {
-            Some(process) => Err(format!("after 1 s, this is alive: {process}")),
+            Some((_, process)) => Err(format!("after 1 s, this is alive: {process}")),
             None => whole(&files(folder), &undisturbed, true),
         };
         seen = seen.and(again(&mut command(), folder, &undisturbed)?);
         tally.count(seen.map_err(|seen| format!("validate, killed after {moment:.0?}: {seen}")));
+    }
+    if with_driver == 0 {
+        let seen = "no attempt was killed while a driver was alive";
+        tally.broken.push(seen.to_owned());
     }
     Ok(tally)
 }
@@ -184,12 +199,16 @@ pub(super) fn stored(subject: &Subject) -> Result<Tally, Failure> {
         start()?;
         let mut command_that_ends = command(&before, &[]);
         if before.is_empty() {
-            kill_after(command_that_ends.spawn_quietly()?, moment)?;
+            if !kill_after(command_that_ends.spawn_quietly()?, moment)? {
+                continue;
+            }
         } else if run_within(&mut command_that_ends, moment)
             .map_err(Failure::environment)?
             .is_none()
         {
-            return Err(Failure::environment(format!("{end} does not end")));
+            return Err(Failure::environment(format!(
+                "the command with {end} does not end"
+            )));
         }
         let mut found = files(folder);
         found.retain(|name, _| is_stored(name) && !is_temporary(name));
