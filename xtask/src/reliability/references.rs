@@ -13,6 +13,10 @@ use whitstone::Failure;
 
 /// A scene that takes little time.
 const SCENE: &str = "scenes/materials/matte.toml";
+/// The options of the stored reference, of `reference` and of `validate`.
+const STORED: [&str; 4] = ["--references", "@/images", "--set", "film={width=32,height=24}"];
+/// The reason for which `validate` refuses files of different references.
+const REFUSED: &str = "the image files do not belong to this metadata";
 /// Makes the processes of a command known.
 const MARK: &str = "WHITSTONE_RELIABILITY";
 
@@ -33,7 +37,10 @@ impl<'s> Live<'s> {
         let words = [&program, "doctor", "--no-install", "--json", "-"];
         let output = subject.plain(&words.map(str::to_owned)).output();
         let output = output.map_err(Failure::environment)?;
-        let found: Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
+        let found: Value = serde_json::from_slice(&output.stdout).map_err(|error| {
+            let stderr = String::from_utf8_lossy(&output.stderr);
+            Failure::environment(format!("the report of `doctor`: {error}: {}", stderr.trim()))
+        })?;
         let Some(python) = found["live"]["python"].as_str() else {
             return Ok(Err(
                 "there is no live Mitsuba (`whitstone doctor` installs it).".to_owned()
@@ -151,28 +158,18 @@ pub(super) fn stored(subject: &Subject) -> Result<Tally, Failure> {
         }
     };
     let folder = live.folder.path();
-    let arguments = [
-        "reference",
-        SCENE,
-        "--accept",
-        "--all",
-        "--target",
-        "@/target",
-        "--references",
-        "@/images",
-        "--set",
-        "film={width=32,height=24}",
-    ];
-    let command = |before: &[String], more: &[&str]| live.command(before, &[&arguments, more].concat());
+    let store = ["reference", SCENE, "--accept", "--all", "--target", "@/target"];
+    let arguments = [&store[..], &STORED].concat();
+    let command = |before: &[String], more: &[&str]| live.command(before, &[&arguments[..], more].concat());
     let (mut old, _) = undisturbed(&mut command(&[], &["--set", "camera.fov=60"]), folder)?;
     clear(folder)?;
     let (new, time) = undisturbed(&mut command(&[], &[]), folder)?;
-    if is_refused(&live, &arguments)?.is_ok() {
-        return Err(Failure::environment("`validate` does not use a stored reference"));
-    }
+    must_be_used(&live, "new")?;
     old.retain(|name, _| is_stored(name));
     make_older(&mut old, &new)?;
     let start = || clear(folder).and_then(|()| put(folder, old.iter()));
+    start()?;
+    must_be_used(&live, "old")?;
 
     // How each attempt ends: at a moment, or before a system call.
     let mut ends: Vec<(String, Vec<String>, Duration)> = (0..if subject.quick { 1 } else { 20 })
@@ -220,7 +217,12 @@ pub(super) fn stored(subject: &Subject) -> Result<Tally, Failure> {
                 .map(|(name, bytes)| (name.clone(), bytes.clone()))
                 .collect())
         {
-            seen = is_refused(&live, &arguments)?;
+            seen = answer(&live)?.and_then(|answer| match answer {
+                Answer::Used => {
+                    Err("the image of one reference is used with the floor of another".to_owned())
+                }
+                Answer::Refused => Ok(()),
+            });
         }
         seen = seen.and(again(&mut command(&[], &[]), folder, &new)?);
         tally.count(seen.map_err(|seen| format!("reference, {end}: {seen}")));
@@ -259,32 +261,90 @@ fn make_older(old: &mut Files, new: &Files) -> Result<(), Failure> {
     }
 }
 
-/// An error if `validate` uses the stored reference.
-fn is_refused(live: &Live<'_>, arguments: &[&str]) -> Result<Result<(), String>, Failure> {
-    let scene = &arguments[6..];
+/// What `validate` does with the stored reference.
+#[derive(Debug, PartialEq)]
+enum Answer {
+    Used,
+    /// Its files do not belong together.
+    Refused,
+}
+
+/// Runs `validate` with the stored reference. The inner error is neither answer.
+fn answer(live: &Live<'_>) -> Result<Result<Answer, String>, Failure> {
     // Its report is not one of the files that are compared.
     let target = tempfile::tempdir().map_err(Failure::environment)?;
-    let target = target.path().to_string_lossy();
-    let words = [
-        &[
-            "validate",
-            SCENE,
-            "--reference",
-            "stored",
-            "--no-oracle",
-            "--json",
-            "-",
-            "--target",
-            &target,
-        ],
-        scene,
-    ]
-    .concat();
-    let output = live.command(&[], &words).output().map_err(Failure::environment)?;
-    let results: Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
-    let results = results["results"].as_array().map_or(&[][..], Vec::as_slice);
-    Ok(match results.iter().any(|result| result["compared"] == true) {
-        true => Err("the image of one reference is used with the floor of another".to_owned()),
-        false => Ok(()),
+    let report = target.path().join("v.json");
+    let (target, json) = (target.path().to_string_lossy(), report.to_string_lossy());
+    let validate = ["validate", SCENE, "--reference", "stored", "--no-oracle"];
+    let files = ["--json", &json, "--target", &target];
+    let words = [&validate[..], &files, &STORED].concat();
+    let ended = run_within(&mut live.command(&[], &words), LIMIT).map_err(Failure::environment)?;
+    Ok(match ended {
+        None => Err("`validate` does not end".to_owned()),
+        Some(output) => judge(
+            output.status.code(),
+            &String::from_utf8_lossy(&output.stderr),
+            &fs::read(&report).unwrap_or_default(),
+        ),
     })
+}
+
+fn judge(code: Option<i32>, stderr: &str, report: &[u8]) -> Result<Answer, String> {
+    let report: Value = serde_json::from_slice(report).unwrap_or_default();
+    let results = report["results"].as_array().map_or(&[][..], Vec::as_slice);
+    let [result] = results else {
+        return Err(format!("`validate` has no result: {code:?} {}", stderr.trim()));
+    };
+    let problems = result["problems"].as_array().map_or(&[][..], Vec::as_slice);
+    let is_reason = |problem: &Value| problem.as_str().is_some_and(|text| text.contains(REFUSED));
+    match (code, result["compared"].as_bool()) {
+        (Some(0 | 1), Some(true)) => Ok(Answer::Used),
+        // Without a reference, nothing is compared.
+        (Some(3), Some(false)) if problems.iter().any(is_reason) => Ok(Answer::Refused),
+        _ => Err(format!(
+            "`validate` ends with {code:?} and {}: {}",
+            result["problems"],
+            stderr.trim()
+        )),
+    }
+}
+
+/// The control: a whole reference must be used, otherwise nothing would be tested.
+fn must_be_used(live: &Live<'_>, which: &str) -> Result<(), Failure> {
+    match answer(live)? {
+        Ok(Answer::Used) => Ok(()),
+        other => Err(Failure::environment(format!(
+            "`validate` does not use the {which} reference: {other:?}"
+        ))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_expected_refusal_counts() {
+        let report = |compared: bool, problem: &str| {
+            serde_json::json!({ "results": [{ "compared": compared, "problems": [problem] }] }).to_string()
+        };
+        let refused = report(
+            false,
+            "meta.toml: the image files do not belong to this metadata: ...",
+        );
+        let judged = |code, report: &str| judge(code, "", report.as_bytes()).ok();
+        assert_eq!(judged(Some(3), &refused), Some(Answer::Refused));
+        assert_eq!(judged(Some(1), &report(true, "")), Some(Answer::Used));
+        for (code, report) in [
+            (Some(3), report(false, "no stored reference")),
+            (Some(101), refused.clone()),
+            (Some(2), refused.clone()),
+            (None, refused),
+            (Some(101), String::new()),
+            (Some(2), report(true, "")),
+            (Some(3), r#"{"results": []}"#.to_owned()),
+        ] {
+            assert_eq!(judged(code, &report), None, "{code:?} {report}");
+        }
+    }
 }
