@@ -51,7 +51,7 @@ const VERSION: Case = Case {
 pub(super) fn run(subject: &Subject) -> Result<Tally, Failure> {
     let mut tally = Tally::default();
     if !is_available() {
-        tally.skipped = Some("strace is not installed (Debian: apt-get install strace).".to_owned());
+        tally.skipped = Some(MISSING.to_owned());
         return Ok(tally);
     }
     let start = count(subject, &VERSION, &subject.root)?
@@ -84,6 +84,9 @@ pub(super) fn run(subject: &Subject) -> Result<Tally, Failure> {
     }
     Ok(tally)
 }
+
+/// Why faults are not tried where it is not installed.
+pub(super) const MISSING: &str = "strace is not installed (Debian: apt-get install strace).";
 
 /// Whether strace is installed.
 pub(super) fn is_available() -> bool {

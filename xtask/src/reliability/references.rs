@@ -150,6 +150,10 @@ pub(super) fn drivers(subject: &Subject) -> Result<Tally, Failure> {
 /// Kills commands that store references.
 pub(super) fn stored(subject: &Subject) -> Result<Tally, Failure> {
     let mut tally = Tally::default();
+    if !faults::is_available() {
+        tally.skipped = Some(faults::MISSING.to_owned());
+        return Ok(tally);
+    }
     let live = match Live::find(subject)? {
         Ok(live) => live,
         Err(why) => {
@@ -176,21 +180,17 @@ pub(super) fn stored(subject: &Subject) -> Result<Tally, Failure> {
         .map(|number| moment(number, time))
         .map(|moment| (format!("after {moment:.0?}"), Vec::new(), moment))
         .collect();
-    if faults::is_available() {
-        start()?;
-        let counts = faults::counts(&[], false, |before| command(before, &[]))?;
-        for (call, count) in counts.iter().filter(|(call, _)| call.starts_with("rename")) {
-            // The last ones replace the reference.
-            let first = count.saturating_sub(if subject.quick { 3 } else { 12 });
-            ends.extend((first + 1..=*count).map(|number| {
-                let inject = format!("inject={call}:signal=SIGKILL:when={number}");
-                let options = ["strace", "-qq", "-o", "/dev/null", "-e"].map(str::to_owned);
-                let before = options.into_iter().chain([inject.clone()]).collect();
-                (inject, before, LIMIT)
-            }));
-        }
-    } else {
-        println!("skipped  kills before each rename: strace is not installed");
+    start()?;
+    let counts = faults::counts(&[], false, |before| command(before, &[]))?;
+    for (call, count) in counts.iter().filter(|(call, _)| call.starts_with("rename")) {
+        // The last ones replace the reference.
+        let first = count.saturating_sub(if subject.quick { 3 } else { 12 });
+        ends.extend((first + 1..=*count).map(|number| {
+            let inject = format!("inject={call}:signal=SIGKILL:when={number}");
+            let options = ["strace", "-qq", "-o", "/dev/null", "-e"].map(str::to_owned);
+            let before = options.into_iter().chain([inject.clone()]).collect();
+            (inject, before, LIMIT)
+        }));
     }
     for (end, before, moment) in ends {
         start()?;
