@@ -103,7 +103,7 @@ fn strace(options: &[&str]) -> Vec<String> {
 
 /// How often the command makes each call.
 fn count(subject: &Subject, case: &Case, folder: &Path) -> Result<BTreeMap<String, usize>, Failure> {
-    counts(&["-f"], case.name == "compare", |before| {
+    counts(&["-f"], case.exit_code(), |before| {
         subject.command(before, case, folder)
     })
 }
@@ -111,7 +111,7 @@ fn count(subject: &Subject, case: &Case, folder: &Path) -> Result<BTreeMap<Strin
 /// How often a command makes each system call. It gets the words that come before it.
 pub(super) fn counts(
     options: &[&str],
-    differs: bool,
+    exit_code: i32,
     command: impl Fn(&[String]) -> Command,
 ) -> Result<BTreeMap<String, usize>, Failure> {
     let list = tempfile::NamedTempFile::new().map_err(Failure::environment)?;
@@ -119,7 +119,7 @@ pub(super) fn counts(
     let before = [&["strace", "-qq", "-c", "-o", &list_name], options].concat();
     let before: Vec<String> = before.into_iter().map(str::to_owned).collect();
     let output = command(&before).output().map_err(Failure::environment)?;
-    if output.status.code() != Some(i32::from(differs)) {
+    if output.status.code() != Some(exit_code) {
         let text = String::from_utf8_lossy(&output.stderr).into_owned();
         return Err(Failure::environment(format!(
             "{command:?}: {text}",

@@ -1,8 +1,7 @@
 //! Commands with a live Mitsuba that are killed.
 
 use super::faults;
-use super::kills::{Files, LIMIT, Quiet, again, clear, kill, kill_after, moment, undisturbed, whole};
-use super::times::is_same;
+use super::kills::{Files, LIMIT, Quiet, Undisturbed, clear, is_killed, kill, kill_after, moment, whole};
 use super::{Subject, Tally, files, is_temporary, put, run_within};
 use serde_json::Value;
 use std::fs;
@@ -119,11 +118,11 @@ pub(super) fn drivers(subject: &Subject) -> Result<Tally, Failure> {
         "@/target",
     ];
     let command = || live.command(&[], &arguments);
-    let (undisturbed, time) = undisturbed(&mut command(), folder)?;
+    let mut undisturbed = Undisturbed::run(command, folder, 0)?;
     let mut with_driver = 0;
     for attempt in 0..if subject.quick { 3 } else { 60 } {
-        clear(folder)?;
-        let moment = moment(attempt, time);
+        undisturbed.start()?;
+        let moment = moment(attempt, undisturbed.time);
         let child = command().spawn_quietly()?;
         std::thread::sleep(moment);
         let own = child.id().to_string();
@@ -133,11 +132,12 @@ pub(super) fn drivers(subject: &Subject) -> Result<Tally, Failure> {
         }
         with_driver += usize::from(has_driver);
         std::thread::sleep(Duration::from_secs(1));
+        let killed = files(folder);
         let mut seen = match live.alive().first() {
             Some((_, process)) => Err(format!("after 1 s, this is alive: {process}")),
-            None => whole(&files(folder), &undisturbed, true),
+            None => whole(&killed, undisturbed.files()),
         };
-        seen = seen.and(again(&mut command(), folder, &undisturbed)?);
+        seen = seen.and(undisturbed.again(&killed)?);
         tally.count(seen.map_err(|seen| format!("validate, killed after {moment:.0?}: {seen}")));
     }
     if with_driver == 0 {
@@ -165,23 +165,24 @@ pub(super) fn stored(subject: &Subject) -> Result<Tally, Failure> {
     let store = ["reference", SCENE, "--accept", "--all", "--target", "@/target"];
     let arguments = [&store[..], &STORED].concat();
     let command = |before: &[String], more: &[&str]| live.command(before, &[&arguments[..], more].concat());
-    let (mut old, _) = undisturbed(&mut command(&[], &["--set", "camera.fov=60"]), folder)?;
+    let other = || command(&[], &["--set", "camera.fov=60"]);
+    let mut old = Undisturbed::run(other, folder, 0)?.files().clone();
     clear(folder)?;
-    let (new, time) = undisturbed(&mut command(&[], &[]), folder)?;
+    let mut new = Undisturbed::run(|| command(&[], &[]), folder, 0)?;
     must_be_used(&live, "new")?;
     old.retain(|name, _| is_stored(name));
-    make_older(&mut old, &new)?;
+    make_older(&mut old, new.files())?;
     let start = || clear(folder).and_then(|()| put(folder, old.iter()));
     start()?;
     must_be_used(&live, "old")?;
 
     // How each attempt ends: at a moment, or before a system call.
     let mut ends: Vec<(String, Vec<String>, Duration)> = (0..if subject.quick { 1 } else { 20 })
-        .map(|number| moment(number, time))
+        .map(|number| moment(number, new.time))
         .map(|moment| (format!("after {moment:.0?}"), Vec::new(), moment))
         .collect();
     start()?;
-    let counts = faults::counts(&[], false, |before| command(before, &[]))?;
+    let counts = faults::counts(&[], 0, |before| command(before, &[]))?;
     for (call, count) in counts.iter().filter(|(call, _)| call.starts_with("rename")) {
         // The last ones replace the reference.
         let first = count.saturating_sub(if subject.quick { 3 } else { 12 });
@@ -195,28 +196,23 @@ pub(super) fn stored(subject: &Subject) -> Result<Tally, Failure> {
     for (end, before, moment) in ends {
         start()?;
         let mut command_that_ends = command(&before, &[]);
-        if before.is_empty() {
-            if !kill_after(command_that_ends.spawn_quietly()?, moment)? {
-                continue;
-            }
-        } else if run_within(&mut command_that_ends, moment)
-            .map_err(Failure::environment)?
-            .is_none()
-        {
-            return Err(Failure::environment(format!(
-                "the command with {end} does not end"
-            )));
+        let was_killed = if before.is_empty() {
+            kill_after(command_that_ends.spawn_quietly()?, moment)?
+        } else {
+            let ended = run_within(&mut command_that_ends, moment).map_err(Failure::environment)?;
+            let ended =
+                ended.ok_or_else(|| Failure::environment(format!("the command with {end} does not end")))?;
+            // It ends as the command does.
+            is_killed(ended.status)
+        };
+        if !was_killed {
+            continue;
         }
-        let mut found = files(folder);
+        let killed = files(folder);
+        let mut found = killed.clone();
         found.retain(|name, _| is_stored(name) && !is_temporary(name));
-        let stored = new.iter().filter(|(name, _)| is_stored(name));
-        let of = |all: &Files| found.len() == all.len() && whole(&found, all, false).is_ok();
         let mut seen = Ok(());
-        if !of(&old)
-            && !of(&stored
-                .map(|(name, bytes)| (name.clone(), bytes.clone()))
-                .collect())
-        {
+        if found != old && new.are_same_among(&found, is_stored).is_err() {
             seen = answer(&live)?.and_then(|answer| match answer {
                 Answer::Used => {
                     Err("the image of one reference is used with the floor of another".to_owned())
@@ -224,7 +220,7 @@ pub(super) fn stored(subject: &Subject) -> Result<Tally, Failure> {
                 Answer::Refused => Ok(()),
             });
         }
-        seen = seen.and(again(&mut command(&[], &[]), folder, &new)?);
+        seen = seen.and(new.again(&killed)?);
         tally.count(seen.map_err(|seen| format!("reference, {end}: {seen}")));
     }
     Ok(tally)
@@ -251,9 +247,7 @@ fn make_older(old: &mut Files, new: &Files) -> Result<(), Failure> {
     meta.insert("floor".to_owned(), 0.125.into());
     *bytes = meta.to_string().into_bytes();
     // Otherwise no mixture would be seen.
-    let same = old
-        .iter()
-        .any(|(name, bytes)| is_same(name, bytes, new.get(name)));
+    let same = old.iter().any(|(name, bytes)| new.get(name) == Some(bytes));
     if same {
         Err(Failure::environment("the old and the new reference are the same"))
     } else {
