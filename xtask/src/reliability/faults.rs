@@ -51,7 +51,7 @@ const VERSION: Case = Case {
 pub(super) fn run(subject: &Subject) -> Result<Tally, Failure> {
     let mut tally = Tally::default();
     if !is_available() {
-        tally.skipped = Some("strace is not installed (Debian: apt-get install strace).".to_owned());
+        tally.skipped = Some(MISSING.to_owned());
         return Ok(tally);
     }
     let start = count(subject, &VERSION, &subject.root)?
@@ -85,6 +85,9 @@ pub(super) fn run(subject: &Subject) -> Result<Tally, Failure> {
     Ok(tally)
 }
 
+/// Why faults are not tried where it is not installed.
+pub(super) const MISSING: &str = "strace is not installed (Debian: apt-get install strace).";
+
 /// Whether strace is installed.
 pub(super) fn is_available() -> bool {
     Command::new("strace").arg("-V").output().is_ok()
@@ -100,7 +103,7 @@ fn strace(options: &[&str]) -> Vec<String> {
 
 /// How often the command makes each call.
 fn count(subject: &Subject, case: &Case, folder: &Path) -> Result<BTreeMap<String, usize>, Failure> {
-    counts(&["-f"], case.name == "compare", |before| {
+    counts(&["-f"], case.exit_code(), |before| {
         subject.command(before, case, folder)
     })
 }
@@ -108,7 +111,7 @@ fn count(subject: &Subject, case: &Case, folder: &Path) -> Result<BTreeMap<Strin
 /// How often a command makes each system call. It gets the words that come before it.
 pub(super) fn counts(
     options: &[&str],
-    differs: bool,
+    exit_code: i32,
     command: impl Fn(&[String]) -> Command,
 ) -> Result<BTreeMap<String, usize>, Failure> {
     let list = tempfile::NamedTempFile::new().map_err(Failure::environment)?;
@@ -116,7 +119,7 @@ pub(super) fn counts(
     let before = [&["strace", "-qq", "-c", "-o", &list_name], options].concat();
     let before: Vec<String> = before.into_iter().map(str::to_owned).collect();
     let output = command(&before).output().map_err(Failure::environment)?;
-    if output.status.code() != Some(i32::from(differs)) {
+    if output.status.code() != Some(exit_code) {
         let text = String::from_utf8_lossy(&output.stderr).into_owned();
         return Err(Failure::environment(format!(
             "{command:?}: {text}",

@@ -2,8 +2,10 @@
 
 use super::times::is_same;
 use super::{
-    CASES, CONVERGE, Subject, Tally, files, is_input, is_temporary, is_whole, pick, put, run_within,
+    CASES, CONVERGE, Subject, Tally, extension, files, is_input, is_temporary, is_whole, pick, put,
+    run_within,
 };
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
@@ -19,6 +21,9 @@ const OLD: &[u8] = b"the file of an earlier run";
 
 pub(super) const LIMIT: Duration = Duration::from_secs(60);
 
+/// At most this many undisturbed runs show which values differ from run to run.
+const MOST_RUNS: usize = 6;
+
 pub(super) fn run(subject: &Subject) -> Result<Tally, Failure> {
     let mut tally = Tally::default();
     let attempts = if subject.quick { 8 } else { 150 };
@@ -26,38 +31,172 @@ pub(super) fn run(subject: &Subject) -> Result<Tally, Failure> {
     for (number, case) in cases.enumerate() {
         let folder = subject.folder()?;
         let command = || subject.command(&[], case, folder.path());
-        let (undisturbed, time) = undisturbed(&mut command(), folder.path())?;
-        subject.check_outputs(case, &undisturbed)?;
+        let mut undisturbed = Undisturbed::run(command, folder.path(), case.exit_code())?;
+        subject.check_outputs(case, undisturbed.files())?;
+        let mut records = 0;
         for attempt in 0..attempts {
             // The folder is the same one, because files contain its path.
-            clear(folder.path())?;
-            let inputs = undisturbed.iter().filter(|(name, _)| is_input(name));
-            put(folder.path(), inputs)?;
+            undisturbed.start()?;
             // Half of them over files of an earlier run.
             if attempt % 2 == 1 && case.name != "validate" {
-                let outputs = undisturbed.keys().filter(|name| !is_input(name));
+                let outputs = undisturbed.files().keys().filter(|name| !is_input(name));
                 let old = OLD.to_vec();
                 put(folder.path(), outputs.map(|name| (name, &old)))?;
             }
-            let moment = moment(number * attempts + attempt, time);
-            kill_after(command().spawn_quietly()?, moment)?;
-            let seen = whole(&files(folder.path()), &undisturbed, true);
-            let seen = seen.and(again(&mut command(), folder.path(), &undisturbed)?);
+            let moment = moment(number * attempts + attempt, undisturbed.time);
+            if !kill_after(command().spawn_quietly()?, moment)? {
+                continue;
+            }
+            let killed = files(folder.path());
+            records += killed
+                .keys()
+                .filter(|name| record(name, &killed).is_some())
+                .count();
+            let mut seen = whole(&killed, undisturbed.files());
+            seen = seen.and(undisturbed.again(&killed)?);
             tally.count(seen.map_err(|seen| format!("{}, killed after {moment:.0?}: {seen}", case.name)));
+        }
+        if case.name == CONVERGE.name && records == 0 {
+            let seen = "no `converge` that was killed had stored a measurement";
+            tally.broken.push(seen.to_owned());
         }
     }
     Ok(tally)
 }
 
-/// Runs a command; returns its files and the time that it takes.
-pub(super) fn undisturbed(command: &mut Command, folder: &Path) -> Result<(Files, Duration), Failure> {
-    let start = Instant::now();
-    let ended = run_within(command, LIMIT).map_err(Failure::environment)?;
-    // `compare` finds a difference.
-    if !ended.is_some_and(|output| matches!(output.status.code(), Some(0 | 1))) {
-        return Err(Failure::environment(format!("{command:?} fails")));
+/// A command that is not killed, and the files of several runs of it.
+pub(super) struct Undisturbed<'c, C> {
+    command: C,
+    folder: &'c Path,
+    /// The files that are there before.
+    inputs: Files,
+    exit_code: i32,
+    /// The files after each run. Two show which values differ from run to run; others follow where
+    /// a killed command differs in one more.
+    runs: Vec<Files>,
+    /// How long a run takes.
+    pub(super) time: Duration,
+}
+
+impl<'c, C: Fn() -> Command> Undisturbed<'c, C> {
+    /// Runs a command twice, with the files that are in the folder. It must end with this exit code.
+    pub(super) fn run(command: C, folder: &'c Path, exit_code: i32) -> Result<Self, Failure> {
+        let mut undisturbed = Self {
+            command,
+            folder,
+            inputs: files(folder),
+            exit_code,
+            runs: Vec::new(),
+            time: Duration::ZERO,
+        };
+        for _ in 0..2 {
+            let start = Instant::now();
+            undisturbed.run_once()?;
+            undisturbed.time = start.elapsed();
+        }
+        Ok(undisturbed)
     }
-    Ok((files(folder), start.elapsed()))
+
+    fn run_once(&mut self) -> Result<(), Failure> {
+        self.start()?;
+        self.ends()?.map_err(Failure::environment)?;
+        self.runs.push(files(self.folder));
+        Ok(())
+    }
+
+    /// Restores the files that are there before.
+    pub(super) fn start(&self) -> Result<(), Failure> {
+        clear(self.folder)?;
+        put(self.folder, self.inputs.iter())
+    }
+
+    /// The files after the first run.
+    pub(super) fn files(&self) -> &Files {
+        &self.runs[0]
+    }
+
+    /// Runs the command. The inner error is an end that is not the expected one.
+    fn ends(&self) -> Result<Result<(), String>, Failure> {
+        let mut command = (self.command)();
+        let ended = run_within(&mut command, LIMIT).map_err(Failure::environment)?;
+        Ok(match ended {
+            None => Err(format!("{command:?} does not end")),
+            Some(output) if output.status.code() == Some(self.exit_code) => Ok(()),
+            Some(output) => Err(format!(
+                "{command:?} ends with {}, not with exit code {}: {}",
+                output.status,
+                self.exit_code,
+                String::from_utf8_lossy(&output.stderr).trim()
+            )),
+        })
+    }
+
+    /// Runs a killed command again: its files must be those of an undisturbed run, and the
+    /// measurements that it had stored must be kept.
+    pub(super) fn again(&mut self, killed: &Files) -> Result<Result<(), String>, Failure> {
+        if let Err(seen) = self.ends()? {
+            return Ok(Err(format!("the next run: {seen}")));
+        }
+        let found = files(self.folder);
+        let mut seen = self.are_same(&found);
+        while seen.is_err() && self.runs.len() < MOST_RUNS {
+            self.run_once()?;
+            seen = self.are_same(&found);
+        }
+        Ok(seen.and(continues(killed, &found)))
+    }
+
+    /// Whether all files are those of the undisturbed runs.
+    fn are_same(&self, found: &Files) -> Result<(), String> {
+        self.are_same_among(found, |_| true)
+    }
+
+    /// The same, of the files of some names.
+    pub(super) fn are_same_among(&self, found: &Files, is_of: fn(&str) -> bool) -> Result<(), String> {
+        for (name, bytes) in found {
+            let expected: Option<Vec<&Vec<u8>>> = self.runs.iter().map(|run| run.get(name)).collect();
+            let passes =
+                !is_temporary(name) && expected.is_some_and(|expected| is_same(name, bytes, &expected));
+            if !passes {
+                return Err(format!(
+                    "after the next run, {name} is not that of an undisturbed run"
+                ));
+            }
+        }
+        let mut expected = self.files().keys().filter(|name| is_of(name));
+        let missing = expected.find(|name| !found.contains_key(*name));
+        missing.map_or(Ok(()), |name| Err(format!("the next run does not write {name}")))
+    }
+}
+
+/// The times of a measurement that `converge` stores, and how many are needed.
+fn record(name: &str, files: &Files) -> Option<(Vec<Value>, usize)> {
+    if is_temporary(name) || extension(name) != "json" {
+        return None;
+    }
+    let record: Value = serde_json::from_slice(files.get(name)?).ok()?;
+    let contents = &record["contents"];
+    let repeats = contents["repeats"].as_u64()?;
+    Some((contents["times"].as_array()?.clone(), repeats as usize))
+}
+
+/// Whether the measurements that were stored before a kill are kept: those with all times byte for
+/// byte, and others with more times after the ones that they had.
+fn continues(killed: &Files, found: &Files) -> Result<(), String> {
+    for (name, bytes) in killed {
+        let Some((before, repeats)) = record(name, killed) else {
+            continue;
+        };
+        let is_kept = match record(name, found) {
+            Some(_) if before.len() >= repeats => found.get(name) == Some(bytes),
+            Some((after, _)) => after.starts_with(&before),
+            None => false,
+        };
+        if !is_kept {
+            return Err(format!("the next run measures {name} again"));
+        }
+    }
+    Ok(())
 }
 
 /// A random moment of a run, the same for each number.
@@ -77,11 +216,27 @@ impl Quiet for Command {
     }
 }
 
-pub(super) fn kill_after(mut child: std::process::Child, moment: Duration) -> Result<(), Failure> {
+/// Kills a command at a moment; returns whether that was before its end.
+pub(super) fn kill_after(child: std::process::Child, moment: Duration) -> Result<bool, Failure> {
     std::thread::sleep(moment);
+    kill(child)
+}
+
+/// Kills a command; returns whether that was before its end.
+pub(super) fn kill(mut child: std::process::Child) -> Result<bool, Failure> {
     child.kill().map_err(Failure::environment)?;
-    child.wait().map_err(Failure::environment)?;
-    Ok(())
+    child.wait().map(is_killed).map_err(Failure::environment)
+}
+
+#[cfg(unix)]
+pub(super) fn is_killed(status: std::process::ExitStatus) -> bool {
+    const SIGKILL: i32 = 9;
+    std::os::unix::process::ExitStatusExt::signal(&status) == Some(SIGKILL)
+}
+
+#[cfg(not(unix))]
+pub(super) fn is_killed(status: std::process::ExitStatus) -> bool {
+    !status.success()
 }
 
 /// Removes everything in a folder.
@@ -91,78 +246,84 @@ pub(super) fn clear(folder: &Path) -> Result<(), Failure> {
         .map_err(Failure::environment)
 }
 
-/// Runs a killed command again: its files must be those of an undisturbed run.
-pub(super) fn again(
-    command: &mut Command,
-    folder: &Path,
-    undisturbed: &Files,
-) -> Result<Result<(), String>, Failure> {
-    if run_within(command, LIMIT)
-        .map_err(Failure::environment)?
-        .is_none()
-    {
-        return Ok(Err("the next run does not end".to_owned()));
-    }
-    let found = files(folder);
-    Ok(whole(&found, undisturbed, false).and_then(|()| {
-        let missing = undisturbed.keys().find(|name| !found.contains_key(*name));
-        missing.map_or(Ok(()), |name| Err(format!("the next run does not write {name}")))
-    }))
-}
-
-/// Whether all files are complete. After a kill, temporaries and files of earlier runs may be
-/// there; after the next run, all are those of an undisturbed one.
-pub(super) fn whole(found: &Files, undisturbed: &Files, killed: bool) -> Result<(), String> {
-    for (name, bytes) in found {
-        let expected = undisturbed.get(name);
-        let passes = match (is_temporary(name), killed) {
-            (true, _) => killed,
-            (false, true) => bytes == OLD || is_whole(name, bytes, expected),
-            (false, false) => is_same(name, bytes, expected),
-        };
-        if !passes && killed {
-            return Err(format!("after the kill, {name} is not whole"));
-        }
-        if !passes {
-            return Err(format!(
-                "after the next run, {name} is not that of an undisturbed run"
-            ));
-        }
-    }
-    Ok(())
+/// Whether all files are complete after a kill. Temporaries and files of earlier runs may be there.
+pub(super) fn whole(found: &Files, undisturbed: &Files) -> Result<(), String> {
+    let bad = found.iter().find(|(name, bytes)| {
+        !is_temporary(name) && *bytes != OLD && !is_whole(name, bytes, undisturbed.get(*name))
+    });
+    bad.map_or(Ok(()), |(name, _)| {
+        Err(format!("after the kill, {name} is not whole"))
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    #[cfg(unix)]
+    #[test]
+    fn only_a_command_that_did_not_end_is_killed() {
+        let ended = Command::new("true").spawn_quietly().unwrap();
+        assert!(!kill_after(ended, Duration::from_millis(500)).unwrap());
+        let sleeps = Command::new("sleep").arg("60").spawn_quietly().unwrap();
+        assert!(kill_after(sleeps, Duration::ZERO).unwrap());
+    }
+
     #[test]
     fn harm_is_found() {
         let files = |name: &str, bytes: &[u8]| BTreeMap::from([(name.to_owned(), bytes.to_vec())]);
-        let undisturbed = BTreeMap::from([
-            ("x.exr".to_owned(), b"image".to_vec()),
-            ("c.json".to_owned(), br#"{"rmse": 0.25, "seconds": 1.0}"#.to_vec()),
-        ]);
-        for (found, killed, passes) in [
-            (files("x.exr", b"image"), false, true),
-            (files("x.exr", b"ima"), true, false),
-            (files("x.exr", OLD), true, true),
-            (files("x.exr", OLD), false, false),
-            (files("c.json", br#"{"rmse": 0.25, "seconds": 2.0}"#), false, true),
-            (
-                files("c.json", br#"{"rmse": 0.26, "seconds": 1.0}"#),
-                false,
-                false,
-            ),
-            (files("c.json", br#"{"rmse": 0.26"#), true, false),
-            (files(".whitstone-a.tmp", b""), true, true),
-            (files(".whitstone-a.tmp", b""), false, false),
+        let run = |seconds: &str| {
+            BTreeMap::from([
+                ("x.exr".to_owned(), b"image".to_vec()),
+                (
+                    "c.json".to_owned(),
+                    format!(r#"{{"rmse": 0.25, "seconds": {seconds}}}"#).into_bytes(),
+                ),
+            ])
+        };
+        let undisturbed = Undisturbed {
+            command: || Command::new("true"),
+            folder: Path::new(""),
+            inputs: Files::new(),
+            exit_code: 0,
+            runs: vec![run("1.0"), run("1.5")],
+            time: Duration::ZERO,
+        };
+        for (found, passes) in [
+            (files("x.exr", b"image"), true),
+            (files("x.exr", b"ima"), false),
+            (files("x.exr", OLD), true),
+            (files("c.json", br#"{"rmse": 0.26"#), false),
+            (files(".whitstone-a.tmp", b""), true),
         ] {
-            assert_eq!(
-                whole(&found, &undisturbed, killed).is_ok(),
-                passes,
-                "{found:?} {killed}"
-            );
+            assert_eq!(whole(&found, undisturbed.files()).is_ok(), passes, "{found:?}");
         }
+        assert_eq!(undisturbed.are_same(&run("2.0")), Ok(()));
+        for (name, bytes) in [
+            ("x.exr", OLD),
+            ("c.json", br#"{"rmse": 0.26, "seconds": 1.0}"#),
+            (".whitstone-a.tmp", b""),
+        ] {
+            let mut found = run("1.0");
+            found.extend(files(name, bytes));
+            assert!(undisturbed.are_same(&found).is_err(), "{name}");
+        }
+        assert!(undisturbed.are_same(&files("x.exr", b"image")).is_err());
+    }
+
+    #[test]
+    fn measurements_are_kept() {
+        let file = |times: &str, build: &str| {
+            let text = format!(
+                r#"{{"hash": "", "contents": {{"times": [{times}], "repeats": 2, "build_s": {build}}}}}"#
+            );
+            BTreeMap::from([("target/k.json".to_owned(), text.into_bytes())])
+        };
+        let kept = |before, after| continues(&before, &after).is_ok();
+        assert!(kept(file("1.5, 2.5", "1.0"), file("1.5, 2.5", "1.0")));
+        assert!(!kept(file("1.5, 2.5", "1.0"), file("1.5, 2.5", "2.0")));
+        assert!(kept(file("1.5", "1.0"), file("1.5, 3.5", "1.0")));
+        assert!(!kept(file("1.5", "1.0"), file("1.25, 3.5", "1.0")));
+        assert!(!kept(file("1.5", "1.0"), Files::new()));
     }
 }

@@ -1,8 +1,7 @@
 //! Commands with a live Mitsuba that are killed.
 
 use super::faults;
-use super::kills::{Files, LIMIT, Quiet, again, clear, kill_after, moment, undisturbed, whole};
-use super::times::is_same;
+use super::kills::{Files, LIMIT, Quiet, Undisturbed, clear, is_killed, kill, kill_after, moment, whole};
 use super::{Subject, Tally, files, is_temporary, put, run_within};
 use serde_json::Value;
 use std::fs;
@@ -13,6 +12,10 @@ use whitstone::Failure;
 
 /// A scene that takes little time.
 const SCENE: &str = "scenes/materials/matte.toml";
+/// The options of the stored reference, of `reference` and of `validate`.
+const STORED: [&str; 4] = ["--references", "@/images", "--set", "film={width=32,height=24}"];
+/// The reason for which `validate` refuses files of different references.
+const REFUSED: &str = "the image files do not belong to this metadata";
 /// Makes the processes of a command known.
 const MARK: &str = "WHITSTONE_RELIABILITY";
 
@@ -33,7 +36,10 @@ impl<'s> Live<'s> {
         let words = [&program, "doctor", "--no-install", "--json", "-"];
         let output = subject.plain(&words.map(str::to_owned)).output();
         let output = output.map_err(Failure::environment)?;
-        let found: Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
+        let found: Value = serde_json::from_slice(&output.stdout).map_err(|error| {
+            let stderr = String::from_utf8_lossy(&output.stderr);
+            Failure::environment(format!("the report of `doctor`: {error}: {}", stderr.trim()))
+        })?;
         let Some(python) = found["live"]["python"].as_str() else {
             return Ok(Err(
                 "there is no live Mitsuba (`whitstone doctor` installs it).".to_owned()
@@ -63,8 +69,8 @@ impl<'s> Live<'s> {
         command
     }
 
-    /// The processes of this command and of the programs that it started.
-    fn alive(&self) -> Vec<String> {
+    /// The processes of this command and of the programs that it started, with their numbers.
+    fn alive(&self) -> Vec<(String, String)> {
         let mark = format!("{MARK}={}", self.folder.path().display());
         let is_marked = |process: &Path| {
             let environment = fs::read(process.join("environ")).unwrap_or_default();
@@ -74,14 +80,17 @@ impl<'s> Live<'s> {
         };
         let processes = fs::read_dir("/proc").into_iter().flatten().flatten();
         let marked = processes.map(|entry| entry.path()).filter(|path| is_marked(path));
-        let name = |path: PathBuf| {
+        let describe = |path: PathBuf| {
+            let number = path
+                .file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned();
             let words = fs::read(path.join("cmdline")).unwrap_or_default();
-            String::from_utf8_lossy(&words)
-                .replace('\0', " ")
-                .trim()
-                .to_owned()
+            let words = String::from_utf8_lossy(&words).replace('\0', " ");
+            (number, words.trim().to_owned())
         };
-        marked.map(name).collect()
+        marked.map(describe).collect()
     }
 }
 
@@ -109,18 +118,31 @@ pub(super) fn drivers(subject: &Subject) -> Result<Tally, Failure> {
         "@/target",
     ];
     let command = || live.command(&[], &arguments);
-    let (undisturbed, time) = undisturbed(&mut command(), folder)?;
+    let mut undisturbed = Undisturbed::run(command, folder, 0)?;
+    let mut with_driver = 0;
     for attempt in 0..if subject.quick { 3 } else { 60 } {
-        clear(folder)?;
-        let moment = moment(attempt, time);
-        kill_after(command().spawn_quietly()?, moment)?;
+        undisturbed.start()?;
+        let moment = moment(attempt, undisturbed.time);
+        let child = command().spawn_quietly()?;
+        std::thread::sleep(moment);
+        let own = child.id().to_string();
+        let has_driver = live.alive().iter().any(|(number, _)| *number != own);
+        if !kill(child)? {
+            continue;
+        }
+        with_driver += usize::from(has_driver);
         std::thread::sleep(Duration::from_secs(1));
+        let killed = files(folder);
         let mut seen = match live.alive().first() {
-            Some(process) => Err(format!("after 1 s, this is alive: {process}")),
-            None => whole(&files(folder), &undisturbed, true),
+            Some((_, process)) => Err(format!("after 1 s, this is alive: {process}")),
+            None => whole(&killed, undisturbed.files()),
         };
-        seen = seen.and(again(&mut command(), folder, &undisturbed)?);
+        seen = seen.and(undisturbed.again(&killed)?);
         tally.count(seen.map_err(|seen| format!("validate, killed after {moment:.0?}: {seen}")));
+    }
+    if with_driver == 0 {
+        let seen = "no attempt was killed while a driver was alive";
+        tally.broken.push(seen.to_owned());
     }
     Ok(tally)
 }
@@ -128,6 +150,10 @@ pub(super) fn drivers(subject: &Subject) -> Result<Tally, Failure> {
 /// Kills commands that store references.
 pub(super) fn stored(subject: &Subject) -> Result<Tally, Failure> {
     let mut tally = Tally::default();
+    if !faults::is_available() {
+        tally.skipped = Some(faults::MISSING.to_owned());
+        return Ok(tally);
+    }
     let live = match Live::find(subject)? {
         Ok(live) => live,
         Err(why) => {
@@ -136,74 +162,65 @@ pub(super) fn stored(subject: &Subject) -> Result<Tally, Failure> {
         }
     };
     let folder = live.folder.path();
-    let arguments = [
-        "reference",
-        SCENE,
-        "--accept",
-        "--all",
-        "--target",
-        "@/target",
-        "--references",
-        "@/images",
-        "--set",
-        "film={width=32,height=24}",
-    ];
-    let command = |before: &[String], more: &[&str]| live.command(before, &[&arguments, more].concat());
-    let (mut old, _) = undisturbed(&mut command(&[], &["--set", "camera.fov=60"]), folder)?;
+    let store = ["reference", SCENE, "--accept", "--all", "--target", "@/target"];
+    let arguments = [&store[..], &STORED].concat();
+    let command = |before: &[String], more: &[&str]| live.command(before, &[&arguments[..], more].concat());
+    let other = || command(&[], &["--set", "camera.fov=60"]);
+    let mut old = Undisturbed::run(other, folder, 0)?.files().clone();
     clear(folder)?;
-    let (new, time) = undisturbed(&mut command(&[], &[]), folder)?;
-    if is_refused(&live, &arguments)?.is_ok() {
-        return Err(Failure::environment("`validate` does not use a stored reference"));
-    }
+    let mut new = Undisturbed::run(|| command(&[], &[]), folder, 0)?;
+    must_be_used(&live, "new")?;
     old.retain(|name, _| is_stored(name));
-    make_older(&mut old, &new)?;
+    make_older(&mut old, new.files())?;
     let start = || clear(folder).and_then(|()| put(folder, old.iter()));
+    start()?;
+    must_be_used(&live, "old")?;
 
     // How each attempt ends: at a moment, or before a system call.
     let mut ends: Vec<(String, Vec<String>, Duration)> = (0..if subject.quick { 1 } else { 20 })
-        .map(|number| moment(number, time))
+        .map(|number| moment(number, new.time))
         .map(|moment| (format!("after {moment:.0?}"), Vec::new(), moment))
         .collect();
-    if faults::is_available() {
-        start()?;
-        let counts = faults::counts(&[], false, |before| command(before, &[]))?;
-        for (call, count) in counts.iter().filter(|(call, _)| call.starts_with("rename")) {
-            // The last ones replace the reference.
-            let first = count.saturating_sub(if subject.quick { 3 } else { 12 });
-            ends.extend((first + 1..=*count).map(|number| {
-                let inject = format!("inject={call}:signal=SIGKILL:when={number}");
-                let options = ["strace", "-qq", "-o", "/dev/null", "-e"].map(str::to_owned);
-                let before = options.into_iter().chain([inject.clone()]).collect();
-                (inject, before, LIMIT)
-            }));
-        }
-    } else {
-        println!("skipped  kills before each rename: strace is not installed");
+    start()?;
+    let counts = faults::counts(&[], 0, |before| command(before, &[]))?;
+    for (call, count) in counts.iter().filter(|(call, _)| call.starts_with("rename")) {
+        // The last ones replace the reference.
+        let first = count.saturating_sub(if subject.quick { 3 } else { 12 });
+        ends.extend((first + 1..=*count).map(|number| {
+            let inject = format!("inject={call}:signal=SIGKILL:when={number}");
+            let options = ["strace", "-qq", "-o", "/dev/null", "-e"].map(str::to_owned);
+            let before = options.into_iter().chain([inject.clone()]).collect();
+            (inject, before, LIMIT)
+        }));
     }
     for (end, before, moment) in ends {
         start()?;
         let mut command_that_ends = command(&before, &[]);
-        if before.is_empty() {
-            kill_after(command_that_ends.spawn_quietly()?, moment)?;
-        } else if run_within(&mut command_that_ends, moment)
-            .map_err(Failure::environment)?
-            .is_none()
-        {
-            return Err(Failure::environment(format!("{end} does not end")));
+        let was_killed = if before.is_empty() {
+            kill_after(command_that_ends.spawn_quietly()?, moment)?
+        } else {
+            let ended = run_within(&mut command_that_ends, moment).map_err(Failure::environment)?;
+            let ended =
+                ended.ok_or_else(|| Failure::environment(format!("the command with {end} does not end")))?;
+            // It ends as the command does.
+            is_killed(ended.status)
+        };
+        if !was_killed {
+            continue;
         }
-        let mut found = files(folder);
+        let killed = files(folder);
+        let mut found = killed.clone();
         found.retain(|name, _| is_stored(name) && !is_temporary(name));
-        let stored = new.iter().filter(|(name, _)| is_stored(name));
-        let of = |all: &Files| found.len() == all.len() && whole(&found, all, false).is_ok();
         let mut seen = Ok(());
-        if !of(&old)
-            && !of(&stored
-                .map(|(name, bytes)| (name.clone(), bytes.clone()))
-                .collect())
-        {
-            seen = is_refused(&live, &arguments)?;
+        if found != old && new.are_same_among(&found, is_stored).is_err() {
+            seen = answer(&live)?.and_then(|answer| match answer {
+                Answer::Used => {
+                    Err("the image of one reference is used with the floor of another".to_owned())
+                }
+                Answer::Refused => Ok(()),
+            });
         }
-        seen = seen.and(again(&mut command(&[], &[]), folder, &new)?);
+        seen = seen.and(new.again(&killed)?);
         tally.count(seen.map_err(|seen| format!("reference, {end}: {seen}")));
     }
     Ok(tally)
@@ -230,9 +247,7 @@ fn make_older(old: &mut Files, new: &Files) -> Result<(), Failure> {
     meta.insert("floor".to_owned(), 0.125.into());
     *bytes = meta.to_string().into_bytes();
     // Otherwise no mixture would be seen.
-    let same = old
-        .iter()
-        .any(|(name, bytes)| is_same(name, bytes, new.get(name)));
+    let same = old.iter().any(|(name, bytes)| new.get(name) == Some(bytes));
     if same {
         Err(Failure::environment("the old and the new reference are the same"))
     } else {
@@ -240,32 +255,90 @@ fn make_older(old: &mut Files, new: &Files) -> Result<(), Failure> {
     }
 }
 
-/// An error if `validate` uses the stored reference.
-fn is_refused(live: &Live<'_>, arguments: &[&str]) -> Result<Result<(), String>, Failure> {
-    let scene = &arguments[6..];
+/// What `validate` does with the stored reference.
+#[derive(Debug, PartialEq)]
+enum Answer {
+    Used,
+    /// Its files do not belong together.
+    Refused,
+}
+
+/// Runs `validate` with the stored reference. The inner error is neither answer.
+fn answer(live: &Live<'_>) -> Result<Result<Answer, String>, Failure> {
     // Its report is not one of the files that are compared.
     let target = tempfile::tempdir().map_err(Failure::environment)?;
-    let target = target.path().to_string_lossy();
-    let words = [
-        &[
-            "validate",
-            SCENE,
-            "--reference",
-            "stored",
-            "--no-oracle",
-            "--json",
-            "-",
-            "--target",
-            &target,
-        ],
-        scene,
-    ]
-    .concat();
-    let output = live.command(&[], &words).output().map_err(Failure::environment)?;
-    let results: Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
-    let results = results["results"].as_array().map_or(&[][..], Vec::as_slice);
-    Ok(match results.iter().any(|result| result["compared"] == true) {
-        true => Err("the image of one reference is used with the floor of another".to_owned()),
-        false => Ok(()),
+    let report = target.path().join("v.json");
+    let (target, json) = (target.path().to_string_lossy(), report.to_string_lossy());
+    let validate = ["validate", SCENE, "--reference", "stored", "--no-oracle"];
+    let files = ["--json", &json, "--target", &target];
+    let words = [&validate[..], &files, &STORED].concat();
+    let ended = run_within(&mut live.command(&[], &words), LIMIT).map_err(Failure::environment)?;
+    Ok(match ended {
+        None => Err("`validate` does not end".to_owned()),
+        Some(output) => judge(
+            output.status.code(),
+            &String::from_utf8_lossy(&output.stderr),
+            &fs::read(&report).unwrap_or_default(),
+        ),
     })
+}
+
+fn judge(code: Option<i32>, stderr: &str, report: &[u8]) -> Result<Answer, String> {
+    let report: Value = serde_json::from_slice(report).unwrap_or_default();
+    let results = report["results"].as_array().map_or(&[][..], Vec::as_slice);
+    let [result] = results else {
+        return Err(format!("`validate` has no result: {code:?} {}", stderr.trim()));
+    };
+    let problems = result["problems"].as_array().map_or(&[][..], Vec::as_slice);
+    let is_reason = |problem: &Value| problem.as_str().is_some_and(|text| text.contains(REFUSED));
+    match (code, result["compared"].as_bool()) {
+        (Some(0 | 1), Some(true)) => Ok(Answer::Used),
+        // Without a reference, nothing is compared.
+        (Some(3), Some(false)) if problems.iter().any(is_reason) => Ok(Answer::Refused),
+        _ => Err(format!(
+            "`validate` ends with {code:?} and {}: {}",
+            result["problems"],
+            stderr.trim()
+        )),
+    }
+}
+
+/// The control: a whole reference must be used, otherwise nothing would be tested.
+fn must_be_used(live: &Live<'_>, which: &str) -> Result<(), Failure> {
+    match answer(live)? {
+        Ok(Answer::Used) => Ok(()),
+        other => Err(Failure::environment(format!(
+            "`validate` does not use the {which} reference: {other:?}"
+        ))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_expected_refusal_counts() {
+        let report = |compared: bool, problem: &str| {
+            serde_json::json!({ "results": [{ "compared": compared, "problems": [problem] }] }).to_string()
+        };
+        let refused = report(
+            false,
+            "meta.toml: the image files do not belong to this metadata: ...",
+        );
+        let judged = |code, report: &str| judge(code, "", report.as_bytes()).ok();
+        assert_eq!(judged(Some(3), &refused), Some(Answer::Refused));
+        assert_eq!(judged(Some(1), &report(true, "")), Some(Answer::Used));
+        for (code, report) in [
+            (Some(3), report(false, "no stored reference")),
+            (Some(101), refused.clone()),
+            (Some(2), refused.clone()),
+            (None, refused),
+            (Some(101), String::new()),
+            (Some(2), report(true, "")),
+            (Some(3), r#"{"results": []}"#.to_owned()),
+        ] {
+            assert_eq!(judged(code, &report), None, "{code:?} {report}");
+        }
+    }
 }
