@@ -79,7 +79,7 @@ pub(super) struct Undisturbed<'c, C> {
 }
 
 impl<'c, C: Fn() -> Command> Undisturbed<'c, C> {
-    /// Runs a command twice, with the files that are in the folder. It must end with this exit code.
+    /// Runs a command twice, with the files in the folder. It must end with this exit code.
     pub(super) fn run(command: C, folder: &'c Path, exit_code: i32) -> Result<Self, Failure> {
         let mut undisturbed = Self {
             command,

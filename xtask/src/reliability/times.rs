@@ -18,8 +18,8 @@ fn values(name: &str, bytes: &[u8]) -> Option<Value> {
     }
 }
 
-/// Whether a file is that of undisturbed runs, where they agree. Where a web page or a report in XML
-/// differs from run to run, it must be complete: its numbers are those of a JSON file.
+/// Whether a file is that of undisturbed runs, where they agree. A web page or a report in XML that
+/// differs from run to run must be complete: its numbers are those of a JSON file.
 pub(super) fn is_same(name: &str, bytes: &[u8], undisturbed: &[&Vec<u8>]) -> bool {
     let Some(first) = undisturbed.first() else {
         return false;
@@ -35,8 +35,8 @@ pub(super) fn is_same(name: &str, bytes: &[u8], undisturbed: &[&Vec<u8>]) -> boo
     }
 }
 
-/// Whether a value, or its absence, is the one in which all runs agree; every value is where they do
-/// not.
+/// Whether a value, or its absence, is the one in which all runs agree. Where they do not, every
+/// value is accepted.
 fn agrees(value: Option<&Value>, expected: &[Option<&Value>]) -> bool {
     if expected.iter().all(|other| *other == expected[0]) {
         return value == expected[0];
