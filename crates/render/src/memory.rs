@@ -35,7 +35,8 @@ impl Memory {
         self.taken
     }
 
-    /// Counts what the scene takes at other times. The memory that is available has lost it already.
+    /// Counts what the scene takes at other times. The memory that is available has lost it
+    /// already.
     pub(crate) fn resume(&mut self, taken: u64) {
         if !self.measured {
             self.taken = taken;
