@@ -306,8 +306,8 @@ impl Filters {
         self.spread(distance).powf(1.0 - feature)
     }
 
-    /// Maps powers of distances to [0, 1]: 0.4 of the maximum becomes 0.95, and larger ones share the
-    /// rest.
+    /// Maps powers of distances to [0, 1]: 0.4 of the maximum becomes 0.95, and larger ones share
+    /// the rest.
     fn spread(&self, distance: f64) -> f64 {
         const KNEE: (f64, f64) = (0.4, 0.95);
         let knee = KNEE.0 * self.farthest;
