@@ -150,8 +150,8 @@ pub(super) fn drivers(subject: &Subject) -> Result<Tally, Failure> {
     Ok(tally)
 }
 
-/// A driver looks for its parent five times a second. On a loaded machine, while it loads Mitsuba, it
-/// was seen to end after more than 1 s.
+/// A driver looks for its parent five times a second. On a loaded machine, while it loads Mitsuba,
+/// it was seen to end after more than 1 s.
 const ENDED: Duration = Duration::from_secs(3);
 
 /// Kills commands that store references.
