@@ -12,10 +12,14 @@ pub(crate) const RESULT: &str = "studies/results/reliability.json";
 
 /// The whole page.
 pub(crate) fn page(result: &Value, fuzzed: &Value) -> String {
+    let quick = match result["quick"].as_bool() {
+        Some(true) => ", of a quick run",
+        _ => "",
+    };
     let mut page = format!(
         "# Reliability\n\n{}\n\n| promise | attempts | broken |\n|---|---|---|\n",
         wrapped(&format!(
-            "What a fault does to the program, and how that is tried. `cargo xtask reliability` tries each promise and counts; CI runs `cargo xtask reliability --quick`. The counts are of `{RESULT}`."
+            "What a fault does to the program, and how that is tried. `cargo xtask reliability` tries each promise and counts; CI runs `cargo xtask reliability --quick`. The counts are those of `{RESULT}`{quick}."
         ))
     );
     let promises = result["promises"].as_array().map_or(&[][..], Vec::as_slice);
