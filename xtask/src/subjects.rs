@@ -88,6 +88,14 @@ fn is_right(scene: &Value) -> bool {
     verdict(scene).is_some_and(Status::is_right)
 }
 
+fn short(error: f64) -> String {
+    if error == 0.0 {
+        "0".to_owned()
+    } else {
+        format!("{error:.0e}")
+    }
+}
+
 /// How many scenes pass, and with which errors.
 pub(crate) fn validated(stored: &Value) -> String {
     let mut text =
@@ -105,7 +113,7 @@ pub(crate) fn validated(stored: &Value) -> String {
                 (least.min(error), most.max(error))
             });
             match least <= most {
-                true => format!("{least:.0e} to {most:.0e}"),
+                true => format!("{} to {}", short(least), short(most)),
                 false => "–".to_owned(),
             }
         };
