@@ -363,21 +363,35 @@ pub fn worst(
     }
     let mean = pair.mean_reference();
     let order = |a: &(usize, f64), b: &(usize, f64)| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0));
-    let first = |mut ranked: Vec<(usize, f64)>| {
+    let first = |ranked: &mut Vec<(usize, f64)>| {
         if count < ranked.len() {
             ranked.select_nth_unstable_by(count, order);
             ranked.truncate(count);
         }
-        ranked
     };
     let of_row = |y: usize| {
-        let pixels = pair
-            .row(y)
-            .filter(|&index| within.is_none_or(|mask| mask.as_slice()[index]));
-        first(pixels.map(|index| (index, pair.residual(index, mean))).collect())
+        let mut residuals = vec![0.0; pair.width];
+        pair.residuals(y, mean, &mut residuals);
+        let mut ranked = Vec::new();
+        // No pixel after `count` others of at least its residual is among the first.
+        let mut least = f64::NEG_INFINITY;
+        for (index, residual) in pair.row(y).zip(residuals) {
+            if residual > least && within.is_none_or(|mask| mask.as_slice()[index]) {
+                ranked.push((index, residual));
+                if ranked.len() >= 2 * count.max(32) {
+                    first(&mut ranked);
+                    least = ranked
+                        .iter()
+                        .fold(f64::INFINITY, |least, pixel| least.min(pixel.1));
+                }
+            }
+        }
+        first(&mut ranked);
+        ranked
     };
     let rows: Vec<Vec<(usize, f64)>> = (0..pair.height).into_par_iter().map(of_row).collect();
-    let mut ranked = first(rows.concat());
+    let mut ranked = rows.concat();
+    first(&mut ranked);
     ranked.sort_unstable_by(order);
     let pixel = |(index, residual): (usize, f64)| WorstPixel {
         x: index % pair.width,
@@ -574,17 +588,24 @@ impl<'a> Pair<'a> {
         totals
     }
 
-    /// Largest magnitude of the relative residual over the channels of a pixel.
-    fn residual(&self, index: usize, mean: f64) -> f64 {
-        self.at(index)
-            .into_iter()
-            .fold(0.0, |worst: f64, (ours, reference)| {
-                if ours.is_finite() && reference.is_finite() {
-                    worst.max(relative_residual(ours, reference, mean).abs())
-                } else {
-                    f64::INFINITY
-                }
-            })
+    /// Largest magnitude of the relative residual over the channels, for each pixel of a row;
+    /// infinite where a value is not finite. `residuals` holds zeros.
+    fn residuals(&self, y: usize, mean: f64, residuals: &mut [f64]) {
+        for (ours, reference) in self.planes(y) {
+            for (worst, (&ours, &reference)) in residuals.iter_mut().zip(ours.iter().zip(reference)) {
+                let finite = ours.is_finite() & reference.is_finite();
+                let residual = relative_residual(f64::from(ours), f64::from(reference), mean).abs();
+                let residual = if finite { residual } else { f64::INFINITY };
+                *worst = if residual > *worst { residual } else { *worst };
+            }
+        }
+    }
+
+    /// The values of a row in both images, for each channel.
+    fn planes(&self, y: usize) -> impl Iterator<Item = (&[f32], &[f32])> {
+        let row = self.row(y);
+        let planes = self.ours.into_iter().zip(self.reference);
+        planes.map(move |(ours, reference)| (&ours[row.clone()], &reference[row.clone()]))
     }
 
     fn not_finite(&self) -> NotFinite {
@@ -627,14 +648,16 @@ impl<'a> Pair<'a> {
             if self.is_equal(row.clone()) && self.reference.into_iter().all(is_finite) {
                 return;
             }
-            for (member, index) in members.iter_mut().zip(row) {
-                *member = self.at(index).into_iter().any(|(ours, reference)| {
+            // Without an early end, so that several pixels are compared at once.
+            for (ours, reference) in self.planes(y) {
+                for (member, (&ours, &reference)) in members.iter_mut().zip(ours.iter().zip(reference)) {
+                    let finite = ours.is_finite() & reference.is_finite();
+                    let (ours, reference) = (f64::from(ours), f64::from(reference));
                     let allowed = tolerance.relative * reference.abs() + tolerance.absolute * mean;
-                    let within = (ours - reference).abs() <= allowed;
                     // Two equal infinities are over as well, and a comparison with NaN is never
                     // within.
-                    !(within && ours.is_finite() && reference.is_finite())
-                });
+                    *member |= !(finite & ((ours - reference).abs() <= allowed));
+                }
             }
         })
     }

@@ -1,4 +1,4 @@
-use crate::document::{self, Flattened, Value, type_name};
+use crate::document::{self, Flattened, Plain, Value, type_name};
 use crate::path_classes::{Expression, compile};
 use crate::{AUTO, Checked, Motion, Sources, transform};
 use serde::de::value::MapAccessDeserializer;
@@ -7,7 +7,9 @@ use serde::{Deserialize, Deserializer};
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
-use std::sync::{Arc, LazyLock};
+use std::panic::resume_unwind;
+use std::sync::{Arc, LazyLock, Mutex};
+use std::thread;
 use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue};
 use whitstone_core::config::{
@@ -376,11 +378,34 @@ impl<'s> Description<'s> {
 
     /// Reads the tables. There is no description only if a file is not TOML.
     pub fn parse(sources: &'s Sources) -> Checked<Self> {
-        let (mut merged, mut errors) = match document::merge(sources) {
+        let (merged, errors) = match document::merge(sources) {
             Ok(merged) => merged,
             Err(errors) => return Checked { value: None, errors },
         };
-        let (flattened, not_flat) = Flattened::new(&merged, sources);
+        let (plain, not_flat) = Plain::new(&merged, sources);
+        let plain = Mutex::new(Some(plain));
+        let flatten = || plain.lock().ok()?.take().map(|plain| plain.flatten(sources));
+        thread::scope(|scope| {
+            // A long document is flattened while its tables are read. Without a thread for it, it
+            // is flattened afterwards.
+            let length: usize = sources.padded_files().map(str::len).sum();
+            let is_long = length > 1 << 20;
+            let worker = is_long.then(|| thread::Builder::new().spawn_scoped(scope, &flatten));
+            let flattened = || match worker {
+                Some(Ok(worker)) => worker.join().unwrap_or_else(|panic| resume_unwind(panic)),
+                _ => flatten(),
+            };
+            Self::read(sources, merged, errors, (flattened, not_flat))
+        })
+    }
+
+    /// Reads the tables of the merged document, which is flattened elsewhere.
+    fn read(
+        sources: &'s Sources,
+        mut merged: DeTable<'s>,
+        mut errors: SceneErrors,
+        (flattened, not_flat): (impl FnOnce() -> Option<Flattened>, SceneErrors),
+    ) -> Checked<Self> {
         let mut inline = Vec::new();
         let mut faulty = Faulty::default();
         let mut reader = Reader {
@@ -437,7 +462,7 @@ impl<'s> Description<'s> {
             groups,
             inline,
             expect: expect.unwrap_or_default(),
-            flattened,
+            flattened: flattened().expect("the document is flattened once"),
             faulty,
         };
         Checked {

@@ -347,8 +347,15 @@ pub struct Flattened {
     pub files: Vec<PathBuf>,
 }
 
-impl Flattened {
-    /// Flattens the merged document.
+/// The merged document without positions, and the files that it names.
+pub(crate) struct Plain {
+    table: toml::Table,
+    /// As the text names them.
+    files: Vec<String>,
+}
+
+impl Plain {
+    /// Copies the values.
     pub(crate) fn new(merged: &DeTable<'_>, sources: &Sources) -> (Self, SceneErrors) {
         let mut errors = SceneErrors::default();
         let mut files = Vec::new();
@@ -357,6 +364,12 @@ impl Flattened {
             let value = plain(value, Some(key.get_ref()), sources, &mut files, &mut errors);
             table.insert(key.get_ref().to_string(), value);
         }
+        (Self { table, files }, errors)
+    }
+
+    /// Writes the text, and hashes it and the files.
+    pub(crate) fn flatten(self, sources: &Sources) -> Flattened {
+        let Self { mut table, files } = self;
         let text = to_text(&table);
         let removed = [table.remove("accelerator"), table.remove("expect")];
         let mut is_shorter = removed.iter().any(Option::is_some);
@@ -385,15 +398,12 @@ impl Flattened {
         }
         let hash = hasher.finalize().to_hex()[..32].to_owned();
         let base = std::path::absolute(sources.base()).unwrap_or_else(|_| sources.base().to_owned());
-        (
-            Self {
-                text,
-                base,
-                hash,
-                files,
-            },
-            errors,
-        )
+        Flattened {
+            text,
+            base,
+            hash,
+            files,
+        }
     }
 }
 

@@ -398,6 +398,31 @@ fn worst_pixels_are_sorted_and_ties_go_to_the_upper_left() {
 }
 
 proptest! {
+    /// Rows are longer than what is kept of them, values repeat, and some are not finite.
+    #[test]
+    fn worst_pixels_are_the_first_of_all_sorted(
+        values in prop::collection::vec(0..30u8, 3 * 400),
+        count in 0..120usize,
+    ) {
+        let value = |k: usize| match values[k] {
+            29 => f32::INFINITY,
+            28 => f32::NAN,
+            small => f32::from(small),
+        };
+        let reference = Image::from_fn(200, 2, |_, _| [1.0; 3]).unwrap();
+        let ours = Image::from_fn(200, 2, |x, y| std::array::from_fn(|c| value(3 * (200 * y + x) + c))).unwrap();
+        let residual = |k: usize| {
+            let channels = (3 * k..3 * k + 3).map(value);
+            let of = |v: f32| if v.is_finite() { (f64::from(v) - 1.0).abs() / 2.0 } else { f64::INFINITY };
+            channels.map(of).fold(0.0, f64::max)
+        };
+        let mut all: Vec<(usize, f64)> = (0..400).map(|k| (k, residual(k))).collect();
+        all.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let found = worst(&ours, &reference, count, None).unwrap();
+        let found: Vec<(usize, f64)> = found.iter().map(|p| (200 * p.y + p.x, p.residual)).collect();
+        prop_assert_eq!(found, &all[..count]);
+    }
+
     /// Scaling both images scales the absolute metrics and leaves the relative ones; powers of two
     /// are exact.
     #[test]
