@@ -262,7 +262,7 @@ impl Live {
                 libllvm,
                 cpu,
                 scene_hash: scene_hash.to_owned(),
-                files_hash: String::new(),
+                hash: String::new(),
                 twin: rendered.twin,
                 floor: worst,
                 moved: Some(moved),

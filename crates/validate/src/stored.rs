@@ -40,9 +40,10 @@ pub struct Meta {
     pub cpu: String,
     /// Hash of the flattened scene.
     pub scene_hash: String,
-    /// Hash of the files of the image and of the variants. It is set when they are written.
+    /// Hash of the other lines here, and of the files of the image and of the variants. It is set
+    /// when they are written.
     #[serde(default)]
-    pub files_hash: String,
+    pub hash: String,
     /// How independent the twin is: "native", "hosted" or "formula".
     pub twin: String,
     /// Its own error: see [`crate::floor`].
@@ -131,19 +132,30 @@ pub fn read_variants(path: &Path) -> Result<Variants, StoredError> {
     Variants::from_image(&file).ok_or_else(|| broken(path, "it lacks one of the channels R, G, B, X and Y"))
 }
 
-/// Hash of the image of a reference and of its variants, as they are in the files.
-fn files_hash(folder: &Path, renderer: Renderer) -> Result<String, StoredError> {
+/// The key `hash` of a reference: of the text of its metadata without this line, and of the files
+/// of the image and of the variants (empty if there is none).
+pub fn hash(meta: &str, files: [&[u8]; 2]) -> String {
+    let others = meta.lines().filter(|line| !line.starts_with("hash = "));
+    let text: String = others.flat_map(|line| [line, "\n"]).collect();
     let mut hasher = blake3::Hasher::new();
-    for name in [renderer.image_file(), renderer.variants_file()] {
-        let path = folder.join(name);
-        let bytes = match std::fs::read(&path) {
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Vec::new(),
-            read => read.map_err(|error| broken(&path, error))?,
-        };
+    for bytes in [text.as_bytes(), files[0], files[1]] {
         hasher.update(&(bytes.len() as u64).to_le_bytes());
-        hasher.update(&bytes);
+        hasher.update(bytes);
     }
-    Ok(hasher.finalize().to_hex()[..32].to_owned())
+    hasher.finalize().to_hex()[..32].to_owned()
+}
+
+/// As [`hash()`], of the files in a folder.
+fn hash_in(folder: &Path, renderer: Renderer, meta: &str) -> Result<String, StoredError> {
+    let read = |name: String| {
+        let path = folder.join(name);
+        match std::fs::read(&path) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Vec::new()),
+            read => read.map_err(|error| broken(&path, error)),
+        }
+    };
+    let (image, variants) = (read(renderer.image_file())?, read(renderer.variants_file())?);
+    Ok(hash(meta, [&image, &variants]))
 }
 
 impl Stored {
@@ -183,9 +195,9 @@ impl Stored {
         if !(meta.floor.is_finite() && meta.floor >= 0.0) {
             return Err(broken(&path, "`floor` is no error"));
         }
-        if meta.files_hash != files_hash(folder, renderer)? {
+        if meta.hash != hash_in(folder, renderer, &text)? {
             let problem = "the image files do not belong to this metadata: writing was interrupted, or a file \
-                was replaced; store the reference again";
+                was replaced or changed; store the reference again";
             return Err(broken(&path, problem));
         }
         let image = exr_io::read(&exr, Limits::IMAGE).map_err(|error| broken(&exr, error))?;
@@ -211,11 +223,14 @@ impl Stored {
             None => {}
         }
         let path = folder.join(renderer.meta_file());
-        let meta = Meta {
-            files_hash: files_hash(folder, renderer)?,
-            ..self.meta.clone()
+        let text = |hash: String| {
+            let meta = Meta {
+                hash,
+                ..self.meta.clone()
+            };
+            toml::to_string(&meta).map_err(|error| broken(&path, error))
         };
-        let text = toml::to_string(&meta).map_err(|error| broken(&path, error))?;
+        let text = text(hash_in(folder, renderer, &text(String::new())?)?)?;
         atomic::write_bytes(&path, text.as_bytes()).map_err(|error| broken(&path, error))
     }
 
@@ -307,7 +322,7 @@ mod tests {
                 libllvm: String::new(),
                 cpu: String::new(),
                 scene_hash: "s".to_owned(),
-                files_hash: String::new(),
+                hash: String::new(),
                 twin: "native".to_owned(),
                 floor: f64::from(value),
                 moved: None,
@@ -335,7 +350,14 @@ mod tests {
         std::fs::write(&meta, &old).unwrap();
         let error = read().err().unwrap().to_string();
         assert!(error.contains("writing was interrupted"), "{error}");
+        // A number of the metadata alone.
+        stored(1.0).write(at, Renderer::MITSUBA).unwrap();
         let text = String::from_utf8(old).unwrap();
+        std::fs::write(&meta, text.replace("floor = 1.0", "floor = 1.5")).unwrap();
+        assert!(read().err().unwrap().to_string().contains("changed"));
+        // A checkout with other ends of lines changes nothing.
+        std::fs::write(&meta, text.replace('\n', "\r\n")).unwrap();
+        assert_eq!(read().ok().unwrap().meta.floor, 1.0);
         std::fs::write(&meta, text.replace("floor = 1.0", "floor = nan")).unwrap();
         assert!(read().err().unwrap().to_string().contains("`floor`"));
     }

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 use whitstone::Failure;
+use whitstone::validate::{Renderer, stored};
 
 /// A scene that takes little time.
 const SCENE: &str = "scenes/materials/matte.toml";
@@ -244,7 +245,7 @@ fn make_older(old: &mut Files, new: &Files) -> Result<(), Failure> {
     let read =
         |bytes: &Vec<u8>| -> Option<toml::Table> { toml::from_str(std::str::from_utf8(bytes).ok()?).ok() };
     let (name, bytes) = old
-        .iter_mut()
+        .iter()
         .find(|(name, _)| name.ends_with("meta.toml"))
         .ok_or_else(bad)?;
     let mut meta = read(bytes).ok_or_else(bad)?;
@@ -252,7 +253,17 @@ fn make_older(old: &mut Files, new: &Files) -> Result<(), Failure> {
     let hash = current.get("scene_hash").ok_or_else(bad)?;
     meta.insert("scene_hash".to_owned(), hash.clone());
     meta.insert("floor".to_owned(), 0.125.into());
-    *bytes = meta.to_string().into_bytes();
+    meta.remove("hash");
+    let text = meta.to_string();
+    let name = name.clone();
+    let of = |file: String| {
+        let file = name.replace("meta.toml", &file);
+        old.get(&file).map_or(&[][..], Vec::as_slice)
+    };
+    let (image, variants) = (Renderer::MITSUBA.image_file(), Renderer::MITSUBA.variants_file());
+    let hash = stored::hash(&text, [of(image), of(variants)]);
+    let text = format!("hash = \"{hash}\"\n{text}");
+    old.insert(name, text.into_bytes());
     // Otherwise no mixture would be seen.
     let same = old.iter().any(|(name, bytes)| new.get(name) == Some(bytes));
     if same {
