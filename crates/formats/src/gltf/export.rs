@@ -240,7 +240,19 @@ impl<'a> Exporter<'a> {
             }
         };
         if kind == "mesh" {
-            self.note("[[shape]] mesh", name);
+            let bounds = &attributes.bounds;
+            let farthest = bounds.low.abs().max(bounds.high.abs()).max_element();
+            let size = (bounds.high - bounds.low).max_element();
+            // Half a unit in the last place of the farthest vertex.
+            let rounding = farthest * f64::from(f32::EPSILON) / 2.0;
+            self.note(
+                if rounding > 1e-6 * size {
+                    "[[shape]] mesh far from its own origin"
+                } else {
+                    "[[shape]] mesh"
+                },
+                name,
+            );
         }
         let material = self.material(material, name);
         if let Some(known) = self.meshes.get(&(key.clone(), material.index)) {

@@ -557,6 +557,21 @@ fn meshes_that_change_keep_their_files() {
 }
 
 #[test]
+fn only_meshes_that_rounding_changes_are_approximated() {
+    let noted = |offset: f64| {
+        let text = format!("{HEAD}[[shape]]\ntype = 'mesh'\nfile = 'a.obj'\n");
+        let obj = format!(
+            "v {offset} 0 0\nv {} 0 0\nv {offset} 1 0\nf 1 2 3\n",
+            offset + 1.0
+        );
+        let exported = export_with(&text, "gltf", &[("a.obj", obj.as_bytes())]);
+        ["[[shape]] mesh", "[[shape]] mesh far from its own origin"].map(|name| exported.noted(name))
+    };
+    assert_eq!(noted(0.1), [true, false]);
+    assert_eq!(noted(100.1), [false, true]);
+}
+
+#[test]
 fn images_are_copied_or_embedded() {
     let image = "{ type = 'image', file = 'x y.png', scale = [2, 3], wrap = 'clamp', filter = 'nearest' }";
     let text = format!(
