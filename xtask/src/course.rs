@@ -11,6 +11,8 @@ use whitstone::validate::find_scenes;
 pub(crate) const FOLDER: &str = "docs/course";
 /// The scenes with the right answers, by the same names.
 const ANSWERS: &str = "docs/course/scenes";
+/// Quality of the JPEG files. As PNG files they would have three times the size.
+const JPEG: u8 = 75;
 
 /// A picture for each chapter: its scene, and the scene with the right answer.
 pub(crate) fn pictures(registry: &Registry) -> Result<Vec<(PathBuf, Vec<u8>)>, Failure> {
@@ -19,15 +21,15 @@ pub(crate) fn pictures(registry: &Registry) -> Result<Vec<(PathBuf, Vec<u8>)>, F
         let name = answer.file_name().unwrap_or_default();
         let start = Path::new(FOLDER).join(name);
         let overrides = [
-            size(184, 138),
+            size(148, 111),
             "sampler={ type = \"grid\", samples_per_axis = 3 }".to_owned(),
         ];
         let both: Result<Vec<Raster>, Failure> = [&start, answer]
             .into_iter()
             .map(|scene| picture(registry, &scene.display().to_string(), &overrides))
             .collect();
-        let bytes = grid(&both?, 2).to_png().map_err(Failure::environment)?;
-        Ok((start.with_extension("png"), bytes))
+        let bytes = grid(&both?, 2).to_jpeg(JPEG).map_err(Failure::environment)?;
+        Ok((start.with_extension("jpg"), bytes))
     };
     answers.iter().map(file).collect()
 }
