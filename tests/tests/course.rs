@@ -129,10 +129,16 @@ fn every_examination_passes_the_right_answer_and_no_other() {
                 _ => {}
             }
         }
-        assert_eq!(codes, [1, 0], "{chapter}: without an answer, and with the right one");
+        assert_eq!(
+            codes,
+            [1, 0],
+            "{chapter}: without an answer, and with the right one"
+        );
     }
     if skipped > 0 {
-        whitstone_tests::skipped(&format!("{skipped} commands of the course: no Python with tomllib"));
+        whitstone_tests::skipped(&format!(
+            "{skipped} commands of the course: no Python with tomllib"
+        ));
     }
 }
 
