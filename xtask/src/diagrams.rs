@@ -30,7 +30,7 @@ pub(crate) fn all(registry: &Registry) -> Result<Vec<(PathBuf, Vec<u8>)>, Failur
 }
 
 /// Equal pictures in rows, with a gap between them.
-fn grid(pictures: &[Raster], columns: usize) -> Raster {
+pub(crate) fn grid(pictures: &[Raster], columns: usize) -> Raster {
     const GAP: usize = 4;
     let (width, height) = (pictures[0].width() + GAP, pictures[0].height() + GAP);
     let rows = pictures.len().div_ceil(columns);
@@ -41,13 +41,15 @@ fn grid(pictures: &[Raster], columns: usize) -> Raster {
     all
 }
 
-fn picture(registry: &Registry, scene: &str, overrides: &[String]) -> Result<Raster, Failure> {
+/// A scene with overrides.
+pub(crate) fn picture(registry: &Registry, scene: &str, overrides: &[String]) -> Result<Raster, Failure> {
     let (film, hash) = render(registry, Path::new(scene), overrides)?;
     let image = film.to_image(&hash).map_err(Failure::usage)?;
     Raster::preview(&image, ToneMap::default()).map_err(Failure::usage)
 }
 
-fn size(width: u32, height: u32) -> String {
+/// The override of the size of an image.
+pub(crate) fn size(width: u32, height: u32) -> String {
     format!("film={{ width = {width}, height = {height} }}")
 }
 

@@ -5,6 +5,7 @@ mod assets;
 mod backends;
 mod bench;
 mod comparisons;
+mod course;
 mod dependencies;
 mod diagrams;
 mod features;

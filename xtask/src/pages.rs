@@ -2,7 +2,7 @@
 //! example.
 
 use crate::bench::plugins::{Costs, kept};
-use crate::{backends, parameters, plugins};
+use crate::{backends, course, parameters, plugins};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use whitstone::Failure;
@@ -29,8 +29,12 @@ pub(crate) fn pages<E>(
     let costs = kept();
     let mut files = Vec::new();
     let mut summary = String::from("# Whitstone\n\n");
-    for (title, file) in documents() {
+    for (title, file) in documents("docs", "quick-start.md") {
         let _ = writeln!(summary, "- [{title}]({file})");
+    }
+    summary += "\n# Course\n\n";
+    for (title, file) in documents(course::FOLDER, "README.md") {
+        let _ = writeln!(summary, "- [{title}](course/{file})");
     }
     for family in FamilyName::ALL {
         let plural = family.plural();
@@ -65,9 +69,9 @@ pub(crate) fn between(page: &str, [begin, end]: [&str; 2], text: &str) -> Result
     Ok(())
 }
 
-/// Title and file of the documents in docs/ itself.
-fn documents() -> Vec<(String, String)> {
-    let files = std::fs::read_dir("docs").into_iter().flatten().flatten();
+/// Title and file of the documents in a folder itself, the named one first.
+fn documents(folder: &str, first: &str) -> Vec<(String, String)> {
+    let files = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let mut documents: Vec<(String, String)> = files
         .filter_map(|file| {
             let name = file.file_name().into_string().ok()?;
@@ -78,8 +82,7 @@ fn documents() -> Vec<(String, String)> {
             (Path::new(SUMMARY) != file.path()).then_some((title, name))
         })
         .collect();
-    // The first page of the site.
-    documents.sort_by_key(|(_, file)| (file != "quick-start.md", file.clone()));
+    documents.sort_by_key(|(_, file)| (file != first, file.clone()));
     documents
 }
 

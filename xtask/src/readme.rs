@@ -3,8 +3,8 @@
 
 use crate::bench::light_paths;
 use crate::{
-    comparisons, diagrams, formats, fuzz, growth, licences, pages, pictures, plugins, reliability, run_time,
-    scale, subjects, topics, traversal, variants, verdict, worst_cases,
+    comparisons, course, diagrams, formats, fuzz, growth, licences, pages, pictures, plugins, reliability,
+    run_time, scale, subjects, topics, traversal, variants, verdict, worst_cases,
 };
 use clap::Args;
 use std::fmt::Write;
@@ -173,6 +173,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         ),
     ];
     files.extend(explaining);
+    files.extend(course::pictures(registry)?);
     for name in TRIOS {
         let path = PathBuf::from(format!("docs/images/{name}-trio.png"));
         files.push((path, trio_of(registry, name)?));
