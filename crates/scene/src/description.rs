@@ -390,7 +390,7 @@ impl<'s> Description<'s> {
             // is flattened afterwards.
             let length: usize = sources.padded_files().map(str::len).sum();
             let is_long = length > 1 << 20;
-            let worker = is_long.then(|| thread::Builder::new().spawn_scoped(scope, &flatten));
+            let worker = is_long.then(|| thread::Builder::new().spawn_scoped(scope, flatten));
             let flattened = || match worker {
                 Some(Ok(worker)) => worker.join().unwrap_or_else(|panic| resume_unwind(panic)),
                 _ => flatten(),
