@@ -239,8 +239,7 @@ def main():
         # The rows of a portable float map go from the bottom up; -1 says little-endian.
         file.write(f"PF\n{width} {height}\n-1.0\n".encode())
         for row in reversed(rows):
-            for pixel in row:
-                file.write(struct.pack("<3f", *pixel))
+            file.writelines(struct.pack("<3f", *pixel) for pixel in row)
 
 
 main()
