@@ -3,8 +3,9 @@
     python3 tracer.py SCENE.toml IMAGE.pfm [--no-shadows] [--depth N]
 
 It knows what the scenes of chapters 3, 4 and 6 use: spheres and a level plane; matte, Phong and
-glass; point, ambient and background lights; a checkerboard. Other scenes end with exit code 77,
-which `whitstone validate` reports as skipped. It needs Python 3.11, and nothing else.
+glass; point, ambient and background lights; a checkerboard. Scenes with other types end with exit
+code 77, which `whitstone validate` reports as skipped. Keys that these three scenes do not use are
+ignored. It needs Python 3.11, and nothing else.
 """
 
 import struct
@@ -12,7 +13,8 @@ import sys
 import tomllib
 from math import exp, floor, inf, pi, sqrt, tan
 
-NEAREST = 1e-9  # a ray does not meet the surface again that it starts on
+# Smallest distance of a hit, in metres, so that a ray does not hit the surface on which it starts.
+NEAREST = 1e-9
 
 
 def dot(a, b):

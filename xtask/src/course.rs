@@ -11,7 +11,7 @@ use whitstone::validate::find_scenes;
 pub(crate) const FOLDER: &str = "docs/course";
 /// The scenes with the right answers, by the same names.
 const ANSWERS: &str = "docs/course/scenes";
-/// Quality of the JPEG files. As PNG files they would have three times the size.
+/// Quality of the JPEG files. As PNG files they would be three times as large.
 const JPEG: u8 = 75;
 
 /// A picture for each chapter: its scene, and the scene with the right answer.

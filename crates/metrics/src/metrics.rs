@@ -373,12 +373,13 @@ pub fn worst(
         let mut residuals = vec![0.0; pair.width];
         pair.residuals(y, mean, &mut residuals);
         let mut ranked = Vec::new();
-        // No pixel after `count` others of at least its residual is among the first.
+        // Smallest residual kept so far, once `count` pixels are kept. A later pixel must exceed
+        // it: of equals, the earlier one is first.
         let mut least = f64::NEG_INFINITY;
         for (index, residual) in pair.row(y).zip(residuals) {
             if residual > least && within.is_none_or(|mask| mask.as_slice()[index]) {
                 ranked.push((index, residual));
-                if ranked.len() >= 2 * count.max(32) {
+                if ranked.len() >= count.max(32).saturating_mul(2) {
                     first(&mut ranked);
                     least = ranked
                         .iter()
@@ -589,7 +590,7 @@ impl<'a> Pair<'a> {
     }
 
     /// Largest magnitude of the relative residual over the channels, for each pixel of a row;
-    /// infinite where a value is not finite. `residuals` holds zeros.
+    /// infinite where a value is not finite. `residuals` must be zero before.
     fn residuals(&self, y: usize, mean: f64, residuals: &mut [f64]) {
         for (ours, reference) in self.planes(y) {
             for (worst, (&ours, &reference)) in residuals.iter_mut().zip(ours.iter().zip(reference)) {

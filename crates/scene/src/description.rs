@@ -19,6 +19,8 @@ use whitstone_core::{FilmSize, PathClasses, SceneError, SceneErrors, SourceSpan,
 
 /// Maximum number of pixels of an image.
 const MAX_PIXELS: u64 = 1 << 28;
+/// Length of a text in bytes from which a thread is worth its start.
+const LONG: usize = 1 << 20;
 /// Default width and height.
 const DEFAULT_SIDE: u32 = 512;
 
@@ -383,13 +385,13 @@ impl<'s> Description<'s> {
             Err(errors) => return Checked { value: None, errors },
         };
         let (plain, not_flat) = Plain::new(&merged, sources);
+        // The thread takes it, or this one if no thread was started.
         let plain = Mutex::new(Some(plain));
         let flatten = || plain.lock().ok()?.take().map(|plain| plain.flatten(sources));
         thread::scope(|scope| {
             // A long document is flattened while its tables are read. Without a thread for it, it
             // is flattened afterwards.
-            let length: usize = sources.padded_files().map(str::len).sum();
-            let is_long = length > 1 << 20;
+            let is_long = sources.padded_files().any(|text| text.len() > LONG);
             let worker = is_long.then(|| thread::Builder::new().spawn_scoped(scope, flatten));
             let flattened = || match worker {
                 Some(Ok(worker)) => worker.join().unwrap_or_else(|panic| resume_unwind(panic)),

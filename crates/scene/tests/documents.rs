@@ -30,6 +30,23 @@ fn sources(text: &str, sets: &[&str]) -> Sources {
     Sources::from_text("scene.toml", text, Path::new("."), &sets).unwrap()
 }
 
+/// Long documents are flattened in another thread.
+#[test]
+fn long_documents_are_flattened_as_short_ones() {
+    let flattened = |text: &str| {
+        let sources = sources(text, &[]);
+        let description = Description::parse(&sources).into_result().unwrap();
+        (description.flattened.text.clone(), description.flattened.hash)
+    };
+    let padding = format!("#{}\n", " ".repeat(2 << 20));
+    assert_eq!(flattened(&format!("{SCENE}{padding}")), flattened(SCENE));
+    let wrong = "\n[[shape]]\ntype = 99999999999999999999\n";
+    let lines = |text: String| errors(&text, &[]);
+    let found = lines(format!("{SCENE}{wrong}"));
+    assert!(!found.is_empty());
+    assert_eq!(lines(format!("{SCENE}{wrong}{padding}")), found);
+}
+
 fn errors(text: &str, sets: &[&str]) -> Vec<String> {
     let sets: Vec<String> = sets.iter().map(|s| (*s).to_owned()).collect();
     let (sources, errors) = match Sources::from_text("scene.toml", text, Path::new("."), &sets) {

@@ -42,7 +42,7 @@ pub struct Meta {
     pub scene_hash: String,
     /// Hash of the other lines here, and of the files of the image and of the variants. It is set
     /// when they are written.
-    #[serde(default)]
+    #[serde(default, alias = "files_hash")]
     pub hash: String,
     /// How independent the twin is: "native", "hosted" or "formula".
     pub twin: String,
@@ -196,8 +196,8 @@ impl Stored {
             return Err(broken(&path, "`floor` is no error"));
         }
         if meta.hash != hash_in(folder, renderer, &text)? {
-            let problem = "the image files do not belong to this metadata: writing was interrupted, or a file \
-                was replaced or changed; store the reference again";
+            let problem = "the metadata and the image files do not belong together: writing was interrupted, \
+                or one of them was replaced or changed; store the reference again";
             return Err(broken(&path, problem));
         }
         let image = exr_io::read(&exr, Limits::IMAGE).map_err(|error| broken(&exr, error))?;

@@ -16,7 +16,7 @@ const SCENE: &str = "scenes/materials/matte.toml";
 /// The options of the stored reference, of `reference` and of `validate`.
 const STORED: [&str; 4] = ["--references", "@/images", "--set", "film={width=32,height=24}"];
 /// The reason for which `validate` refuses files of different references.
-const REFUSED: &str = "the image files do not belong to this metadata";
+const REFUSED: &str = "the metadata and the image files do not belong together";
 /// Makes the processes of a command known.
 const MARK: &str = "WHITSTONE_RELIABILITY";
 
@@ -342,7 +342,7 @@ mod tests {
         };
         let refused = report(
             false,
-            "meta.toml: the image files do not belong to this metadata: ...",
+            "meta.toml: the metadata and the image files do not belong together: ...",
         );
         let judged = |code, report: &str| judge(code, "", report.as_bytes()).ok();
         assert_eq!(judged(Some(3), &refused), Some(Answer::Refused));

@@ -28,7 +28,7 @@ pub(crate) const FEATURES: &[Feature] = features! {
     Kept "no camera": "A camera that shows the whole scene is added.";
     Kept "no lights": "A directional light, an ambient light and a grey background are added.";
     Kept "Whitstone scene": "The scene that `extras` of an exported file hold is imported as it was, except that the meshes of files have single precision.";
-    Kept "[[shape]] mesh": "In single precision; polygons and strips become triangles.";
+    Kept "[[shape]] mesh": "In single precision, also normals and texture coordinates; polygons and strips become triangles.";
     Kept "[scene]": "`extras` of the file hold the whole scene for Whitstone.";
     Kept "[scene] files next to a .glb": "What glTF cannot embed, such as EXR images, faces of a sky, and meshes that are lights or operands, is copied to a folder next to the file.";
     Approximated "metallic-roughness": "A `whitted` material: diffuse, a highlight, and below a roughness of 0.5 mirror reflection.";
@@ -45,7 +45,7 @@ pub(crate) const FEATURES: &[Feature] = features! {
     Approximated "mirrored cameras": "The image is not mirrored.";
     Approximated "Whitstone scene, changed": "Another program has changed the file: it is imported like those of other programs.";
     Approximated "Whitstone scene, in parts": "Selected parts, stretched scenes and turned environments are imported like those of other programs.";
-    Approximated "[[shape]] mesh far from its own origin": "Single precision moves its vertices by more than a millionth of its size.";
+    Approximated "[[shape]] mesh far from its own origin": "Single precision may move its vertices by more than a millionth of its size.";
     Approximated "[[shape]] mesh with displacement": "Other programs show it without; it is kept for Whitstone.";
     Approximated "[camera] thin_lens": "Other programs see a pinhole camera; it is kept for Whitstone.";
     Approximated "[camera] near_kind": "Other programs have a plane as near limit; it is kept for Whitstone.";
