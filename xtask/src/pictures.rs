@@ -3,7 +3,7 @@
 //! The documentation shows them too: docs/pictures.md, and one at the top of README.md.
 //! These copies take minutes to render, so `readme` renders only those whose scene has changed, and
 //! `readme --check` renders none: [`RECORD`] has the hash of the scene that each copy shows, and
-//! the hash of the copy itself. The tracer is held by the stored references of the same scenes.
+//! the hash of the copy itself.
 
 use crate::readme;
 use clap::Args;
