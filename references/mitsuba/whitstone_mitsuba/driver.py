@@ -419,7 +419,7 @@ class Tracer:
         if not groups:
             return
         lanes_all = np.concatenate(list(groups.values()))
-        lit = [self._lamp(level, number, lanes_all) for number in range(len(self.built.emitters))]
+        lit = self._lamps(level, lanes_all)
         first = 0
         for number, lanes in groups.items():
             here, inner = pad(lanes), pad(np.arange(first, first + len(lanes)))
@@ -473,13 +473,37 @@ class Tracer:
         dr.eval(total)
         hits.local = level.local = total
 
-    def _lamp(self, level: Level, number: int, lanes_here: np.ndarray) -> Tuple[Any, Any, Any]:
-        """(direction, irradiance, visible) of a lamp at some lanes; the irradiance is 0 where rule
-        G excludes it.
+    def _lamps(self, level: Level, lanes_here: np.ndarray) -> List[Tuple[Any, Any, Any]]:
+        """(direction, irradiance, visible) of each lamp at some lanes; the irradiance is 0 where
+        rule G excludes it.
+        """
+        lanes = pad(lanes_here)
+        numbers = range(len(self.built.emitters))
+        lit = [self._unshadowed(level, number, lanes) for number in numbers]
+        bundles = [bundle for bundle, _, _ in lit]
+        shares = shadows.through(self, level, lanes, bundles) if self.through else []
+        result = []
+        for number, (bundle, irradiance, n) in zip(numbers, lit):
+            counts = visible = bundle.counts
+            if self.through:
+                irradiance = irradiance * shares[number]
+                visible = counts & (dr.max(shares[number]) > 0)
+            elif self.document.integrator.shadows:
+                visible = counts & ~self._shadowed(level, lanes, bundle)
+                self._count("shadow", counts, len(lanes_here))
+            irradiance = dr.select(visible, irradiance, 0)
+            # Where the lamp does not count, the direction may be NaN; the product with 0 must be 0.
+            l = dr.select(counts, bundle.l, n)  # noqa: E741 (the model's name)
+            dr.eval(l, irradiance, visible)
+            result.append((l, irradiance, visible))
+        return result
+
+    def _unshadowed(self, level: Level, number: int, lanes: Any) -> Tuple[shadows.Bundle, Any, Any]:
+        """The shadow rays to a lamp, its irradiance without shadows, and the shading normals on the
+        side of the viewer.
         """
         lamp, emitter = self.document.lights.lamps[number], self.built.emitters[number]
         hits, rays = level.hits, level.rays
-        lanes = pad(lanes_here)
         si = dr.zeros(mi.SurfaceInteraction3f, dr.width(lanes))
         si.p = dr.gather(mi.Point3f, hits.p, lanes)
         si.t = mi.Float(1)
@@ -494,28 +518,18 @@ class Tracer:
             counts &= dr.max(irradiance) >= self._faintest
         if lamp.finite:
             counts &= ds.dist > 0
-        visible = counts
         goal = ds.p if lamp.finite else None
         if lamp.normal is not None:
             goal = ds.p + mi.Vector3f(*[dr.opaque(mi.Float, lamp.off * axis) for axis in lamp.normal])
-        if self.through:
-            share = shadows.through(self, level, lanes, number, si.p, n_g, l, goal, counts)
-            irradiance = irradiance * share
-            visible = counts & (dr.max(share) > 0)
-        elif self.document.integrator.shadows:
-            visible = counts & ~self._shadowed(level, lanes, number, si.p, n_g, l, goal, counts)
-            self._count("shadow", counts, len(lanes_here))
-        irradiance = dr.select(visible, irradiance, 0)
-        # Where the lamp does not count, the direction may be NaN; the product with 0 must be 0.
-        l = dr.select(counts, l, n)  # noqa: E741
-        dr.eval(l, irradiance, visible)
-        return l, irradiance, visible
+        return shadows.Bundle(number, si.p, n_g, l, goal, counts), irradiance, n
 
-    def _shadowed(self, level: Level, lanes: Any, number: int, p: Any, n_g: Any, l: Any, goal: Any, active: Any) -> Any:  # noqa: E741
+    def _shadowed(self, level: Level, lanes: Any, bundle: shadows.Bundle) -> Any:
         """Whether a surface lies strictly between the point and the lamp (at `goal`, or infinitely
         far along `l`).
         """
         rays = level.rays
+        number, p, n_g, l, goal = bundle.number, bundle.p, bundle.n_g, bundle.l, bundle.goal  # noqa: E741
+        active = bundle.counts
         setting = dr.gather(mi.UInt32, rays.setting, lanes)
         key, path = dr.gather(mi.UInt32, rays.key, lanes), dr.gather(mi.UInt32, rays.path, lanes)
         path = mix(path + dr.opaque(mi.UInt32, 0x80000000 + number))

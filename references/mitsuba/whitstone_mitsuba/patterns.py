@@ -316,6 +316,9 @@ class Formula(mi.Texture):
     def __init__(self, pattern: Any) -> None:
         mi.Texture.__init__(self, mi.Properties())
         self.pattern = pattern
+        # The places of the last call, and its colours: materials are evaluated at the same places
+        # for each lamp.
+        self._last: Tuple[Any, Any] = (None, None)
 
     def values(self, si: Any, place: Any) -> np.ndarray:
         """(n, 3) colours at `place`, which has `p`, `uv` and `sh_frame.n` like `si`."""
@@ -327,7 +330,11 @@ class Formula(mi.Texture):
         return self.pattern.mapping.values(place, at)
 
     def eval(self, si: Any, active: Any = True) -> Any:
-        return mi.Color3f(np.ascontiguousarray(self.values(si, si).T.astype(np.float32)))
+        places = tuple(np.array(place).tobytes() for place in (si.p, si.uv, si.sh_frame.n))
+        # The second texture coordinates are not in `si`.
+        if self._last[0] != places or self.pattern.mapping.uv_set == 1:
+            self._last = places, np.ascontiguousarray(self.values(si, si).T.astype(np.float32))
+        return mi.Color3f(self._last[1])
 
     def to_string(self) -> str:
         return f"Formula[{type(self.pattern).__name__}]"
