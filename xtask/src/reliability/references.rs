@@ -144,9 +144,8 @@ pub(super) fn drivers(subject: &Subject) -> Result<Tally, Failure> {
     Ok(tally)
 }
 
-/// A driver looks for its parent five times a second. On a loaded machine, while it loads Mitsuba,
-/// it was seen to end after more than 1 s.
-const ENDED: Duration = Duration::from_secs(3);
+/// After this time, all processes of a killed command must have ended.
+const ENDED: Duration = Duration::from_secs(1);
 
 /// Kills commands that store references.
 pub(super) fn stored(subject: &Subject) -> Result<Tally, Failure> {
