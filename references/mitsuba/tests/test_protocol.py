@@ -89,8 +89,8 @@ class Serve(unittest.TestCase):
 
     @unittest.skipUnless(sys.platform == "linux", "only Linux sends a signal when a pipe closes")
     def test_the_kernel_ends_the_driver(self):
-        """The parent is killed while the driver loads a library that keeps the interpreter's lock, so
-        that no thread of Python runs; and before the driver starts.
+        """The parent is killed while the driver loads a library that keeps the interpreter's lock,
+        so that no thread of Python runs; and before the driver starts.
         """
         driver = (
             "import ctypes, os, subprocess, sys, time\n"

@@ -36,8 +36,8 @@ def _loaded(load: Callable[[], Answerer]) -> Answerer:
 
 
 def end_with_the_parent() -> None:
-    """Ends this process soon after its parent process has ended, which cannot tell if it was killed.
-    If this process leads a process group, as drivers do, the group ends with it.
+    """Ends this process soon after its parent process has ended, which cannot tell if it was
+    killed. If this process leads a process group, as drivers do, the group ends with it.
     """
     pipe = os.environ.pop(PARENT, None)
     if pipe is None or not _signalled(int(pipe)):
@@ -70,7 +70,7 @@ def _signalled(pipe: int) -> bool:
 
 
 def _watched() -> None:
-    """Looks for the parent in a thread. Only POSIX systems change the parent's number when it ends."""
+    """Looks for the parent in a thread. Only POSIX systems change the parent's number then."""
     parent = os.getppid()
 
     def watch() -> None:
