@@ -94,7 +94,7 @@ const PROMISES: [Promise; 6] = [
     },
     Promise {
         name: "A driver does not outlive its command.",
-        how: "`validate --fresh` with a live Mitsuba, and SIGKILL at a random moment, in at least one attempt while a driver is alive. Three seconds later no process that it started is alive (on a machine that is not loaded, one second). Its files are as after every kill, and the next run gives the same results.",
+        how: "`validate --fresh` with a live Mitsuba, and SIGKILL at a random moment, in at least one attempt while a driver is alive. One second later no process that it started is alive. Its files are as after every kill, and the next run gives the same results.",
         run: references::drivers,
     },
     Promise {

@@ -188,7 +188,7 @@ impl Scene {
                 "the pixel ({x}, {y}) is outside of the image of {width} x {height} pixels"
             )));
         }
-        let mut scratch = Scratch::within(self.0.pipeline().tree_limits);
+        let mut scratch = Scratch::within(self.0.pipeline().tree_limits(1));
         let work = |_: &_| self.0.pipeline().pixel([x, y], &mut scratch);
         let value = interruptible::run(py, None, work)?;
         match scratch.too_large {

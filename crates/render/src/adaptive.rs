@@ -120,7 +120,7 @@ impl Adaptive {
         let state = Mutex::new((tallies, film));
         // One per thread, for all rounds.
         let threads = rayon::current_num_threads();
-        let limits = pipeline.tree_limits_of(threads);
+        let limits = pipeline.tree_limits(threads);
         let memories: Vec<Mutex<SampleMemory>> =
             std::iter::repeat_with(|| Mutex::new(SampleMemory::new(limits, self.moment)))
                 .take(threads)

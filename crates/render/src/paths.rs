@@ -31,7 +31,7 @@ impl Pipeline {
         let first = film.layers.len() - count;
         let total = u64::from(region.width) * u64::from(region.height);
         let stopped = AtomicBool::new(false);
-        let limits = self.tree_limits_of(rayon::current_num_threads());
+        let limits = self.tree_limits(rayon::current_num_threads());
         for top in (0..region.height).step_by(ROWS as usize) {
             let rows = ROWS.min(region.height - top);
             let start = region.place([region.x, region.y + top]);

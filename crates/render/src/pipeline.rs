@@ -31,8 +31,8 @@ pub struct Pipeline {
     pub scene: Scene,
     /// The scene at each further time of the film; empty if no shape moves.
     pub later: Vec<Moment>,
-    /// Limits on the ray trees of its samples.
-    pub tree_limits: TreeLimits,
+    /// Limits on the ray trees of its samples, if memory is not limited.
+    usual_tree_limits: TreeLimits,
     /// The memory for pending rays in bytes, if it is limited.
     pub(crate) memory_left: Option<u64>,
     /// The memory that is reserved, in bytes.
@@ -74,14 +74,14 @@ const FEWEST_PENDING: usize = 4096;
 const FEWEST_SHARES: usize = 16;
 
 impl Pipeline {
-    /// Limits on ray trees if this many threads share the memory.
-    pub(crate) fn tree_limits_of(&self, threads: usize) -> TreeLimits {
+    /// Limits on the ray trees of its samples if this many threads trace them and share the memory.
+    pub fn tree_limits(&self, threads: usize) -> TreeLimits {
         let of_thread = |left: u64| left / threads.max(FEWEST_SHARES) as u64 / TreeLimits::PENDING_BYTES;
         let most = self.memory_left.map_or(u64::MAX, of_thread);
         let most = usize::try_from(most).unwrap_or(usize::MAX).max(FEWEST_PENDING);
         TreeLimits {
-            pending: self.tree_limits.pending.min(most),
-            ..self.tree_limits
+            pending: self.usual_tree_limits.pending.min(most),
+            ..self.usual_tree_limits
         }
     }
 
@@ -337,7 +337,7 @@ impl Pipeline {
                     object_order,
                     scene,
                     later: Vec::new(),
-                    tree_limits: TreeLimits {
+                    usual_tree_limits: TreeLimits {
                         rays: options.max_tree_rays.unwrap_or(usual.rays),
                         ..usual
                     },

@@ -327,7 +327,7 @@ impl Pipeline {
         let stopped = AtomicBool::new(false);
         let too_large = Mutex::new(None);
         let bands = Band::all(film, rows);
-        let limits = self.tree_limits_of(rayon::current_num_threads());
+        let limits = self.tree_limits(rayon::current_num_threads());
         let counters = rayon::broadcast(|_| {
             let mut scratch = BlockScratch::new(limits, moment);
             let taken = std::iter::from_fn(|| tiles.get(next.fetch_add(1, Ordering::Relaxed)));

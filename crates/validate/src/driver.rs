@@ -2,6 +2,7 @@
 //! `references/mitsuba/PROTOCOL.md` and receives the answers.
 
 use crate::environment::Environment;
+use crate::lifeline::{self, Lifeline};
 use crate::protocol::Number;
 pub use crate::protocol::{
     Coincident, Hello, PovRay, Rays, Rendered, RenderedSeconds, SceneText, Setting, Versions,
@@ -77,7 +78,7 @@ pub enum DriverError {
     Refused(String),
 }
 
-/// A running driver. It is killed, with its children, when dropped.
+/// A running driver. It is killed, with its children, when dropped; it ends with this process.
 pub struct Driver {
     child: Child,
     /// Lines for standard input. A thread writes them, because writing more than fits into the pipe
@@ -88,6 +89,7 @@ pub struct Driver {
     stderr_reader: JoinHandle<()>,
     limit: Duration,
     stop: Stop,
+    _lifeline: Lifeline,
 }
 
 impl Driver {
@@ -120,7 +122,7 @@ impl Driver {
         // A process group of its own, so that its child processes can be killed with it.
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
-        let mut child = command.spawn()?;
+        let (mut child, lifeline) = lifeline::spawn(&mut command)?;
         let (Some(stdin), Some(stdout), Some(stderr)) =
             (child.stdin.take(), child.stdout.take(), child.stderr.take())
         else {
@@ -179,6 +181,7 @@ impl Driver {
             stderr_reader,
             limit,
             stop: Stop::default(),
+            _lifeline: lifeline,
         })
     }
 

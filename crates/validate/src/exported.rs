@@ -5,6 +5,7 @@
 //! are noisy.
 
 use crate::environment::Environment;
+use crate::lifeline::{self, Lifeline};
 use serde::Deserialize;
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -15,9 +16,10 @@ use whitstone_scene::Flattened;
 /// Answers each line of standard input with a line of JSON.
 const PROGRAM: &str = "
 import json, sys, time
-from whitstone_mitsuba.runtime import dr, mi
+import whitstone_mitsuba
 from whitstone_protocol.serve import end_with_the_parent
 end_with_the_parent()
+from whitstone_mitsuba.runtime import dr, mi
 mi.set_variant(sys.argv[1])
 dr.set_thread_count(int(sys.argv[2]))
 scene = image = None
@@ -52,6 +54,7 @@ pub struct ExportedMitsuba {
     child: Child,
     input: ChildStdin,
     output: BufReader<ChildStdout>,
+    _lifeline: Lifeline,
 }
 
 impl ExportedMitsuba {
@@ -65,19 +68,25 @@ impl ExportedMitsuba {
             0 => std::thread::available_parallelism().map_or(1, usize::from),
             count => count,
         };
-        let mut child = Command::new(&environment.python)
+        let mut command = Command::new(&environment.python);
+        command
             .args(["-c", PROGRAM, variant, &threads.to_string()])
             .env("PYTHONPATH", &environment.package)
             .env("PYTHONDONTWRITEBYTECODE", "1")
             .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .map_err(|error| format!("cannot start Mitsuba: {error}"))?;
+            .stdout(Stdio::piped());
+        let (mut child, lifeline) =
+            lifeline::spawn(&mut command).map_err(|error| format!("cannot start Mitsuba: {error}"))?;
         let (Some(input), Some(output)) = (child.stdin.take(), child.stdout.take()) else {
             unreachable!("both are configured as pipes");
         };
         let output = BufReader::new(output);
-        Ok(Self { child, input, output })
+        Ok(Self {
+            child,
+            input,
+            output,
+            _lifeline: lifeline,
+        })
     }
 
     /// The number of the process.

@@ -13,6 +13,7 @@ mod inexact;
 mod judge;
 mod judge_noisy;
 mod key;
+mod lifeline;
 mod live;
 pub mod matrix;
 mod noisy;

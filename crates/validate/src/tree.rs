@@ -42,7 +42,8 @@ pub struct Node {
 
 /// Our tree for a sample of a pixel.
 pub fn ours(pipeline: &Pipeline, pixel: [usize; 2], sample: u32) -> Vec<TreeNode> {
-    let mut scratch = Scratch::recording();
+    let mut scratch = Scratch::within(pipeline.tree_limits(1));
+    scratch.record = Some(Vec::new());
     let pixel = pixel.map(|p| p as u32);
     let ray = pipeline.camera_ray(pixel, sample);
     scratch.differential = pipeline.camera_differential(pixel, sample);

@@ -30,10 +30,11 @@ pub(crate) fn numbers(
 ) -> Option<Vec<f32>> {
     let size = pipeline.film.size;
     let missing = AtomicBool::new(false);
+    let limits = pipeline.tree_limits(rayon::current_num_threads());
     let rows: Vec<Vec<f32>> = (0..size.height)
         .into_par_iter()
         .map_init(
-            || Scratch::within(pipeline.tree_limits),
+            || Scratch::within(limits),
             |scratch, y| {
                 if missing.load(Ordering::Relaxed) {
                     return Vec::new();
@@ -55,7 +56,7 @@ pub(crate) fn numbers(
 
 /// Whether the accelerator counts what a map shows.
 pub(crate) fn is_counted(pipeline: &Pipeline, shown: Shown) -> bool {
-    let mut scratch = Scratch::within(pipeline.tree_limits);
+    let mut scratch = Scratch::within(pipeline.tree_limits(1));
     number(pipeline, shown, [0, 0], &mut scratch).is_some()
 }
 

@@ -9,6 +9,7 @@ import time
 import unittest
 
 from support import DOWN, FLOOR, ROOT, film
+from whitstone_protocol import serve
 
 SCENE = film(4, 4) + DOWN + FLOOR + '[[light]]\ntype = "ambient"\nradiance = 1\n'
 
@@ -85,6 +86,45 @@ class Serve(unittest.TestCase):
             while _runs(driver) and time.monotonic() < deadline:
                 time.sleep(0.05)
             self.assertFalse(_runs(driver))
+
+    @unittest.skipUnless(sys.platform == "linux", "only Linux sends a signal when a pipe closes")
+    def test_the_kernel_ends_the_driver(self):
+        """The parent is killed while the driver loads a library that keeps the interpreter's lock,
+        so that no thread of Python runs; and before the driver starts.
+        """
+        driver = (
+            "import ctypes, os, subprocess, sys, time\n"
+            "from whitstone_protocol import serve\n"
+            "child = subprocess.Popen(['sleep', '60'])\n"
+            "time.sleep(float(sys.argv[1]))\n"
+            "print(os.getpid(), child.pid, flush=True)\n"
+            "serve.run(lambda: ctypes.PyDLL(None).sleep(60))"
+        )
+        parent = (
+            "import os, subprocess, sys, time\n"
+            "read, write = os.pipe()\n"
+            "subprocess.Popen([sys.executable, '-c', *sys.argv[1:]], pass_fds=[read], start_new_session=True,\n"
+            "    stdin=subprocess.PIPE, env={**os.environ, 'WHITSTONE_PARENT': str(read)})\n"
+            "time.sleep(600)"
+        )
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join([ROOT, os.path.dirname(os.path.dirname(serve.__file__))])}
+        for wait in (0, 1):
+            command = [sys.executable, "-c", parent, driver, str(wait)]
+            with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
+                if wait == 0:
+                    processes = [int(number) for number in process.stdout.readline().split()]
+                    time.sleep(1)
+                    self.assertTrue(all(map(_runs, processes)))
+                    process.kill()
+                else:
+                    time.sleep(0.5)
+                    process.kill()
+                    processes = [int(number) for number in process.stdout.readline().split()]
+            self.assertEqual(len(processes), 2)
+            deadline = time.monotonic() + 1
+            while any(map(_runs, processes)) and time.monotonic() < deadline:
+                time.sleep(0.02)
+            self.assertFalse(any(map(_runs, processes)), wait)
 
     def test_without_llvm(self):
         """A missing library gives an answer with instructions, not a crash."""

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import select
 import signal
 import sys
 import threading
 import time
-from typing import Any, Callable
+from typing import Any, Callable, NoReturn
 
 from .errors import DriverError
 from .requests import Answer
@@ -17,6 +18,10 @@ Answerer = Callable[[Any], Answer]
 
 # Seconds between two looks at the parent process.
 INTERVAL = 0.2
+
+# The environment variable with the file descriptor of a pipe. Only the parent process has the other
+# end, and nobody writes to it.
+PARENT = "WHITSTONE_PARENT"
 
 
 def _loaded(load: Callable[[], Answerer]) -> Answerer:
@@ -31,20 +36,57 @@ def _loaded(load: Callable[[], Answerer]) -> Answerer:
 
 
 def end_with_the_parent() -> None:
-    """Ends this process and its children soon after its parent process has ended, which cannot tell
-    if it was killed. Only POSIX systems change the parent's number then.
+    """Ends this process soon after its parent process has ended, which cannot tell if it was
+    killed. If this process leads a process group, as drivers do, the group ends with it.
     """
+    pipe = os.environ.pop(PARENT, None)
+    if pipe is None or not _signalled(int(pipe)):
+        _watched()
+
+
+def _signalled(pipe: int) -> bool:
+    """Lets the kernel send SIGKILL when the other end of the pipe closes; returns whether it can.
+    No thread of Python could do that while a library that is being loaded holds the lock of the
+    interpreter.
+    """
+    if sys.platform != "linux":
+        return False
+    import fcntl
+
+    leads = os.getpgrp() == os.getpid()
+    try:
+        # A process group has a negative number.
+        fcntl.fcntl(pipe, fcntl.F_SETOWN, -os.getpid() if leads else os.getpid())
+        fcntl.fcntl(pipe, fcntl.F_SETSIG, signal.SIGKILL)
+        fcntl.fcntl(pipe, fcntl.F_SETFL, fcntl.fcntl(pipe, fcntl.F_GETFL) | os.O_ASYNC)
+    except OSError:
+        return False
+    poll = select.poll()
+    poll.register(pipe, 0)
+    if poll.poll(0):
+        # It closed before this process started.
+        _end()
+    return True
+
+
+def _watched() -> None:
+    """Looks for the parent in a thread. Only POSIX systems change the parent's number then."""
     parent = os.getppid()
 
     def watch() -> None:
         while os.getppid() == parent:
             time.sleep(INTERVAL)
-        if os.getpgrp() == os.getpid():
-            os.killpg(0, signal.SIGKILL)
-        os._exit(1)
+        _end()
 
     if os.name == "posix":
         threading.Thread(target=watch, daemon=True).start()
+
+
+def _end() -> NoReturn:
+    """Ends this process and, if it leads a process group, the group."""
+    if os.getpgrp() == os.getpid():
+        os.killpg(0, signal.SIGKILL)
+    os._exit(1)
 
 
 def run(load: Callable[[], Answerer]) -> int:

@@ -13,6 +13,8 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 use whitstone::Failure;
 use whitstone::core::Registry;
+use whitstone::validate::Installation;
+use whitstone::validate::environment::Environment;
 
 /// Scenes of one run of `validate`.
 const BATCH: usize = 20;
@@ -26,7 +28,8 @@ const UNDECIDED: &str = "target/fuzz/mitsuba/undecided";
 pub(super) fn run(first: u64, seconds: u64, registry: &Registry) -> Result<Run, Failure> {
     let end = Instant::now() + Duration::from_secs(seconds);
     let scenes = Scenes::new(registry);
-    let python = python()?;
+    let environment = Environment::ensure(&Installation::default(), &|text| eprintln!("{text}"));
+    let python = environment.map_err(Failure::environment)?.python;
     let folder = Path::new(TARGET).join("scenes");
     let mut number = first;
     let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
@@ -92,34 +95,16 @@ enum Outcome {
     Finding(String),
 }
 
-/// The Python interpreter of the private environment, which is made if there is none.
-fn python() -> Result<String, Failure> {
-    let output = own()?
-        .args(["doctor", "--json", "-"])
-        .stderr(Stdio::null())
-        .output()
-        .map_err(Failure::environment)?;
-    let found: Value = serde_json::from_slice(&output.stdout).map_err(Failure::environment)?;
-    let python = found["live"]["python"].as_str();
-    python
-        .map(str::to_owned)
-        .ok_or_else(|| Failure::environment("there is no live Mitsuba; see `whitstone doctor`"))
-}
-
-/// This program.
-fn own() -> Result<Command, Failure> {
-    Ok(Command::new(
-        std::env::current_exe().map_err(Failure::environment)?,
-    ))
-}
-
 /// Validates scenes.
-fn validate(files: &[PathBuf], python: &str) -> Result<Vec<(PathBuf, Outcome)>, Failure> {
+fn validate(files: &[PathBuf], python: &Path) -> Result<Vec<(PathBuf, Outcome)>, Failure> {
     let json = Path::new(TARGET).join("results.json");
     let _ = fs::remove_file(&json);
-    let output = own()?
+    let program = std::env::current_exe().map_err(Failure::environment)?;
+    let output = Command::new(program)
         .args(["validate", "--fresh", "--root", ".", "--target", TARGET])
-        .args(["--mitsuba", python, "--json"])
+        .arg("--mitsuba")
+        .arg(python)
+        .arg("--json")
         .arg(&json)
         .args(files)
         .stdout(Stdio::null())

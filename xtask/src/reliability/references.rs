@@ -9,7 +9,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 use whitstone::Failure;
-use whitstone::validate::{Renderer, stored};
+use whitstone::validate::environment::Environment;
+use whitstone::validate::{Installation, Renderer, stored};
 
 /// A scene that takes little time.
 const SCENE: &str = "scenes/materials/matte.toml";
@@ -33,15 +34,7 @@ impl<'s> Live<'s> {
         if !cfg!(target_os = "linux") {
             return Ok(Err("the processes are known on Linux only.".to_owned()));
         }
-        let program = subject.program.display().to_string();
-        let words = [&program, "doctor", "--no-install", "--json", "-"];
-        let output = subject.plain(&words.map(str::to_owned)).output();
-        let output = output.map_err(Failure::environment)?;
-        let found: Value = serde_json::from_slice(&output.stdout).map_err(|error| {
-            let stderr = String::from_utf8_lossy(&output.stderr);
-            Failure::environment(format!("the report of `doctor`: {error}: {}", stderr.trim()))
-        })?;
-        let Some(python) = found["live"]["python"].as_str() else {
+        let Some(environment) = Environment::existing(&Installation::default()) else {
             return Ok(Err(
                 "there is no live Mitsuba (`whitstone doctor` installs it).".to_owned()
             ));
@@ -49,7 +42,7 @@ impl<'s> Live<'s> {
         Ok(Ok(Self {
             subject,
             folder: tempfile::tempdir().map_err(Failure::environment)?,
-            python: python.to_owned(),
+            python: environment.python.display().to_string(),
         }))
     }
 
@@ -151,9 +144,8 @@ pub(super) fn drivers(subject: &Subject) -> Result<Tally, Failure> {
     Ok(tally)
 }
 
-/// A driver looks for its parent five times a second. On a loaded machine, while it loads Mitsuba,
-/// it was seen to end after more than 1 s.
-const ENDED: Duration = Duration::from_secs(3);
+/// After this time, all processes of a killed command must have ended.
+const ENDED: Duration = Duration::from_secs(1);
 
 /// Kills commands that store references.
 pub(super) fn stored(subject: &Subject) -> Result<Tally, Failure> {

@@ -103,7 +103,7 @@ impl PixelArguments {
             return Err(Failure::environment(problem));
         }
         let at = pixel.map(|p| p as u32);
-        let mut scratch = Scratch::within(pipeline.tree_limits);
+        let mut scratch = Scratch::within(pipeline.tree_limits(1));
         let value = pipeline.pixel(at, &mut scratch);
         if let Some(tree) = scratch.too_large {
             return Err(Failure::usage(FilmError::TooLarge { pixel: at, tree }));
