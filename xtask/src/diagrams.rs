@@ -2,6 +2,7 @@
 //! `readme --check` can render all of them.
 
 use crate::readme::{build, render};
+use crate::work;
 use std::path::{Path, PathBuf};
 use whitstone::core::{DebugBounds, Registry};
 use whitstone::image::{Raster, ToneMap};
@@ -21,6 +22,7 @@ pub(crate) fn all(registry: &Registry) -> Result<Vec<(PathBuf, Vec<u8>)>, Failur
         ("depths", depths(registry)?),
         ("shadings", shadings(registry)?),
         ("ray-tree", ray_tree(registry)?),
+        ("work", work::picture(registry)?),
     ];
     let file = |(name, raster): (&str, Raster)| {
         let bytes = raster.to_png().map_err(Failure::environment)?;
@@ -29,9 +31,11 @@ pub(crate) fn all(registry: &Registry) -> Result<Vec<(PathBuf, Vec<u8>)>, Failur
     pictures.into_iter().map(file).collect()
 }
 
+/// The gap between the pictures of a grid, in pixels.
+pub(crate) const GAP: usize = 4;
+
 /// Equal pictures in rows, with a gap between them.
 pub(crate) fn grid(pictures: &[Raster], columns: usize) -> Raster {
-    const GAP: usize = 4;
     let (width, height) = (pictures[0].width() + GAP, pictures[0].height() + GAP);
     let rows = pictures.len().div_ceil(columns);
     let mut all = Raster::filled(columns * width - GAP, rows * height - GAP, [255; 3]);

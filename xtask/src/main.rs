@@ -4,6 +4,7 @@
 mod assets;
 mod backends;
 mod bench;
+mod close_ups;
 mod comparisons;
 mod course;
 mod dependencies;
@@ -13,6 +14,7 @@ mod formats;
 mod fuzz;
 mod gallery;
 mod growth;
+mod labels;
 mod licences;
 mod links;
 mod oracle;
@@ -33,6 +35,7 @@ mod topics;
 mod traversal;
 mod variants;
 mod width;
+mod work;
 mod worst_cases;
 
 use clap::{Parser, Subcommand};
@@ -62,6 +65,7 @@ enum Verb {
     /// Write the generated meshes and pictures of scenes/assets again
     Assets,
     Bench(bench::Arguments),
+    CloseUps(close_ups::Arguments),
     Fuzz(fuzz::Arguments),
     Gallery(gallery::Arguments),
     Oracle(oracle::Arguments),
@@ -92,6 +96,7 @@ fn main() -> ExitCode {
         Verb::Features => features::run(&registry),
         Verb::Assets => assets::write(),
         Verb::Bench(arguments) => bench::run(arguments, &registry),
+        Verb::CloseUps(arguments) => close_ups::run(arguments, &registry),
         Verb::Fuzz(arguments) => fuzz::run(arguments, &registry),
         Verb::Gallery(arguments) => gallery::run(arguments, &registry),
         Verb::Oracle(arguments) => oracle::run(arguments, &registry),

@@ -120,16 +120,17 @@ fn render(registry: &Registry, name: &str, size: (u32, Quality)) -> Result<Raste
     Raster::preview(&image, tone).map_err(Failure::usage)
 }
 
-/// The hash of the scene that a copy shows, with the overrides.
-fn hash(registry: &Registry, name: &str) -> Result<String, Failure> {
-    let sources = Sources::load(&scene(name), &overrides(COPY), registry)
+/// The hash of a scene with overrides.
+pub(crate) fn hash(registry: &Registry, scene: &Path, overrides: &[String]) -> Result<String, Failure> {
+    let sources = Sources::load(scene, overrides, registry)
         .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
     let description = Description::parse(&sources).into_result();
     let description = description.map_err(|errors| Failure::usage(sources.report(&errors, false)))?;
     Ok(description.flattened.hash)
 }
 
-fn hash_of(bytes: &[u8]) -> String {
+/// The hash of a file.
+pub(crate) fn hash_of(bytes: &[u8]) -> String {
     blake3::hash(bytes).to_hex()[..32].to_owned()
 }
 
@@ -161,7 +162,7 @@ pub(crate) fn update(registry: &Registry, check: bool) -> Result<Update, Failure
     };
     let mut problems = strangers(&names);
     for name in &names {
-        let scene_hash = hash(registry, name)?;
+        let scene_hash = hash(registry, &scene(name), &overrides(COPY))?;
         let is_current = |record: &Value| record["scene"] == scene_hash && record["file"] == present(name);
         if !is_current(&old[name]) {
             if check {

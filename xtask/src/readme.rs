@@ -3,8 +3,8 @@
 
 use crate::bench::light_paths;
 use crate::{
-    comparisons, course, diagrams, formats, fuzz, growth, licences, pages, pictures, plugins, reliability,
-    run_time, scale, subjects, topics, traversal, variants, verdict, worst_cases,
+    close_ups, comparisons, course, diagrams, formats, fuzz, growth, licences, pages, pictures, plugins,
+    reliability, run_time, scale, subjects, topics, traversal, variants, verdict, worst_cases,
 };
 use clap::Args;
 use std::fmt::Write;
@@ -187,9 +187,12 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         picture(registry, example)
     })?);
     let pictures = pictures::update(registry, arguments.check)?;
-    files.extend(pictures.files);
+    let close_ups = close_ups::update(registry)?;
     let mut problems = strangers(&files);
-    problems.extend(pictures.problems);
+    for update in [pictures, close_ups] {
+        files.extend(update.files);
+        problems.extend(update.problems);
+    }
     for (path, bytes) in files {
         if std::fs::read(&path).is_ok_and(|found| found == bytes) {
             continue;

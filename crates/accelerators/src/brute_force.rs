@@ -13,7 +13,7 @@ use whitstone_core::stream::{HitStream, Lanes, RayStream};
 use whitstone_core::triangle::ShearedRay;
 use whitstone_core::{
     Accelerator, Accelerators, Context, Element, Geometry, Instance, InstanceId, Interval, LoweredShape,
-    Plugin, PreliminaryIntersection, Ray, SceneErrors, SelfHitFilter, Statistics,
+    Plugin, PreliminaryIntersection, Ray, SceneErrors, SelfHitFilter, Statistics, TraversalStatistics,
 };
 
 /// Tests every element in order, without an acceleration structure.
@@ -151,6 +151,18 @@ impl Accelerator for BruteForce {
         for instance in self.instances() {
             instance.occluded_stream(rays, hidden);
         }
+    }
+
+    fn traversal_statistics(
+        &self,
+        _ray: &Ray,
+        _interval: Interval,
+        _skip: SelfHitFilter,
+    ) -> Option<TraversalStatistics> {
+        Some(TraversalStatistics {
+            steps: 0,
+            tests: self.geometry.elements().count() as u64,
+        })
     }
 
     fn statistics(&self) -> Statistics {

@@ -33,7 +33,7 @@ use crate::support::elements::{MAX_ELEMENTS, check_count};
 use crate::support::leaves::child::{Child, Kind, WIDTH};
 use crate::support::leaves::filter::NUMBERS;
 use crate::support::leaves::items::{Box4, Contents, Item, Items, PARALLEL};
-use crate::support::leaves::state::{Query, Search};
+use crate::support::leaves::state::{Counters, Query, Search};
 use crate::support::leaves::{Leaves, Number, by_coordinate};
 use binned::Binned;
 use exact::Sixteen;
@@ -51,7 +51,7 @@ use tree::{Binary, Tree};
 use whitstone_core::stream::{HitStream, Lanes, RayStream};
 use whitstone_core::{
     Aabb, Accelerator, Accelerators, Context, DAffine3, DVec3, DebugBounds, Geometry, Interval, Plugin,
-    PreliminaryIntersection, Ray, SceneErrors, SelfHitFilter, Statistics,
+    PreliminaryIntersection, Ray, SceneErrors, SelfHitFilter, Statistics, TraversalStatistics,
 };
 use whitstone_simd::{Level, with_lanes};
 use wide::Wide;
@@ -361,7 +361,7 @@ impl Bvh {
         let query = Query { ray, interval, skip };
         match &self.hierarchy {
             Hierarchy::Eight(eight) => eight.find::<ANY>(&query),
-            Hierarchy::Sixteen(sixteen) => sixteen.find::<ANY>(&query),
+            Hierarchy::Sixteen(sixteen) => sixteen.find::<ANY>(&query, ()),
         }
     }
 }
@@ -508,6 +508,27 @@ impl Accelerator for Bvh {
         Some(Box::new(self.refit(geometry)?))
     }
 
+    fn traversal_statistics(
+        &self,
+        ray: &Ray,
+        interval: Interval,
+        skip: SelfHitFilter,
+    ) -> Option<TraversalStatistics> {
+        let (query, counters) = (Query { ray, interval, skip }, Counters::default());
+        match &self.hierarchy {
+            Hierarchy::Eight(eight) => {
+                with_lanes(
+                    Level::Avx2,
+                    Search::<false, _>(&search::Counted(eight, &counters), &query),
+                );
+            }
+            Hierarchy::Sixteen(sixteen) => {
+                sixteen.find::<false>(&query, &counters);
+            }
+        }
+        Some(counters.statistics(self.leaves(), &query))
+    }
+
     fn statistics(&self) -> Statistics {
         let mut statistics = self.statistics.clone();
         let skipped = self.proxies.as_ref().map(Proxies::skipped);
@@ -571,6 +592,32 @@ mod tests {
             orientation: 1.0,
             ..TriangleMesh::default()
         })]))
+    }
+
+    /// A hundred quads in a row: a ray passes all of them, hits one, runs along all of them, or is so
+    /// far away that single precision cannot represent it.
+    #[test]
+    fn the_work_of_a_ray_is_counted() {
+        let places: Vec<DVec3> = (0..100)
+            .map(|i| DVec3::new(2.0 * f64::from(i), 0.0, 0.0))
+            .collect();
+        for level in [Level::Avx2, Level::Avx512] {
+            let bvh = Bvh::new(quads(&places), Quality::Balanced, level);
+            let nodes = bvh.statistics["nodes"] as u64;
+            let count = |origin: DVec3, direction: DVec3| {
+                let ray = Ray::new(origin, direction);
+                let counted = bvh.traversal_statistics(&ray, Interval::FORWARD, SelfHitFilter::NOTHING);
+                counted.map(|counted| (counted.steps, counted.tests))
+            };
+            assert_eq!(count(DVec3::new(0.0, 0.0, 5.0), DVec3::Z), Some((1, 0)));
+            let (steps, tests) = count(DVec3::new(100.3, 0.3, 5.0), -DVec3::Z).unwrap();
+            assert!(
+                (2..6).contains(&steps) && (2..17).contains(&tests),
+                "{steps} {tests}"
+            );
+            assert_eq!(count(DVec3::new(-1.0, 0.5, 0.0), DVec3::X), Some((nodes, 200)));
+            assert_eq!(count(DVec3::splat(1e20), DVec3::X), Some((0, 200)));
+        }
     }
 
     /// Elements that part make the boxes overlap; elements that a hierarchy lacks need a new one.

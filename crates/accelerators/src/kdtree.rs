@@ -31,7 +31,7 @@ use crate::support::elements::{MAX_ELEMENTS, check_count};
 use crate::support::leaves::child::WIDTH;
 use crate::support::leaves::filter::NUMBERS;
 use crate::support::leaves::items::{Box4, Contents, Items};
-use crate::support::leaves::state::{Query, Search};
+use crate::support::leaves::state::{Counters, Query, Search, Tally};
 use crate::support::leaves::{Leaves, by_coordinate};
 use crate::support::partition::{Content, Cut, MAX_DEPTH, Tree};
 use crate::support::split::{Axes, Split};
@@ -159,18 +159,11 @@ impl KdTree {
         }
     }
 
-    /// Finds any hit if `ANY`, else the nearest. With `COUNT` it counts steps and tests.
+    /// Finds any hit if `ANY`, else the nearest.
     #[inline(always)]
-    fn find<const ANY: bool, const COUNT: bool>(
-        &self,
-        ray: &Ray,
-        interval: Interval,
-        skip: SelfHitFilter,
-    ) -> (Option<PreliminaryIntersection>, TraversalStatistics) {
-        let traversal = Traversal::<COUNT>::new(self);
-        let query = Query { ray, interval, skip };
-        let hit = with_lanes(Level::Avx512, Search::<ANY, _>(&traversal, &query));
-        (hit, traversal.traversal_statistics())
+    fn find<const ANY: bool>(&self, query: &Query<'_>, tally: impl Tally) -> Option<PreliminaryIntersection> {
+        let traversal = Traversal { tree: self, tally };
+        with_lanes(Level::Avx512, Search::<ANY, _>(&traversal, query))
     }
 }
 
@@ -200,11 +193,11 @@ impl Accelerator for KdTree {
         interval: Interval,
         skip: SelfHitFilter,
     ) -> Option<PreliminaryIntersection> {
-        self.find::<false, false>(ray, interval, skip).0
+        self.find::<false>(&Query { ray, interval, skip }, ())
     }
 
     fn occluded(&self, ray: &Ray, interval: Interval, skip: SelfHitFilter) -> bool {
-        self.find::<true, false>(ray, interval, skip).0.is_some()
+        self.find::<true>(&Query { ray, interval, skip }, ()).is_some()
     }
 
     fn traversal_statistics(
@@ -213,7 +206,9 @@ impl Accelerator for KdTree {
         interval: Interval,
         skip: SelfHitFilter,
     ) -> Option<TraversalStatistics> {
-        Some(self.find::<false, true>(ray, interval, skip).1)
+        let (query, counters) = (Query { ray, interval, skip }, Counters::default());
+        self.find::<false>(&query, &counters);
+        Some(counters.statistics(&self.leaves, &query))
     }
 
     fn statistics(&self) -> Statistics {

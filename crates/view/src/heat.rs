@@ -9,7 +9,7 @@ use whitstone_render::Pipeline;
 /// What a picture shows of each pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub(crate) enum Shown {
+pub enum Shown {
     /// Its radiance.
     #[default]
     Picture,
@@ -23,11 +23,7 @@ pub(crate) enum Shown {
 
 /// The numbers of all pixels, row by row; `None` if the accelerator counts none, or if `go_on`
 /// became false.
-pub(crate) fn numbers(
-    pipeline: &Pipeline,
-    shown: Shown,
-    go_on: &(dyn Fn() -> bool + Sync),
-) -> Option<Vec<f32>> {
+pub fn numbers(pipeline: &Pipeline, shown: Shown, go_on: &(dyn Fn() -> bool + Sync)) -> Option<Vec<f32>> {
     let size = pipeline.film.size;
     let missing = AtomicBool::new(false);
     let limits = pipeline.tree_limits(rayon::current_num_threads());

@@ -22,7 +22,7 @@
 
 mod camera;
 mod gate;
-mod heat;
+pub mod heat;
 mod http;
 mod pixel;
 mod reference;

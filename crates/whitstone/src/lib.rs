@@ -38,6 +38,8 @@ pub use whitstone_render as render;
 pub use whitstone_scene as scene;
 #[cfg(feature = "cli")]
 pub use whitstone_validate as validate;
+#[cfg(feature = "view")]
+pub use whitstone_view as view;
 
 #[cfg(feature = "plugins")]
 use whitstone_core::{DuplicateType, Registry};

@@ -17,7 +17,7 @@ use super::stream::Answers;
 use super::wide::Wide;
 use crate::support::leaves::Leaves;
 use crate::support::leaves::child::Child;
-use crate::support::leaves::state::Query;
+use crate::support::leaves::state::{Query, Tally};
 use node::Node;
 use stream::{Places, Stream};
 use whitstone_core::PreliminaryIntersection;
@@ -67,8 +67,13 @@ impl Sixteen {
 
     /// Finds any hit if `ANY`, else the nearest.
     #[inline(always)]
-    pub(super) fn find<const ANY: bool>(&self, query: &Query<'_>) -> Option<PreliminaryIntersection> {
-        with_wide_lanes(search::Search::<ANY>(self, query))
+    pub(super) fn find<const ANY: bool>(
+        &self,
+        query: &Query<'_>,
+        tally: impl Tally,
+    ) -> Option<PreliminaryIntersection> {
+        let tree = self;
+        with_wide_lanes(search::Search::<ANY, _> { tree, query, tally })
     }
 
     /// The same for each ray of a stream.

@@ -4,7 +4,7 @@ use super::Eight;
 use crate::support::leaves::Leaves;
 use crate::support::leaves::child::{Child, Kind, WIDTH};
 use crate::support::leaves::frame::LocalRay;
-use crate::support::leaves::state::{RayQuery, State, Streamed, Walk};
+use crate::support::leaves::state::{Counters, RayQuery, State, Streamed, Tally, Walk};
 use whitstone_simd::{Kernel, Lanes, Level, Machine, with_lanes};
 
 /// Traversal stack. Zero-initialising the worst-case depth costs about a tenth of a ray's time, and
@@ -94,14 +94,47 @@ impl Walk for Eight {
         local: &LocalRay,
         limit: f32,
     ) -> f32 {
-        let Some(root) = self.root else {
-            return limit;
-        };
-        self.traverse::<ANY, L>(l, state, local, root, &mut Stack::new(), limit)
+        self.traverse_all::<ANY, L>(l, state, local, limit, ())
+    }
+}
+
+/// A hierarchy whose traversal is counted.
+pub(super) struct Counted<'a>(pub(super) &'a Eight, pub(super) &'a Counters);
+
+impl Walk for Counted<'_> {
+    fn leaves(&self) -> &Leaves {
+        &self.0.leaves
+    }
+
+    #[inline(always)]
+    fn walk<const ANY: bool, L: Lanes<WIDTH>>(
+        &self,
+        l: L,
+        state: &mut State<'_, impl RayQuery>,
+        local: &LocalRay,
+        limit: f32,
+    ) -> f32 {
+        self.0.traverse_all::<ANY, L>(l, state, local, limit, self.1)
     }
 }
 
 impl Eight {
+    /// Traverses the whole hierarchy, as [`Self::traverse`].
+    #[inline(always)]
+    fn traverse_all<const ANY: bool, L: Lanes<WIDTH>>(
+        &self,
+        l: L,
+        state: &mut State<'_, impl RayQuery>,
+        local: &LocalRay,
+        limit: f32,
+        tally: impl Tally,
+    ) -> f32 {
+        let Some(root) = self.root else {
+            return limit;
+        };
+        self.traverse::<ANY, L>(l, state, local, (root, &mut Stack::new()), limit, tally)
+    }
+
     /// Traverses the subtree of `child`. Returns the limit up to which pending hits (found in
     /// single precision, not yet computed in double) may still be nearest.
     #[inline(always)]
@@ -110,9 +143,9 @@ impl Eight {
         l: L,
         state: &mut State<'_, impl RayQuery>,
         local: &LocalRay,
-        mut child: Child,
-        stack: &mut Stack,
+        (mut child, stack): (Child, &mut Stack),
         mut limit: f32,
+        tally: impl Tally,
     ) -> f32 {
         // Otherwise each value, broadcast to eight lanes, would be kept on the stack instead of
         // being broadcast when it is loaded.
@@ -125,6 +158,7 @@ impl Eight {
             while child.is_inner()
                 && let Kind::Inner(node) = child.kind()
             {
+                tally.step();
                 let node = &self.nodes[node];
                 let (mut mask, near) = node.enter(l, local, limit);
                 if mask == 0 {
@@ -187,6 +221,7 @@ impl Eight {
                 height -= 1;
                 child = stack[height % Stack::INLINE_CAPACITY].1;
             }
+            tally.tests(child.elements());
             match state.leaf::<ANY, L>(l, local, child, limit) {
                 Some(nearer) => limit = nearer,
                 None => return limit,
@@ -231,7 +266,7 @@ impl<const ANY: bool> Kernel for SingleRay<'_, '_, ANY> {
             stack,
             limit,
         } = self;
-        bvh.traverse::<ANY, M>(m, state, local, child, stack, limit)
+        bvh.traverse::<ANY, M>(m, state, local, (child, stack), limit, ())
     }
 }
 

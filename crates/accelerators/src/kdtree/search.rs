@@ -11,11 +11,9 @@ use crate::support::elements::Mailbox;
 use crate::support::leaves::Leaves;
 use crate::support::leaves::child::{Child, Kind, WIDTH};
 use crate::support::leaves::frame::LocalRay;
-use crate::support::leaves::state::{RayQuery, State, Walk};
+use crate::support::leaves::state::{RayQuery, State, Tally, Walk};
 use crate::support::partition::MAX_DEPTH;
-use std::cell::Cell;
 use std::ops::Range;
-use whitstone_core::TraversalStatistics;
 use whitstone_simd::Lanes;
 
 /// A node in 8 bytes (Pharr, Jakob, Humphreys, *Physically based rendering*, 3rd edition, 2016,
@@ -108,36 +106,13 @@ const _: () = assert!(size_of::<Node>() == 8);
 /// A deferred cell: its node and the ray interval in it.
 type Later = (u32, f32, f32);
 
-/// The tree, and with `COUNT` the counters of steps and tests of a search.
-pub(super) struct Traversal<'a, const COUNT: bool> {
-    tree: &'a KdTree,
-    steps: Cell<u64>,
-    tests: Cell<u64>,
+/// The tree, and what counts the work of a search.
+pub(super) struct Traversal<'a, T> {
+    pub(super) tree: &'a KdTree,
+    pub(super) tally: T,
 }
 
-impl<'a, const COUNT: bool> Traversal<'a, COUNT> {
-    pub(super) fn new(tree: &'a KdTree) -> Self {
-        Self {
-            tree,
-            steps: Cell::new(0),
-            tests: Cell::new(tree.leaves.unbounded.len() as u64),
-        }
-    }
-
-    pub(super) fn traversal_statistics(&self) -> TraversalStatistics {
-        TraversalStatistics {
-            steps: self.steps.get(),
-            tests: self.tests.get(),
-        }
-    }
-
-    #[inline(always)]
-    fn count(&self, counter: &Cell<u64>, more: usize) {
-        if COUNT {
-            counter.set(counter.get() + more as u64);
-        }
-    }
-
+impl<T: Tally> Traversal<'_, T> {
     /// The interval of a ray inside the root's cell.
     #[inline(always)]
     fn inside(&self, local: &LocalRay, limit: f32) -> (f32, f32) {
@@ -192,7 +167,7 @@ impl<'a, const COUNT: bool> Traversal<'a, COUNT> {
     }
 }
 
-impl<const COUNT: bool> Walk for Traversal<'_, COUNT> {
+impl<T: Tally> Walk for Traversal<'_, T> {
     fn leaves(&self) -> &Leaves {
         &self.tree.leaves
     }
@@ -220,7 +195,7 @@ impl<const COUNT: bool> Walk for Traversal<'_, COUNT> {
             let node = nodes[place as usize];
             let axis = node.axis();
             if axis < 3 {
-                self.count(&self.steps, 1);
+                self.tally.step();
                 let t = node.plane * local.reciprocal[axis];
                 // t* of the lecture notes; a padded ray has two, and the first is never the larger
                 // one.
@@ -241,7 +216,7 @@ impl<const COUNT: bool> Walk for Traversal<'_, COUNT> {
                 continue;
             }
             let slots = node.slots();
-            self.count(&self.tests, slots.len());
+            self.tally.tests(slots.len());
             let nearer = if node.holds_triangles() {
                 self.triangles::<ANY, L>(l, state, local, slots, limit)
             } else {

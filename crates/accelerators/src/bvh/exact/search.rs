@@ -5,25 +5,30 @@ use super::leaf::Best;
 use super::ray::BoxRay;
 use super::stack::Stack;
 use crate::support::leaves::child::{Child, Kind};
-use crate::support::leaves::state::{Query, RayQuery, Streamed};
+use crate::support::leaves::state::{Query, RayQuery, Streamed, Tally};
 use whitstone_core::PreliminaryIntersection;
 use whitstone_simd::{WideKernel, WideMachine, with_wide_lanes};
 
 /// A search for the nearest hit, or with `ANY` for any hit, of which only the existence counts.
-pub(super) struct Search<'a, const ANY: bool>(pub(super) &'a Sixteen, pub(super) &'a Query<'a>);
+pub(super) struct Search<'a, const ANY: bool, T> {
+    pub(super) tree: &'a Sixteen,
+    pub(super) query: &'a Query<'a>,
+    pub(super) tally: T,
+}
 
-impl<const ANY: bool> WideKernel for Search<'_, ANY> {
+impl<const ANY: bool, T: Tally> WideKernel for Search<'_, ANY, T> {
     type Output = Option<PreliminaryIntersection>;
 
     #[inline(always)]
     fn run<M: WideMachine>(self, m: M) -> Option<PreliminaryIntersection> {
-        let Self(tree, query) = self;
+        let Self { tree, query, tally } = self;
         let mut best = Best::default();
         if let Some(local) = best.start::<ANY, _>(m.quad(), &tree.leaves, &query) {
             // Otherwise each value, broadcast to all lanes, would be kept on the stack instead of
             // being broadcast when it is loaded.
             let local = std::hint::black_box(&local);
-            tree.traverse::<ANY, M>(m, &mut best, local, &query, tree.root, &mut Stack::new());
+            let start = (tree.root, &mut Stack::new());
+            tree.traverse::<ANY, M>(m, &mut best, local, &query, start, tally);
         }
         best.hit
     }
@@ -62,7 +67,7 @@ impl<const ANY: bool> WideKernel for Alone<'_, ANY> {
             stack,
         } = self;
         stack.clear();
-        tree.traverse::<ANY, M>(m, best, local, &query, child, stack);
+        tree.traverse::<ANY, M>(m, best, local, &query, (child, stack), ());
     }
 }
 
@@ -99,14 +104,15 @@ impl Sixteen {
         best: &mut Best,
         local: &BoxRay,
         query: &impl RayQuery,
-        mut child: Child,
-        stack: &mut Stack,
+        (mut child, stack): (Child, &mut Stack),
+        tally: impl Tally,
     ) {
         let nodes = &*self.nodes;
         let mut limit = best.limit(local);
         loop {
             // A separate loop over inner nodes, so that its state stays in registers.
             while child.is_inner() {
+                tally.step();
                 let height = stack.make_room();
                 let node = &nodes[child.index()];
                 let entered = node.enter(m, local, limit);
@@ -119,11 +125,14 @@ impl Sixteen {
                     break;
                 }
             }
-            if !child.is_inner() && self.leaf::<ANY, M>(m, best, child, query) {
-                if ANY {
-                    return;
+            if !child.is_inner() {
+                tally.tests(child.elements());
+                if self.leaf::<ANY, M>(m, best, child, query) {
+                    if ANY {
+                        return;
+                    }
+                    limit = best.limit(local);
                 }
-                limit = best.limit(local);
             }
             let mut near;
             loop {

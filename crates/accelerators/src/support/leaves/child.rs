@@ -61,6 +61,15 @@ impl Child {
         (self.0 & (Self::LIMIT as u32 - 1)) as usize
     }
 
+    /// Number of elements of a leaf; 0 for an inner node.
+    #[inline(always)]
+    pub(crate) fn elements(self) -> usize {
+        match self.kind() {
+            Kind::Inner(_) => 0,
+            Kind::Triangles(_, count) | Kind::Mixed(_, count) => count,
+        }
+    }
+
     #[inline(always)]
     pub(crate) fn kind(self) -> Kind {
         let index = self.index();

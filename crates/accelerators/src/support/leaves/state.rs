@@ -4,12 +4,63 @@ use super::child::{Child, Kind, WIDTH};
 use super::filter::{self, Filtered, Leaf, NUMBERS};
 use super::frame::{LocalRay, Reach};
 use super::{Leaves, Slot};
+use std::cell::Cell;
 use whitstone_core::stream::RayStream;
 use whitstone_core::triangle::{Axis, ShearedRay, TriangleHit};
 use whitstone_core::{
     DVec2, Element, InstanceId, Interval, PreliminaryIntersection, Ray, SelfHitFilter, ShapeHit,
+    TraversalStatistics,
 };
 use whitstone_simd::{Kernel, Lanes, Machine};
+
+/// What counts the work of a search. `()` counts nothing, and costs nothing.
+pub(crate) trait Tally {
+    /// An inner node is visited.
+    fn step(&self);
+
+    /// The elements of a leaf are tested.
+    fn tests(&self, count: usize);
+}
+
+impl Tally for () {
+    #[inline(always)]
+    fn step(&self) {}
+
+    #[inline(always)]
+    fn tests(&self, _: usize) {}
+}
+
+/// Counters of a search.
+#[derive(Default)]
+pub(crate) struct Counters {
+    steps: Cell<u64>,
+    tests: Cell<u64>,
+}
+
+impl Tally for &Counters {
+    fn step(&self) {
+        self.steps.set(self.steps.get() + 1);
+    }
+
+    fn tests(&self, count: usize) {
+        self.tests.set(self.tests.get() + count as u64);
+    }
+}
+
+impl Counters {
+    /// What was counted of the search by a ray: a structure counts only what it visits.
+    pub(crate) fn statistics(&self, leaves: &Leaves, query: &Query<'_>) -> TraversalStatistics {
+        let mut tests = self.tests.get() + leaves.unbounded.len() as u64;
+        if leaves.frame.ray(query.ray, &query.interval).is_none() {
+            // Single precision cannot represent such a ray, and the structure is not used.
+            tests += leaves.slots.len() as u64;
+        }
+        TraversalStatistics {
+            steps: self.steps.get(),
+            tests,
+        }
+    }
+}
 
 /// A structure over leaves, with its traversal.
 pub(crate) trait Walk {
