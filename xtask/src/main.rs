@@ -13,6 +13,7 @@ mod formats;
 mod fuzz;
 mod gallery;
 mod growth;
+mod lecture_scenes;
 mod licences;
 mod links;
 mod oracle;
