@@ -5,7 +5,9 @@ use crate::companions::companions;
 use serde::Serialize as _;
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
+use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
+use std::thread;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 use whitstone_core::{SceneError, SceneErrors, SourceSpan, nearest};
@@ -34,6 +36,9 @@ const LISTS: [&str; 2] = ["shape", "light"];
 
 /// The keys that are a single table.
 const SINGLE: [&str; 6] = ["film", "camera", "sampler", "integrator", "accelerator", "expect"];
+
+/// Length of a list from which a thread is worth its start.
+const MANY: usize = 4096;
 
 /// Maximum number of keys in the path of an override. The parser does not allow deeper tables in a
 /// file either.
@@ -361,7 +366,12 @@ impl Plain {
         let mut files = Vec::new();
         let mut table = toml::Table::new();
         for (key, value) in merged.iter() {
-            let value = plain(value, Some(key.get_ref()), sources, &mut files, &mut errors);
+            let value = match value.get_ref() {
+                DeValue::Array(items) if items.len() > MANY => {
+                    toml::Value::Array(plain_list(items, sources, &mut files, &mut errors))
+                }
+                _ => plain(value, Some(key.get_ref()), sources, &mut files, &mut errors),
+            };
             table.insert(key.get_ref().to_string(), value);
         }
         (Self { table, files }, errors)
@@ -434,6 +444,41 @@ fn to_text(table: &toml::Table) -> String {
         .serialize(toml::Serializer::new(&mut buffer))
         .expect("a table of plain values can be written");
     buffer.to_string()
+}
+
+/// The values of a long list without positions. One half is copied in another thread, if there is
+/// one.
+fn plain_list(
+    items: &[Value<'_>],
+    sources: &Sources,
+    files: &mut Vec<String>,
+    errors: &mut SceneErrors,
+) -> Vec<toml::Value> {
+    let copy = |items: &[Value<'_>]| {
+        let (mut files, mut errors) = (Vec::new(), SceneErrors::default());
+        let copied: Vec<toml::Value> = items
+            .iter()
+            .map(|item| plain(item, None, sources, &mut files, &mut errors))
+            .collect();
+        (copied, files, errors)
+    };
+    let (first, second) = items.split_at(items.len() / 2);
+    let halves = thread::scope(|scope| {
+        let worker = thread::Builder::new().spawn_scoped(scope, || copy(second));
+        let first = copy(first);
+        let second = match worker {
+            Ok(worker) => worker.join().unwrap_or_else(|panic| resume_unwind(panic)),
+            Err(_) => copy(second),
+        };
+        [first, second]
+    });
+    let mut list = Vec::with_capacity(items.len());
+    for (copied, named, found) in halves {
+        list.extend(copied);
+        files.extend(named);
+        errors.0.extend(found.0);
+    }
+    list
 }
 
 /// The value without positions. Paths under the key `file` are made relative to the base and

@@ -47,6 +47,30 @@ fn long_documents_are_flattened_as_short_ones() {
     assert_eq!(lines(format!("{SCENE}{wrong}{padding}")), found);
 }
 
+/// The halves of long lists are copied in two threads.
+#[test]
+fn long_lists_keep_their_order() {
+    let shape = |file: usize| format!("[[shape]]\ntype = \"mesh\"\nfile = \"{file}.ply\"\n");
+    let list = |count: usize| -> String { (0..count).map(shape).collect() };
+    let sources = sources(&format!("{SCENE}{}", list(10_001)), &[]);
+    let flattened = Description::parse(&sources).into_result().unwrap().flattened;
+    let files: Vec<String> = flattened
+        .files
+        .iter()
+        .map(|path| path.display().to_string())
+        .collect();
+    let expected: Vec<String> = (0..10_001)
+        .map(|file| Path::new(".").join(format!("{file}.ply")).display().to_string())
+        .collect();
+    assert_eq!(files, expected);
+    let at = |file: usize| flattened.text.find(&format!("\"{file}.ply\"")).unwrap();
+    assert!((1..10_001).all(|file| at(file - 1) < at(file)));
+    let wrong = "[[shape]]\nsize = 99999999999999999999\n";
+    let found = errors(&format!("{SCENE}{wrong}{}{wrong}", list(10_001)), &[]);
+    let integers = found.iter().filter(|error| error.contains("64-bit"));
+    assert_eq!(integers.count(), 2, "{found:?}");
+}
+
 fn errors(text: &str, sets: &[&str]) -> Vec<String> {
     let sets: Vec<String> = sets.iter().map(|s| (*s).to_owned()).collect();
     let (sources, errors) = match Sources::from_text("scene.toml", text, Path::new("."), &sets) {
