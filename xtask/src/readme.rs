@@ -3,8 +3,8 @@
 
 use crate::bench::light_paths;
 use crate::{
-    comparisons, course, diagrams, formats, fuzz, growth, lecture_scenes, licences, pages, pictures, plugins, reliability,
-    run_time, scale, subjects, topics, traversal, variants, verdict, worst_cases,
+    comparisons, course, diagrams, formats, fuzz, growth, lecture_scenes, licences, pages, pictures, plugins,
+    reliability, run_time, scale, subjects, topics, traversal, variants, verdict, worst_cases,
 };
 use clap::Args;
 use std::fmt::Write;

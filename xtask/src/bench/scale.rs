@@ -27,7 +27,7 @@ const COPY_BYTES: usize = 300 << 10;
 
 /// Build and render a valley of 240 million quads (15 instances of 16 million)
 ///
-/// The picture has 1920 x 1080 pixels, from about 80 million rays.
+/// The picture has 1920 x 1080 pixels with 16 samples each, from about 120 million rays.
 #[derive(Args, Debug)]
 #[command(
     help_template = whitstone::commands::HELP_TEMPLATE,
@@ -47,7 +47,12 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "GIB", default_value_t = 12.0)]
     max_memory: f64,
     /// PNG file of the picture, with the tone curve of `pictures`
-    #[arg(short, long, value_name = "FILE", default_value = "target/pictures/valley.png")]
+    #[arg(
+        short,
+        long,
+        value_name = "FILE",
+        default_value = "target/pictures/valley.png"
+    )]
     output: PathBuf,
     /// Also write the image to this EXR file
     #[arg(long, value_name = "FILE")]
@@ -156,10 +161,16 @@ fn write_pictures(arguments: &Arguments, film: &Film, hash: &str) -> Result<Opti
         whitstone::image::exr_io::write(path, &image).map_err(Failure::environment)?;
     }
     let picture = pictures::raster(&image)?;
-    if let Some(folder) = arguments.output.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+    if let Some(folder) = arguments
+        .output
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty())
+    {
         std::fs::create_dir_all(folder).map_err(Failure::environment)?;
     }
-    picture.write_png(&arguments.output).map_err(Failure::environment)?;
+    picture
+        .write_png(&arguments.output)
+        .map_err(Failure::environment)?;
     println!("{}: written", arguments.output.display());
     if !arguments.page {
         return Ok(None);
