@@ -121,11 +121,9 @@ fn frame_of_a_film(page: &mut String, result: &Value) {
 
 fn many_lights(page: &mut String, result: &Value) {
     let row = |culling: bool| {
-        let rows = result["rows"].as_array().into_iter().flatten();
-        rows.into_iter()
-            .find(|row| row["culling"] == culling)
-            .cloned()
-            .unwrap_or_default()
+        let mut rows = result["rows"].as_array().into_iter().flatten();
+        let row = rows.find(|row| row["culling"] == culling);
+        row.cloned().unwrap_or_default()
     };
     let (fast, slow) = (row(true), row(false));
     let seconds = number(&fast, "seconds");

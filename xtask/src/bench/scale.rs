@@ -135,12 +135,13 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     let copy = write_pictures(arguments, &film, &pipeline.scene_hash)?;
     let report = json!({
         "scene": SCENE, "scene_hash": pipeline.scene_hash, "quick": arguments.quick, "width": film.width,
-        "height": film.height, "samples": film.samples, "instances": instances, "quads": quads, "triangles": 2 * quads, "rays": rays,
+        "height": film.height, "samples": film.samples, "instances": instances,
+        "quads": quads, "triangles": 2 * quads, "rays": rays,
         "closest_rays": film.counters.closest, "shadow_rays": film.counters.shadow, "build_s": build_s,
         "render_s": film.render_seconds, "total_s": total_s, "mrays_per_s": rate,
         "build_peak_bytes": build_peak, "built_bytes": resident, "peak_bytes": peak,
-        "hours_in_the_notes": HOURS_THEN, "processor": processor(), "threads": threads(arguments.threads), "date": date(),
-        "load": load_before, "copy_hash": copy,
+        "hours_in_the_notes": HOURS_THEN, "processor": processor(), "threads": threads(arguments.threads),
+        "date": date(), "load": load_before, "copy_hash": copy,
     });
     let json = match arguments.page {
         true => Some(Path::new(VALLEY)),
