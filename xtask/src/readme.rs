@@ -68,8 +68,9 @@ const BOUNDS: [(&str, &str, usize); 9] = [
 /// references; docs/run-time.md, docs/growth.md, docs/lecture-scenes.md and the costs in
 /// docs/scale.md, from the stored results of `bench sizes`, `bench growth`, `bench scale` and
 /// others, and `scale`; the pictures of docs/accelerators.md; a page for every plugin in
-/// docs/plugins; and the data of `list --json`. The showcase pictures of docs/pictures.md and README.md, which take minutes, are
-/// rendered only where their scenes have changed, and never with `--check`.
+/// docs/plugins; and the data of `list --json`. The showcase pictures of docs/pictures.md and
+/// README.md, which take minutes, are rendered only where their scenes have changed, and never with
+/// `--check`.
 #[derive(Args, Debug)]
 #[command(
     help_template = whitstone::commands::HELP_TEMPLATE,
