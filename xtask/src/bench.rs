@@ -20,7 +20,7 @@ mod povray;
 mod prepare;
 mod rasterizer;
 mod rays;
-mod scale;
+pub(crate) mod scale;
 mod scaling;
 mod shapes;
 mod shapes_mitsuba;

@@ -9,7 +9,7 @@ mod textbook;
 
 use crate::diagrams::{GAP, picture};
 use crate::labels::{self, LINE, PAPER};
-use crate::pictures::{Update, hash, hash_of};
+use crate::pictures::{Update, hash_of, scene_hash};
 use clap::Args;
 use serde_json::{Value, json};
 use std::fs;
@@ -71,7 +71,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         atomic::write_bytes(stored(&name), &bytes).map_err(Failure::environment)?;
         println!("{}: written", stored(&name).display());
         let shown = json!({
-            "scene": hash(registry, &scene(&name), &[])?,
+            "scene": scene_hash(registry, &scene(&name), &[])?,
             "file": hash_of(&bytes),
             "mitsuba": version.trim(),
         });
@@ -133,7 +133,7 @@ pub(crate) fn update(registry: &Registry) -> Result<Update, Failure> {
         }
         let bytes = fs::read(stored(name)).unwrap_or_default();
         let shown = &record[name];
-        if shown["scene"] != hash(registry, &path, &[])? || shown["file"] != hash_of(&bytes) {
+        if shown["scene"] != scene_hash(registry, &path, &[])? || shown["file"] != hash_of(&bytes) {
             problems.push(format!(
                 "{}: does not show {}; run `cargo xtask close-ups --mitsuba PYTHON`",
                 stored(name).display(),

@@ -15,6 +15,7 @@ mod fuzz;
 mod gallery;
 mod growth;
 mod labels;
+mod lecture_scenes;
 mod licences;
 mod links;
 mod oracle;

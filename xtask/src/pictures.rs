@@ -12,7 +12,7 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 use whitstone::core::Registry;
-use whitstone::image::{Raster, ToneCurve, ToneMap, atomic};
+use whitstone::image::{Image, Raster, ToneCurve, ToneMap, atomic};
 use whitstone::picture::Quality;
 use whitstone::scene::{Description, Sources};
 use whitstone::validate::find_scenes;
@@ -30,7 +30,7 @@ const PAGE: &str = "docs/pictures.md";
 /// curve `clamp` does.
 const EXPOSURE: f64 = 0.5;
 /// Quality of JPEG files.
-const JPEG: u8 = 90;
+pub(crate) const JPEG: u8 = 90;
 /// Maximum size of a copy in bytes.
 const MAX_BYTES: usize = 400 << 10;
 
@@ -112,16 +112,25 @@ fn overrides((width, quality): (u32, Quality)) -> [String; 3] {
 
 fn render(registry: &Registry, name: &str, size: (u32, Quality)) -> Result<Raster, Failure> {
     let (film, hash) = readme::render(registry, &scene(name), &overrides(size))?;
-    let image = film.to_image(&hash).map_err(Failure::usage)?;
+    raster(&film.to_image(&hash).map_err(Failure::usage)?)
+}
+
+/// An image with the tone curve of all pictures.
+pub(crate) fn raster(image: &Image) -> Result<Raster, Failure> {
     let tone = ToneMap {
         exposure: EXPOSURE,
         curve: ToneCurve::Filmic,
     };
-    Raster::preview(&image, tone).map_err(Failure::usage)
+    Raster::preview(image, tone).map_err(Failure::usage)
 }
 
-/// The hash of a scene with overrides.
-pub(crate) fn hash(registry: &Registry, scene: &Path, overrides: &[String]) -> Result<String, Failure> {
+/// The hash of the scene that a copy shows, with the overrides.
+fn hash(registry: &Registry, name: &str) -> Result<String, Failure> {
+    scene_hash(registry, &scene(name), &overrides(COPY))
+}
+
+/// The hash of a scene with overrides, which is not built.
+pub(crate) fn scene_hash(registry: &Registry, scene: &Path, overrides: &[String]) -> Result<String, Failure> {
     let sources = Sources::load(scene, overrides, registry)
         .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
     let description = Description::parse(&sources).into_result();
@@ -162,7 +171,7 @@ pub(crate) fn update(registry: &Registry, check: bool) -> Result<Update, Failure
     };
     let mut problems = strangers(&names);
     for name in &names {
-        let scene_hash = hash(registry, &scene(name), &overrides(COPY))?;
+        let scene_hash = hash(registry, name)?;
         let is_current = |record: &Value| record["scene"] == scene_hash && record["file"] == present(name);
         if !is_current(&old[name]) {
             if check {

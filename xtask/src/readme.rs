@@ -3,8 +3,9 @@
 
 use crate::bench::light_paths;
 use crate::{
-    close_ups, comparisons, course, diagrams, formats, fuzz, growth, licences, pages, pictures, plugins,
-    reliability, run_time, scale, subjects, topics, traversal, variants, verdict, worst_cases,
+    close_ups, comparisons, course, diagrams, formats, fuzz, growth, lecture_scenes, licences, pages,
+    pictures, plugins, reliability, run_time, scale, subjects, topics, traversal, variants, verdict,
+    worst_cases,
 };
 use clap::Args;
 use std::fmt::Write;
@@ -65,11 +66,12 @@ const BOUNDS: [(&str, &str, usize); 9] = [
 /// Write all generated documentation
 ///
 /// That is: the pictures and numbers of README.md and docs/validation.md, from the stored
-/// references; docs/run-time.md, docs/growth.md and the costs in docs/scale.md, from the stored
-/// results of `bench sizes`, `bench growth` and `scale`; the pictures of docs/accelerators.md; a
-/// page for every plugin in docs/plugins; and the data of `list --json`. The showcase pictures of
-/// docs/pictures.md and README.md, which take minutes, are rendered only where their scenes have
-/// changed, and never with `--check`.
+/// references; docs/run-time.md, docs/growth.md, docs/lecture-scenes.md and the costs in
+/// docs/scale.md, from the stored results of `bench sizes`, `bench growth`, `bench scale` and
+/// others, and `scale`; the pictures of docs/accelerators.md; a page for every plugin in
+/// docs/plugins; and the data of `list --json`. The showcase pictures of docs/pictures.md and
+/// README.md, which take minutes, are rendered only where their scenes have changed, and never with
+/// `--check`.
 #[derive(Args, Debug)]
 #[command(
     help_template = whitstone::commands::HELP_TEMPLATE,
@@ -95,6 +97,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         ((BEGIN, END), summary(&cases)),
         ((BEGIN_RUN_TIME, END_RUN_TIME), run_time::sentence(&times)),
     ];
+    let valley = stored(lecture_scenes::VALLEY)?;
     let explaining = diagrams::all(registry)?;
     let mut files = vec![
         (PathBuf::from(README), page(README, &numbers)?),
@@ -114,6 +117,15 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
                     .map(stored)
                     .into_iter()
                     .collect::<Result<Vec<_>, _>>()?,
+            )
+            .into_bytes(),
+        ),
+        (
+            PathBuf::from(lecture_scenes::PAGE),
+            lecture_scenes::page(
+                &valley,
+                &stored(lecture_scenes::LIGHTS)?,
+                &stored(lecture_scenes::FRAMES)?,
             )
             .into_bytes(),
         ),
@@ -193,6 +205,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         files.extend(update.files);
         problems.extend(update.problems);
     }
+    problems.extend(lecture_scenes::problems(registry, &valley)?);
     for (path, bytes) in files {
         if std::fs::read(&path).is_ok_and(|found| found == bytes) {
             continue;

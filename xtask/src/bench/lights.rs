@@ -1,7 +1,7 @@
 //! `bench lights`: hundreds of lights, most of which illuminate only a small part of the scene; and
 //! up to a hundred thousand, with `light_cutoff` and without.
 
-use super::machine::load;
+use super::machine::{date, load, processor, threads};
 use super::median;
 use clap::Args;
 use serde_json::{Value, json};
@@ -16,6 +16,9 @@ use whitstone::{Exit, Failure};
 
 /// Spots along each side of the square above the landscape.
 const SIDE: u32 = 10;
+/// Quads along each side of the landscape, and triangles in it.
+const QUADS: u32 = 436;
+const TRIANGLES: u32 = 2 * QUADS * QUADS;
 /// Lamps that illuminate everything.
 const LAMPS: [[f64; 3]; 4] = [
     [-0.9, -0.9, 0.8],
@@ -53,6 +56,7 @@ pub(crate) struct Arguments {
 
 /// Runs the command.
 pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
+    let before = load();
     let pipeline = |culls: bool| -> Result<Pipeline, Failure> {
         let mut built = load_scene(&spots(arguments.size), registry)?;
         built.scene.culls_lights &= culls;
@@ -91,7 +95,8 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     let rate = |seconds: f64| 1e-6 * rays as f64 / seconds;
     for (what, seconds) in [("with", fast), ("without", slow)] {
         println!(
-            "  {what:<7} culling  {seconds:.3} s per frame, {:.2} Mrays/s",
+            "  {what:<7} culling  {seconds:.3} s per frame, {:.2} frames per second, {:.2} Mrays/s",
+            1.0 / seconds,
             rate(seconds)
         );
     }
@@ -105,7 +110,10 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
             })
         };
         let text = json!({
-            "rows": [row(true, fast), row(false, slow)], "same": same, "lamps": many, "load": load(),
+            "size": arguments.size, "lights": pipelines[0].scene.lights.len(), "triangles": TRIANGLES,
+            "rounds": arguments.rounds, "threads": threads(arguments.threads), "processor": processor(),
+            "date": date(), "rows": [row(true, fast), row(false, slow)], "same": same, "lamps": many,
+            "load": before,
         });
         atomic::write_bytes(path, format!("{text:#}\n").as_bytes()).map_err(Failure::environment)?;
     }
@@ -177,7 +185,7 @@ fn landscape(width: u32, height: u32, amplitude: f64) -> String {
     format!(
         "film = {{ width = {width}, height = {height} }}\n\
          [camera]\ntype = \"perspective\"\nlook_at = {{ origin = [0, -2.2, 1.6], target = [0, 0, 0], up = [0, 0, 1] }}\nfov = 50\n\
-         [[shape]]\ntype = \"heightfield\"\ncolumns = 436\nrows = 436\namplitude = {amplitude}\n\
+         [[shape]]\ntype = \"heightfield\"\ncolumns = {QUADS}\nrows = {QUADS}\namplitude = {amplitude}\n\
          material = {{ type = \"matte\", reflectance = 0.7 }}\n"
     )
 }

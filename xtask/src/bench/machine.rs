@@ -22,6 +22,14 @@ pub(crate) fn processor() -> Option<String> {
     Some(line.split_once(':')?.1.trim().to_owned())
 }
 
+/// The number of threads that an option asks for; 0 means one per core.
+pub(crate) fn threads(wanted: usize) -> usize {
+    match wanted {
+        0 => std::thread::available_parallelism().map_or(1, usize::from),
+        threads => threads,
+    }
+}
+
 /// Today, as year-month-day.
 pub(crate) fn date() -> String {
     let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);

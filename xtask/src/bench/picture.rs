@@ -1,6 +1,6 @@
 //! Benchmarks of whole pictures: against Mitsuba, against POV-Ray, and as frames per second.
 
-use super::machine::{load, processor_time};
+use super::machine::{date, load, processor, processor_time, threads};
 use super::median;
 use super::povray;
 use clap::Args;
@@ -36,8 +36,8 @@ pub(crate) struct Arguments {
     /// Compare with POV-Ray instead: the classic scene on one thread, in processor time per ray
     #[arg(long, conflicts_with_all = ["threads", "scenes"])]
     povray: bool,
-    /// Measure frames per second of the scenes instead, at 640 x 360 on two threads
-    #[arg(long, conflicts_with_all = ["threads", "width", "height"])]
+    /// Measure frames per second of the scenes instead: medians of 60 frames
+    #[arg(long, conflicts_with = "rounds")]
     fps: bool,
     /// Write the results to this file as JSON
     #[arg(long, value_name = "FILE")]
@@ -47,8 +47,8 @@ pub(crate) struct Arguments {
 /// The scene that also exists in POV-Ray's language.
 const CLASSIC: &str = "scenes/showcase/classic.toml";
 
-/// Columns, rows, threads and number of frames.
-const FRAMES: (u32, u32, usize, usize) = (640, 360, 2, 60);
+/// Number of frames of `--fps`.
+const FRAMES: usize = 60;
 
 /// Runs the command.
 pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
@@ -58,7 +58,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     }
     if arguments.fps {
         for scene in &arguments.scenes {
-            figures.push(frames(scene, registry)?);
+            figures.push(frames(arguments, scene, registry)?);
         }
     }
     if !arguments.povray && !arguments.fps {
@@ -184,8 +184,9 @@ fn compare_with_povray(arguments: &Arguments, registry: &Registry) -> Result<Val
 }
 
 /// Frames per second of a warm scene: rendering only, in wall-clock time.
-fn frames(path: &Path, registry: &Registry) -> Result<Value, Failure> {
-    let (width, height, threads, rounds) = FRAMES;
+fn frames(arguments: &Arguments, path: &Path, registry: &Registry) -> Result<Value, Failure> {
+    let (width, height, before) = (arguments.width, arguments.height, load());
+    let threads = threads(arguments.threads);
     let film = format!("width = {width}, height = {height}, aovs = []");
     let (pipeline, _) = built(path, &film, registry)?;
     let options = RenderOptions {
@@ -193,20 +194,22 @@ fn frames(path: &Path, registry: &Registry) -> Result<Value, Failure> {
         ..RenderOptions::default()
     };
     let rays = pipeline.render(options).counters.total();
-    let mut seconds: Vec<f64> = (0..rounds)
+    let mut seconds: Vec<f64> = (0..FRAMES)
         .map(|_| pipeline.render(options).render_seconds)
         .collect();
     let (middle, best) = (median(&mut seconds), seconds[0]);
+    let ns_per_ray = 1e9 * middle * threads as f64 / rays as f64;
     println!(
         "{}: {width} x {height}, {threads} threads\n  {:.1} frames per second (best {:.1}), {rays} rays each, {:.1} ns per ray and thread\n  load {:.1}",
         path.display(),
         1.0 / middle,
         1.0 / best,
-        1e9 * middle * threads as f64 / rays as f64,
+        ns_per_ray,
         load(),
     );
     Ok(json!({
-        "scene": path, "width": width, "height": height, "threads": threads, "frames_per_s": 1.0 / middle,
-        "best_frames_per_s": 1.0 / best, "rays": rays, "load": load(),
+        "scene": path, "width": width, "height": height, "threads": threads, "frames": FRAMES,
+        "frames_per_s": 1.0 / middle, "best_frames_per_s": 1.0 / best, "rays": rays,
+        "ns_per_ray_and_thread": ns_per_ray, "load": before, "processor": processor(), "date": date(),
     }))
 }

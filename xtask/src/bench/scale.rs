@@ -1,5 +1,8 @@
-//! `bench scale`: time and memory of a scene of 240 million quads.
+//! `bench scale`: time and memory of a scene of 240 million quads, and its picture.
 
+use super::machine::{date, load, processor, threads};
+use crate::lecture_scenes::{COPY, VALLEY};
+use crate::pictures;
 use clap::Args;
 use serde_json::json;
 use std::ops::ControlFlow;
@@ -7,25 +10,31 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 use whitstone::core::{Geometry, LoweredShape, Registry};
-use whitstone::render::{BuildOptions, Pipeline, RenderOptions};
+use whitstone::render::{BuildOptions, Film, Pipeline, RenderOptions};
 use whitstone::scene::Sources;
 use whitstone::{Exit, Failure, image::atomic};
 
 /// The scene.
-const SCENE: &str = "scenes/scale/landscapes.toml";
+pub(crate) const SCENE: &str = "scenes/scale/valley.toml";
 
 /// The time in hours that the lecture notes report for a frame with as many quads and 80 million
 /// rays (Christensen et al. 2006).
 const HOURS_THEN: f64 = 8.0;
 
-/// Build and render a scene of 240 million quads (15 instances of 16 million) with 94 million rays
+/// Columns and rows of the copy for the documentation, and its largest size in bytes.
+const COPY_SIZE: (usize, usize) = (960, 540);
+const COPY_BYTES: usize = 300 << 10;
+
+/// Build and render a valley of 240 million quads (15 instances of 16 million)
+///
+/// The picture has 1920 x 1080 pixels with 16 samples each, from about 120 million rays.
 #[derive(Args, Debug)]
 #[command(
     help_template = whitstone::commands::HELP_TEMPLATE,
-    after_help = "Examples:\n  cargo xtask bench scale --quick\n  cargo xtask bench scale --output scale.exr"
+    after_help = "Examples:\n  cargo xtask bench scale --quick\n  cargo xtask bench scale --page && cargo xtask readme"
 )]
 pub(super) struct Arguments {
-    /// Use a landscape of a million quads and a sixteenth of the pixels; takes some seconds
+    /// Use mountains of a million quads and a sixteenth of the pixels; takes some seconds
     #[arg(long)]
     quick: bool,
     /// Override a value of the scene, as for `render`; can be repeated
@@ -35,14 +44,25 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "COUNT", default_value_t = 0)]
     threads: usize,
     /// Memory limit in GiB
-    #[arg(long, value_name = "GIB", default_value_t = 16.0)]
+    #[arg(long, value_name = "GIB", default_value_t = 12.0)]
     max_memory: f64,
+    /// PNG file of the picture, with the tone curve of `pictures`
+    #[arg(
+        short,
+        long,
+        value_name = "FILE",
+        default_value = "target/pictures/valley.png"
+    )]
+    output: PathBuf,
     /// Also write the image to this EXR file
     #[arg(long, value_name = "FILE")]
-    output: Option<PathBuf>,
+    exr: Option<PathBuf>,
     /// Write the results to this file as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// Store the results, and a small copy of the picture, for docs/lecture-scenes.md
+    #[arg(long, conflicts_with_all = ["quick", "overrides", "json"])]
+    page: bool,
 }
 
 pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
@@ -50,13 +70,14 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     if arguments.quick {
         overrides = [
             "film={ width = 480, height = 270 }",
-            "group.land.shape.land.columns=1000",
+            "group.mountain.shape.mountain.columns=1000",
+            "group.mountain.shape.mountain.rows=1000",
         ]
         .map(str::to_owned)
         .to_vec();
-        overrides.push("group.land.shape.land.rows=1000".to_owned());
     }
     overrides.extend(arguments.overrides.iter().cloned());
+    let load_before = load();
     let start = Instant::now();
     let build = || build(&overrides, arguments, registry, start);
     let pipeline = match arguments.threads {
@@ -89,10 +110,6 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         }),
         ..RenderOptions::default()
     });
-    if let Some(path) = &arguments.output {
-        let image = film.to_image(&pipeline.scene_hash).map_err(Failure::usage)?;
-        whitstone::image::exr_io::write(path, &image).map_err(Failure::environment)?;
-    }
     let (instances, quads) = quads(&pipeline.scene.geometry);
     let rays = film.counters.total();
     let total_s = start.elapsed().as_secs_f64();
@@ -115,17 +132,63 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         "  for comparison: {HOURS_THEN} h for a film frame of 240 million quads and 80 million rays on a machine of 2006: \
          {times:.0} times as long, with other shading"
     );
-    if let Some(path) = &arguments.json {
-        let report = json!({
-            "scene": SCENE, "quick": arguments.quick, "copies": instances, "quads": quads, "triangles": 2 * quads,
-            "rays": rays, "closest_rays": film.counters.closest, "shadow_rays": film.counters.shadow,
-            "build_s": build_s, "render_s": film.render_seconds, "total_s": total_s, "mrays_per_s": rate,
-            "build_peak_bytes": build_peak, "built_bytes": resident, "peak_bytes": peak,
-            "hours_in_the_notes": HOURS_THEN,
-        });
+    let copy = write_pictures(arguments, &film, &pipeline.scene_hash)?;
+    let report = json!({
+        "scene": SCENE, "scene_hash": pipeline.scene_hash, "quick": arguments.quick, "width": film.width,
+        "height": film.height, "samples": film.samples, "instances": instances,
+        "quads": quads, "triangles": 2 * quads, "rays": rays,
+        "closest_rays": film.counters.closest, "shadow_rays": film.counters.shadow, "build_s": build_s,
+        "render_s": film.render_seconds, "total_s": total_s, "mrays_per_s": rate,
+        "build_peak_bytes": build_peak, "built_bytes": resident, "peak_bytes": peak,
+        "hours_in_the_notes": HOURS_THEN, "processor": processor(), "threads": threads(arguments.threads),
+        "date": date(), "load": load_before, "copy_hash": copy,
+    });
+    let json = match arguments.page {
+        true => Some(Path::new(VALLEY)),
+        false => arguments.json.as_deref(),
+    };
+    if let Some(path) = json {
         atomic::write_bytes(path, format!("{report:#}\n").as_bytes()).map_err(Failure::environment)?;
+        println!("{}: written", path.display());
     }
     Ok(Exit::Pass)
+}
+
+/// Writes the picture, and the files that the options name; returns the hash of the copy for the
+/// documentation, if it is written.
+fn write_pictures(arguments: &Arguments, film: &Film, hash: &str) -> Result<Option<String>, Failure> {
+    let image = film.to_image(hash).map_err(Failure::usage)?;
+    if let Some(path) = &arguments.exr {
+        whitstone::image::exr_io::write(path, &image).map_err(Failure::environment)?;
+    }
+    let picture = pictures::raster(&image)?;
+    if let Some(folder) = arguments
+        .output
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty())
+    {
+        std::fs::create_dir_all(folder).map_err(Failure::environment)?;
+    }
+    picture
+        .write_png(&arguments.output)
+        .map_err(Failure::environment)?;
+    println!("{}: written", arguments.output.display());
+    if !arguments.page {
+        return Ok(None);
+    }
+    let bytes = picture
+        .reduced(COPY_SIZE.0, COPY_SIZE.1)
+        .to_jpeg(pictures::JPEG)
+        .map_err(Failure::environment)?;
+    if bytes.len() > COPY_BYTES {
+        return Err(Failure::usage(format!(
+            "{COPY}: {} bytes; the limit is {COPY_BYTES}",
+            bytes.len()
+        )));
+    }
+    atomic::write_bytes(COPY, &bytes).map_err(Failure::environment)?;
+    println!("{COPY}: written");
+    Ok(Some(pictures::hash_of(&bytes)))
 }
 
 fn build(
