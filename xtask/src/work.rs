@@ -63,11 +63,10 @@ pub(crate) fn picture(registry: &Registry) -> Result<Raster, Failure> {
 
 /// Counts the work of the rays through the centres of all pixels.
 fn heat(registry: &Registry, name: &'static str) -> Result<Heat, Failure> {
-    let pipeline = build(
-        registry,
-        Path::new(SCENE),
-        &[format!("accelerator={{ type = \"{name}\" }}")],
-    )?;
+    // Otherwise the work would depend on the processor.
+    let width = if name == "bvh" { ", width = \"eight\"" } else { "" };
+    let accelerator = format!("accelerator={{ type = \"{name}\"{width} }}");
+    let pipeline = build(registry, Path::new(SCENE), &[accelerator])?;
     let count = |shown: Shown| {
         heat::numbers(&pipeline, shown, &|| true)
             .ok_or_else(|| Failure::usage(format!("the accelerator \"{name}\" does not count its work")))

@@ -66,6 +66,33 @@ pub struct Config {
     /// Sets of rays that are tested against a box at once. The hits do not depend on it.
     #[serde(default)]
     ray_sets: RaySets,
+    /// Boxes of a node, all of which a step tests at once. The hits do not depend on it.
+    #[serde(default)]
+    width: Width,
+}
+
+/// Boxes of a node.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize, JsonSchema, PartialEq, Eq)]
+#[serde(rename_all = "snake_case")]
+pub enum Width {
+    /// Sixteen where the processor has AVX-512, else eight.
+    #[default]
+    Auto,
+    /// Eight, so that the work of a ray is the same number on every processor.
+    Eight,
+    /// Sixteen.
+    Sixteen,
+}
+
+impl Width {
+    /// The level of processors that the hierarchy is built for.
+    fn level(self) -> Level {
+        match self {
+            Self::Auto => Level::current(),
+            Self::Eight => Level::Avx2,
+            Self::Sixteen => Level::Avx512,
+        }
+    }
 }
 
 /// Sets of rays that are tested against a box at once.
@@ -171,7 +198,7 @@ impl Plugin<Accelerators> for Bvh {
             quality => quality,
         };
         Ok(Box::new(
-            Self::new(geometry, quality, Level::current()).with(config.ray_sets),
+            Self::new(geometry, quality, config.width.level()).with(config.ray_sets),
         ))
     }
 }
