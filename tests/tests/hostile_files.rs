@@ -181,6 +181,24 @@ fn ray_trees_without_end_are_an_error() {
     }
 }
 
+/// A single pixel is traced within the share of a thread, as it is when the image is rendered.
+#[test]
+fn a_pixel_has_the_memory_of_a_thread() {
+    let scene = root().join("scenes/showcase/nested_dielectrics.toml");
+    let output = program!()
+        .arg("explain")
+        .arg(&scene)
+        .args(["--pixel", "4,3", "--reference", "none", "--max-memory", "0.1"])
+        .args(["--set", "film={width=8,height=6}", "--set", "sampler.type=center"])
+        .args(["--set", "integrator.max_depth=100000"])
+        .timeout(Duration::from_secs(60))
+        .output()
+        .unwrap();
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{text}");
+    assert!(text.contains("pending rays"), "{text}");
+}
+
 /// A user who may start no further thread or process. Needs another user than root, whom the limit
 /// does not hold.
 #[test]
