@@ -77,7 +77,10 @@ pub(crate) struct Arguments {
 
 /// What a run has tried.
 struct Run {
+    /// Files that are read, or images of random scenes.
     executions: u64,
+    /// Random scenes.
+    scenes: Option<u64>,
     /// Random scenes that were not refused.
     valid: Option<u64>,
     findings: usize,
@@ -221,6 +224,7 @@ fn fuzz(program: &Path, kind: &str, seconds: u64) -> Result<Run, Failure> {
     }
     Ok(Run {
         executions: executed.and_then(|count| count.trim().parse().ok()).unwrap_or(0),
+        scenes: None,
         valid: None,
         findings: found,
         next: None,

@@ -79,6 +79,7 @@ pub(super) fn run(first: u64, seconds: u64, registry: &Registry) -> Result<Run, 
     }
     Ok(Run {
         executions: counts.values().sum::<usize>() as u64,
+        scenes: Some(counts.values().sum::<usize>() as u64),
         valid: Some((of("pass") + of("undecided")) as u64),
         findings: findings.len(),
         next: Some(number),

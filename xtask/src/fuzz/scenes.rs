@@ -133,9 +133,8 @@ impl<'a> Scenes<'a> {
     }
 
     /// Renders a scene, if it is valid, in as many ways as `vary` says.
-    fn answer(&self, text: &str, number: u64, vary: bool) -> Answer {
+    fn answer(&self, text: &str, number: u64, vary: bool, work: &mut Work) -> Answer {
         let start = Instant::now();
-        let mut work = Work::default();
         let pipeline = match self.build(text, &[]) {
             Ok(Ok(pipeline)) => pipeline,
             Ok(Err(error)) => return Answer::Refused(error),
@@ -144,7 +143,7 @@ impl<'a> Scenes<'a> {
         if samples(&pipeline) > MOST_SAMPLES {
             return Answer::Refused("too many samples".to_owned());
         }
-        let first = render(&pipeline, 1, &mut work);
+        let first = render(&pipeline, 1, work);
         let rays = u32::try_from(work.rays).unwrap_or(u32::MAX);
         if start.elapsed() > LIMIT + PER_RAY * rays {
             return Answer::Finding(format!("takes {:.0} s", start.elapsed().as_secs_f64()));
@@ -162,14 +161,14 @@ impl<'a> Scenes<'a> {
             Ok(_) => Some(format!("another image with {with}")),
             Err(error) => Some(format!("refused with {with}: {error}")),
         };
-        let threads = compare(render(&pipeline, 3, &mut work), "3 threads");
+        let threads = compare(render(&pipeline, 3, work), "3 threads");
         drop(pipeline);
         let brute_force = work.tests < MOST_TESTS && !text.contains(FRACTAL);
         let others = accelerators(number, brute_force, self.registry);
         let mut others = others.into_iter().filter_map(|name| {
             let change = format!("accelerator={{type=\"{name}\"}}");
             match self.build(text, std::slice::from_ref(&change)) {
-                Ok(Ok(pipeline)) => compare(render(&pipeline, 1, &mut work), &change),
+                Ok(Ok(pipeline)) => compare(render(&pipeline, 1, work), &change),
                 Ok(Err(error)) => compare(Err(error), &change),
                 Err(problem) => Some(format!("{problem}, with {change}")),
             }
@@ -214,7 +213,10 @@ pub(super) fn work(role: Role, registry: &Registry) -> Result<Exit, Failure> {
             Role::Generate => Json::from(scenes.text(number).map_err(Failure::environment)?).to_string(),
             Role::Render | Role::Vary => {
                 let text: String = serde_json::from_str(text).map_err(Failure::environment)?;
-                scenes.answer(&text, number, role == Role::Vary).line()
+                let mut work = Work::default();
+                let answer = scenes.answer(&text, number, role == Role::Vary, &mut work);
+                // A scene that is refused is an execution too.
+                format!("{} {}", work.images.max(1), answer.line())
             }
         };
         if writeln!(out, "{line}").and_then(|()| out.flush()).is_err() {
@@ -247,6 +249,7 @@ fn accelerators(number: u64, brute_force: bool, registry: &Registry) -> Vec<&'st
 /// What a rendering took.
 #[derive(Default)]
 struct Work {
+    images: u64,
     rays: u64,
     /// Pairs of a ray and an element.
     tests: u64,
@@ -261,6 +264,7 @@ fn render(pipeline: &Pipeline, threads: usize, work: &mut Work) -> Result<u64, S
     let groups = pipeline.groups.iter().map(|built| built.group.geometry());
     let geometries = std::iter::once(&pipeline.scene.geometry).chain(groups);
     let elements: usize = geometries.map(|geometry| geometry.elements().count()).sum();
+    work.images += 1;
     work.rays = film.counters.total();
     work.tests = work.rays * elements as u64;
     // The place of the first tree that is too large depends on the threads.
@@ -350,6 +354,17 @@ impl Worker {
         })
     }
 
+    /// The answer of a renderer, behind the number of its executions.
+    fn answer(&self) -> (u64, Result<String, String>) {
+        match self.next() {
+            Ok(line) => match line.split_once(' ').map(|(images, rest)| (images.parse(), rest)) {
+                Some((Ok(images), rest)) => (images, Ok(rest.to_owned())),
+                _ => (0, Err(format!("no number before the answer, with {}", self.name))),
+            },
+            Err(problem) => (0, Err(problem)),
+        }
+    }
+
     /// As [`Self::next`], or none if it would have to wait.
     fn poll(&self) -> Option<Result<String, String>> {
         match self.lines.try_recv() {
@@ -370,6 +385,7 @@ impl Drop for Worker {
 /// What came of the scenes of some workers.
 #[derive(Default)]
 struct Outcome {
+    executions: u64,
     scenes: u64,
     valid: u64,
     /// By number, with the scene as a JSON string, unless it could not be made.
@@ -413,7 +429,9 @@ impl Group {
                 }
                 continue;
             };
-            let lines: Vec<Result<String, String>> = self.renderers.iter().map(Worker::next).collect();
+            let answers = self.renderers.iter().map(Worker::answer);
+            let (images, lines): (Vec<u64>, Vec<Result<String, String>>) = answers.unzip();
+            self.outcome.executions += images.iter().sum::<u64>();
             let valid = lines[0].as_ref().is_ok_and(|line| !line.starts_with("refused"));
             self.outcome.scenes += 1;
             match finding(&self.renderers, &lines) {
@@ -517,12 +535,15 @@ pub(super) fn run(first: u64, seconds: u64) -> Result<Run, Failure> {
     let mut all = Outcome::default();
     for outcome in outcomes {
         let outcome = outcome?;
+        all.executions += outcome.executions;
         all.scenes += outcome.scenes;
         all.valid += outcome.valid;
         all.findings.extend(outcome.findings);
     }
     println!(
-        "scenes {:>9} random scenes, of which {} are valid, from number {first}; findings: {}",
+        "scenes {:>9} executions of {} random scenes, of which {} are valid, from number {first}; \
+         findings: {}",
+        all.executions,
         all.scenes,
         all.valid,
         all.findings.len()
@@ -539,7 +560,8 @@ pub(super) fn run(first: u64, seconds: u64) -> Result<Run, Failure> {
         println!("{}: {finding}", file.display());
     }
     Ok(Run {
-        executions: all.scenes,
+        executions: all.executions,
+        scenes: Some(all.scenes),
         valid: Some(all.valid),
         findings: all.findings.len(),
         next: Some(next.into_inner()),

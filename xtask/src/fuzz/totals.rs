@@ -14,7 +14,8 @@ use whitstone::image::atomic;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Total {
     executions: u64,
-    /// Known for random scenes only.
+    /// Known for random scenes only, as is the number of valid ones.
+    scenes: Option<u64>,
     valid: Option<u64>,
     seconds: u64,
     findings: u64,
@@ -46,6 +47,7 @@ impl Totals {
             let number = |key: &str| total[key].as_u64();
             let total = Total {
                 executions: number("executions")?,
+                scenes: number("scenes"),
                 valid: number("valid"),
                 seconds: number("seconds")?,
                 findings: number("findings")?,
@@ -64,10 +66,12 @@ impl Totals {
     pub(super) fn add(&mut self, kind: &str, run: &Run, took: Duration) {
         let total = self.0.entry(kind.to_owned()).or_default();
         total.executions += run.executions;
-        total.valid = match (total.valid, run.valid) {
+        let sum = |before: Option<u64>, now: Option<u64>| match (before, now) {
             (None, None) => None,
-            (before, now) => Some(before.unwrap_or(0) + now.unwrap_or(0)),
+            _ => Some(before.unwrap_or(0) + now.unwrap_or(0)),
         };
+        total.scenes = sum(total.scenes, run.scenes);
+        total.valid = sum(total.valid, run.valid);
         total.seconds += took.as_secs_f64().round() as u64;
         total.findings += run.findings as u64;
         // A run may have begun anywhere.
@@ -80,7 +84,11 @@ impl Totals {
                 let mut entry = json!({
                     "executions": total.executions, "seconds": total.seconds, "findings": total.findings,
                 });
-                for (key, value) in [("valid", total.valid), ("next", total.next)] {
+                for (key, value) in [
+                    ("scenes", total.scenes),
+                    ("valid", total.valid),
+                    ("next", total.next),
+                ] {
                     if let Some(value) = value {
                         entry[key] = value.into();
                     }
@@ -95,14 +103,17 @@ impl Totals {
 
 /// The stored totals as a table.
 pub(crate) fn table(value: &Value) -> String {
-    let mut page = "| kind | executions | valid | hours | findings |\n|---|---|---|---|---|\n".to_owned();
+    let mut page =
+        "| kind | executions | scenes | valid | hours | findings |\n|---|---|---|---|---|---|\n".to_owned();
     for (kind, total) in value["kinds"].as_object().into_iter().flatten() {
         let number = |key: &str| total[key].as_u64();
-        let valid = number("valid").map_or_else(|| "–".to_owned(), |valid| valid.to_string());
+        let known = |key: &str| number(key).map_or_else(|| "–".to_owned(), |known| known.to_string());
         let _ = writeln!(
             page,
-            "| `{kind}` | {} | {valid} | {:.1} | {} |",
+            "| `{kind}` | {} | {} | {} | {:.1} | {} |",
             number("executions").unwrap_or(0),
+            known("scenes"),
+            known("valid"),
             number("seconds").unwrap_or(0) as f64 / 3600.0,
             number("findings").unwrap_or(0),
         );
@@ -120,6 +131,7 @@ mod tests {
         let path = folder.path().join("fuzz.json");
         let run = |executions, valid, next| Run {
             executions,
+            scenes: valid,
             valid,
             findings: 1,
             next,
@@ -140,8 +152,8 @@ mod tests {
         let stored = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
         assert_eq!(
             table(&stored),
-            "| kind | executions | valid | hours | findings |\n|---|---|---|---|---|\n\
-             | `ply` | 3000 | – | 3.0 | 3 |\n| `scenes` | 22 | 9 | 0.0 | 3 |\n"
+            "| kind | executions | scenes | valid | hours | findings |\n|---|---|---|---|---|---|\n\
+             | `ply` | 3000 | – | – | 3.0 | 3 |\n| `scenes` | 22 | 9 | 9 | 0.0 | 3 |\n"
         );
         fs::write(&path, "{\"kinds\": {\"ply\": {\"executions\": 1}}}").unwrap();
         assert!(Totals::read(&path).is_err());
