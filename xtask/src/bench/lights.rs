@@ -14,6 +14,11 @@ use whitstone::render::{BuildOptions, Pipeline, RenderOptions};
 use whitstone::scene::Sources;
 use whitstone::{Exit, Failure};
 
+/// A picture with as many triangles and lights, and mirrors.
+const PICTURE: &str = "scenes/pictures/harbour.toml";
+/// Overrides for it.
+const PICTURE_FILM: &str = "film={ width = 1920, height = 1080 }";
+
 /// Spots along each side of the square above the landscape.
 const SIDE: u32 = 10;
 /// Quads along each side of the landscape, and triangles in it.
@@ -31,7 +36,8 @@ const LAMPS: [[f64; 3]; 4] = [
 ///
 /// Renders a landscape of 380,192 triangles. First under 100 spots and 4 lamps, with and without
 /// light culling, interleaved; the images must be identical. Then at 64 x 48 under growing numbers
-/// of weak lamps, exactly and with `light_cutoff`, and prints the error that the cutoff causes.
+/// of weak lamps, exactly and with `light_cutoff`, and prints the error that the cutoff causes. Last,
+/// a picture with as many triangles and lights, and mirrors.
 #[derive(Args, Debug)]
 pub(crate) struct Arguments {
     /// Width and height of the image in pixels
@@ -102,6 +108,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     }
     println!("  without culling {:.2} times as long", slow / fast);
     let many = many_lamps(arguments, registry)?;
+    let picture = frames(arguments, registry)?;
     if let Some(path) = &arguments.json {
         let row = |culling: bool, seconds: f64| {
             json!({
@@ -113,6 +120,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
             "size": arguments.size, "lights": pipelines[0].scene.lights.len(), "triangles": TRIANGLES,
             "rounds": arguments.rounds, "threads": threads(arguments.threads), "processor": processor(),
             "date": date(), "rows": [row(true, fast), row(false, slow)], "same": same, "lamps": many,
+            "picture": picture,
             "load": before,
         });
         atomic::write_bytes(path, format!("{text:#}\n").as_bytes()).map_err(Failure::environment)?;
@@ -123,6 +131,29 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         println!("  the pictures DIFFER");
         Ok(Exit::Differs)
     }
+}
+
+/// Times the picture.
+fn frames(arguments: &Arguments, registry: &Registry) -> Result<Value, Failure> {
+    let pipeline = crate::readme::build(registry, Path::new(PICTURE), &[PICTURE_FILM.to_owned()])?;
+    let options = RenderOptions {
+        threads: arguments.threads,
+        ..RenderOptions::default()
+    };
+    // The first one touches pages.
+    let films: Vec<_> = (0..=arguments.rounds).map(|_| pipeline.render(options)).collect();
+    let mut times: Vec<f64> = films[1..].iter().map(|film| film.render_seconds).collect();
+    let (seconds, rays) = (median(&mut times), films[0].counters.total());
+    let (width, height) = (films[0].width, films[0].height);
+    println!(
+        "{PICTURE}: {width} x {height}, {rays} rays\n  {seconds:.3} s per frame, {:.2} frames per second, {:.2} Mrays/s",
+        1.0 / seconds,
+        1e-6 * rays as f64 / seconds
+    );
+    Ok(json!({
+        "scene": PICTURE, "width": width, "height": height, "lights": pipeline.scene.lights.len(),
+        "rays": rays, "seconds": seconds,
+    }))
 }
 
 fn load_scene(text: &str, registry: &Registry) -> Result<Pipeline, Failure> {
