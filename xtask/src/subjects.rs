@@ -4,6 +4,7 @@
 use crate::bench::machine;
 use clap::Args;
 use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 use whitstone::image::atomic;
@@ -102,7 +103,9 @@ pub(crate) fn validated(stored: &Value) -> String {
         "| subject | measured | scenes that pass | RMSE | with explained pixels | undecided | wrong |\n\
         |---|---|---|---|---|---|---|\n"
             .to_owned();
-    for (name, subject) in stored.as_object().into_iter().flatten() {
+    // Sorted, because the order of a JSON object depends on how this program was built.
+    let subjects: BTreeMap<_, _> = stored.as_object().into_iter().flatten().collect();
+    for (name, subject) in subjects {
         let date = subject["date"].as_str().unwrap_or_default();
         let scenes = || subject["scenes"].as_object().into_iter().flatten();
         let range = |explained: bool| {
