@@ -208,7 +208,8 @@ impl Accelerator for KdTree {
     ) -> Option<TraversalStatistics> {
         let (query, counters) = (Query { ray, interval, skip }, Counters::default());
         self.find::<false>(&query, &counters);
-        Some(counters.statistics(&self.leaves, &query))
+        let used = self.leaves.frame.ray(ray, &interval).is_some();
+        Some(counters.statistics(&self.leaves, used))
     }
 
     fn statistics(&self) -> Statistics {

@@ -48,11 +48,16 @@ impl Tally for &Counters {
 }
 
 impl Counters {
-    /// What was counted of the search by a ray: a structure counts only what it visits.
-    pub(crate) fn statistics(&self, leaves: &Leaves, query: &Query<'_>) -> TraversalStatistics {
+    /// Whether nothing was counted.
+    pub(crate) fn are_zero(&self) -> bool {
+        self.steps.get() + self.tests.get() == 0
+    }
+
+    /// What was counted of a search; a structure counts only what it visits. It is not `used` for a
+    /// ray that single precision cannot represent.
+    pub(crate) fn statistics(&self, leaves: &Leaves, used: bool) -> TraversalStatistics {
         let mut tests = self.tests.get() + leaves.unbounded.len() as u64;
-        if leaves.frame.ray(query.ray, &query.interval).is_none() {
-            // Single precision cannot represent such a ray, and the structure is not used.
+        if !used {
             tests += leaves.slots.len() as u64;
         }
         TraversalStatistics {
