@@ -1,5 +1,5 @@
-//! `close-ups`: the scenes of studies/scenes/close_ups, each at a value of the parameter of a family
-//! of `stress` at which renderers break.
+//! `close-ups`: the scenes of studies/scenes/close_ups, each at a value of the parameter of a
+//! family of `stress` at which renderers break.
 //!
 //! docs/stability.md shows how Whitstone, Mitsuba and textbook formulas render them. Whitstone and
 //! the formulas render anew in each `readme`. Mitsuba's pictures are stored, so that `readme` needs
@@ -71,9 +71,9 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         atomic::write_bytes(stored(&name), &bytes).map_err(Failure::environment)?;
         println!("{}: written", stored(&name).display());
         let shown = json!({
-            "scene": scene_hash(registry, &scene(&name), &[])?,
             "file": hash_of(&bytes),
             "mitsuba": version.trim(),
+            "scene": scene_hash(registry, &scene(&name), &[])?,
         });
         record.insert(name, shown);
     }

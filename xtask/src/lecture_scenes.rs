@@ -151,13 +151,15 @@ fn many_lights(page: &mut String, result: &Value) {
             &format!(
                 "The [picture](../{scene}) above has a height field of as many triangles, and {lights} \
                  lights, 104 of them lamps. Its water is a mirror with waves. At {} x {} pixels, one \
-                 sample each, a frame of {:.1} million rays takes {:.2} s: **{:.2} frames per second**, in \
-                 the same run.",
+                 sample each, a frame of {:.0} million rays takes {:.0} s on the same machine: {:.0} \
+                 rays for each pixel, {:.1} million rays per second. That is a picture, not a scene in \
+                 real time.",
                 picture["width"],
                 picture["height"],
                 number(picture, "rays") / 1e6,
                 number(picture, "seconds"),
-                1.0 / number(picture, "seconds"),
+                number(picture, "rays") / (number(picture, "width") * number(picture, "height")),
+                number(picture, "rays") / 1e6 / number(picture, "seconds"),
                 scene = text(picture, "scene"),
                 lights = picture["lights"],
             ),

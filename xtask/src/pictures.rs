@@ -183,7 +183,8 @@ pub(crate) fn update(registry: &Registry, check: bool) -> Result<Update, Failure
         }
         record.insert(
             name.clone(),
-            json!({ "scene": scene_hash, "file": present(name) }),
+            // In alphabetical order, which some builds of the JSON library make anyway.
+            json!({ "file": present(name), "scene": scene_hash }),
         );
     }
     let record = format!("{:#}\n", Value::Object(record));

@@ -624,8 +624,8 @@ mod tests {
         })]))
     }
 
-    /// A hundred quads in a row: a ray passes all of them, hits one, runs along all of them, or is so
-    /// far away that single precision cannot represent it.
+    /// A hundred quads in a row: a ray passes all of them, hits one, runs along all of them, or is
+    /// so far away that single precision cannot represent it.
     #[test]
     fn the_work_of_a_ray_is_counted() {
         let places: Vec<DVec3> = (0..100)
