@@ -9,7 +9,7 @@ mod textbook;
 
 use crate::diagrams::{GAP, picture};
 use crate::labels::{self, LINE, PAPER};
-use crate::pictures::{Update, hash_of, scene_hash};
+use crate::pictures::{Update, hash_of, names, scene_hash};
 use clap::Args;
 use serde_json::{Value, json};
 use std::fs;
@@ -17,7 +17,6 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use whitstone::core::Registry;
 use whitstone::image::{Limits, Raster, ToneMap, atomic, picture as files};
-use whitstone::validate::find_scenes;
 use whitstone::{Exit, Failure};
 
 /// The scenes. Each has the name of a family, and begins with a comment that is its title.
@@ -54,7 +53,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         output(Command::new(&arguments.mitsuba).args(["-c", "import mitsuba; print(mitsuba.__version__)"]))?;
     fs::create_dir_all(STORED).map_err(Failure::environment)?;
     let mut record = serde_json::Map::new();
-    for name in names()? {
+    for name in names(FOLDER)? {
         let folder = tempfile::tempdir().map_err(Failure::environment)?;
         let image = folder.path().join("image.pfm");
         output(
@@ -99,15 +98,6 @@ fn output(command: &mut Command) -> Result<String, Failure> {
     }
 }
 
-/// The names of all scenes, sorted.
-fn names() -> Result<Vec<String>, Failure> {
-    let scenes = find_scenes(&[PathBuf::from(FOLDER)]).map_err(Failure::environment)?;
-    let stem = |path: &PathBuf| Some(path.file_stem()?.to_str()?.to_owned());
-    let mut names: Vec<String> = scenes.iter().filter_map(stem).collect();
-    names.sort();
-    Ok(names)
-}
-
 fn scene(name: &str) -> PathBuf {
     Path::new(FOLDER).join(name).with_extension("toml")
 }
@@ -118,7 +108,7 @@ fn stored(name: &str) -> PathBuf {
 
 /// The sheet of all scenes, a row for each, and what is wrong with the stored pictures.
 pub(crate) fn update(registry: &Registry) -> Result<Update, Failure> {
-    let names = names()?;
+    let names = names(FOLDER)?;
     let record: Value = fs::read(RECORD).map_or(Value::Null, |bytes| {
         serde_json::from_slice(&bytes).unwrap_or_default()
     });

@@ -64,7 +64,7 @@ pub(crate) struct Arguments {
 /// Runs the command.
 pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     fs::create_dir_all(&arguments.output).map_err(Failure::environment)?;
-    let all = names()?;
+    let all = names(FOLDER)?;
     if let Some(unknown) = arguments.names.iter().find(|name| !all.contains(name)) {
         return Err(Failure::usage(format!(
             "there is no picture `{unknown}`; expected one of: {}",
@@ -84,9 +84,9 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     Ok(Exit::Pass)
 }
 
-/// The names of all pictures, sorted.
-fn names() -> Result<Vec<String>, Failure> {
-    let scenes = find_scenes(&[PathBuf::from(FOLDER)]).map_err(Failure::environment)?;
+/// The names of all scenes in a folder, sorted.
+pub(crate) fn names(folder: &str) -> Result<Vec<String>, Failure> {
+    let scenes = find_scenes(&[PathBuf::from(folder)]).map_err(Failure::environment)?;
     let stem = |path: &PathBuf| Some(path.file_stem()?.to_str()?.to_owned());
     let mut names: Vec<String> = scenes.iter().filter_map(stem).collect();
     names.sort();
@@ -166,7 +166,7 @@ pub(crate) fn update(registry: &Registry, check: bool) -> Result<Update, Failure
     });
     let mut record = serde_json::Map::new();
     let names = match Path::new(FOLDER).is_dir() {
-        true => names()?,
+        true => names(FOLDER)?,
         false => return Ok(Update::default()),
     };
     let mut problems = strangers(&names);

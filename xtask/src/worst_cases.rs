@@ -1,6 +1,7 @@
 //! Generates the tables of worst cases in `docs/accelerators.md` from the stored result of
 //! `bench worst-cases`.
 
+use crate::labels::grouped;
 use serde_json::Value;
 use std::fmt::Write as _;
 
@@ -71,15 +72,7 @@ pub(crate) fn tables(result: &Value) -> String {
 /// Nanoseconds with two digits.
 fn rounded(time: f64) -> String {
     let unit = 10f64.powf(time.max(1.0).log10().floor() - 1.0).max(1.0);
-    let digits = format!("{:.0}", (time / unit).round() * unit);
-    let mut grouped = String::new();
-    for (place, digit) in digits.chars().enumerate() {
-        if place > 0 && (digits.len() - place).is_multiple_of(3) {
-            grouped.push(',');
-        }
-        grouped.push(digit);
-    }
-    grouped
+    grouped(((time / unit).round() * unit) as u64)
 }
 
 #[cfg(test)]
