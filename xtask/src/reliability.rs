@@ -5,6 +5,7 @@ mod faults;
 mod kills;
 mod memory;
 mod page;
+mod processors;
 mod references;
 mod times;
 
@@ -27,7 +28,9 @@ pub(crate) use page::{PAGE, RESULT, page};
 /// Each promise of docs/reliability.md is tried many times on the program `whitstone` in the folder
 /// of this one. Faults of system calls need strace (Debian: apt-get install strace), and the
 /// promises about references a live Mitsuba (see `whitstone doctor`); without them they are
-/// skipped, and the report says so.
+/// skipped, and the report says so. So is the promise about processors without a compiler and an
+/// emulator for arm64, unless --quick is given (Debian: apt-get install gcc-aarch64-linux-gnu
+/// libc6-dev-arm64-cross qemu-user; rustup target add aarch64-unknown-linux-gnu).
 ///
 /// Exit code 0 if no attempt broke a promise, 1 if one did.
 #[derive(Args, Debug)]
@@ -81,7 +84,7 @@ struct Promise {
     run: fn(&Subject) -> Result<Tally, Failure>,
 }
 
-const PROMISES: [Promise; 6] = [
+const PROMISES: [Promise; 7] = [
     Promise {
         name: "A system call that fails does no harm.",
         how: "Each command runs under `strace`, which lets one system call fail: the first, the second, and so on, for each kind of call and error. The command ends with a documented exit code, without a panic; every file is absent, as it was, or complete; exit code 0 means that all files are there.",
@@ -111,6 +114,11 @@ const PROMISES: [Promise; 6] = [
         name: "Memory is bounded.",
         how: "Scenes whose size follows from numbers in the file, with `--max-memory`. The peak of the resident memory is at most 1.1 times the limit plus 64 MiB, whether the scene is rendered or refused.",
         run: memory::run,
+    },
+    Promise {
+        name: "An image does not depend on the processor.",
+        how: "Every scene of the repository, at 32 x 24 pixels, with the mathematics functions that glibc has for older x86-64 processors, with fewer vector instructions, and by a program for arm64 under `qemu-aarch64`. The files are equal, byte for byte. A quick run tries some of the scenes, without arm64.",
+        run: processors::run,
     },
 ];
 

@@ -429,7 +429,7 @@ fn build<T: Corners, const N: usize>(
             let keys = Keys::new(&items);
             let is_even = !keys.any_cell_has_more_than(MAX_IN_CELL);
             let fast = is_even.then(|| widened(morton::build(&items, &keys)));
-            fast.filter(|(wide, slots, _)| wide.cost <= MAX_COST * (slots.len() as f64).log2())
+            fast.filter(|(wide, slots, _)| wide.cost <= MAX_COST * libm::log2(slots.len() as f64))
                 .unwrap_or_else(|| widened(balanced()))
         }
         Quality::Fast => widened(morton::build(&items, &Keys::new(&items))),

@@ -143,7 +143,7 @@ impl Octree {
             elements: items.iter().map(|item| item.element).collect(),
             depth: 0,
         };
-        let usual = 3.0 + 0.6 * (items.len().max(1) as f64).log2();
+        let usual = 3.0 + 0.6 * libm::log2(items.len().max(1) as f64);
         let builder = Builder {
             geometry,
             items,

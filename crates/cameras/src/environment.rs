@@ -45,8 +45,8 @@ impl Camera for Environment {
         // Computed from the distances to both edges, so that a symmetrical scene gives a bitwise
         // symmetrical image.
         let from_middle = (raster - (self.film - raster)) / self.film;
-        let (sin_phi, cos_phi) = (PI * from_middle.x).sin_cos();
-        let (sin_theta, cos_theta) = (-FRAC_PI_2 * from_middle.y).sin_cos();
+        let (sin_phi, cos_phi) = libm::sincos(PI * from_middle.x);
+        let (sin_theta, cos_theta) = libm::sincos(-FRAC_PI_2 * from_middle.y);
         let Frame {
             origin,
             right,

@@ -118,7 +118,7 @@ fn concentric(p: f64, q: f64) -> [f64; 2] {
     } else {
         (q, FRAC_PI_2 - FRAC_PI_4 * (p / q))
     };
-    let (sin, cos) = phi.sin_cos();
+    let (sin, cos) = libm::sincos(phi);
     [r * cos, r * sin]
 }
 

@@ -4,6 +4,11 @@
 //! This crate does no input or output and contains no plugin. All other crates depend on it; it
 //! depends only on `whitstone-simd`. `docs/whitted-model.md` defines the meaning of every quantity.
 
+#![cfg_attr(
+    not(test),
+    warn(clippy::disallowed_methods, reason = "the same image on every machine")
+)]
+
 mod geometry;
 mod plugin;
 mod shading;

@@ -28,7 +28,7 @@ pub fn film() -> Table {
 /// right and in front. The sphere touches the borders of the smaller image axis.
 pub fn camera(low: DVec3, high: DVec3) -> Table {
     let (center, radius) = bounding_sphere(low, high);
-    let distance = radius / (FOV / 2.0).to_radians().sin();
+    let distance = radius / libm::sin((FOV / 2.0).to_radians());
     let origin = center + TOWARDS_CAMERA.normalize() * distance;
     let look_at = table([
         ("origin", numbers(origin.to_array())),

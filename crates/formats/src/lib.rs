@@ -4,6 +4,11 @@
 //! [`SceneFormat`](whitstone_core::SceneFormat), and a table of features that says what its
 //! conversions keep, approximate and drop.
 
+#![cfg_attr(
+    not(test),
+    warn(clippy::disallowed_methods, reason = "the same image on every machine")
+)]
+
 #[macro_use]
 mod features;
 

@@ -3,6 +3,7 @@
 //! Documents that are exported have been checked; a value of a wrong type reads as the default.
 
 use toml::{Table, Value};
+use whitstone_core::transform_steps::rotation;
 use whitstone_core::{DAffine3, DMat3, DVec3};
 
 /// A number.
@@ -100,7 +101,7 @@ fn step(table: &Table) -> DAffine3 {
         let axis = vector(rotate, "axis").and_then(DVec3::try_normalize);
         let degrees = number(rotate, "degrees").unwrap_or(0.0);
         return axis.map_or(DAffine3::IDENTITY, |axis| {
-            DAffine3::from_axis_angle(axis, degrees.to_radians())
+            DAffine3::from_mat3(rotation(axis, degrees))
         });
     }
     let rows = table.get("matrix").and_then(Value::as_array);

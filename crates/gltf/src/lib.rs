@@ -5,6 +5,11 @@
 //! itself. Every error carries the JSON pointer (RFC 6901) of the faulty value. Only the bytes that
 //! a caller asks for are read.
 
+#![cfg_attr(
+    not(test),
+    warn(clippy::disallowed_methods, reason = "the same image on every machine")
+)]
+
 mod accessor;
 mod buffers;
 mod container;

@@ -19,6 +19,10 @@
 //! No function panics on the contents of a file or resamples an image. Colours change only where a
 //! function's name says so.
 
+#![cfg_attr(
+    not(test),
+    warn(clippy::disallowed_methods, reason = "the same image on every machine")
+)]
 #![forbid(unsafe_code)]
 
 pub mod atomic;

@@ -67,7 +67,7 @@ impl Transfer {
         match self {
             Self::Linear => code,
             Self::Srgb => srgb_to_linear(code),
-            Self::Gamma(exponent) => code.powf(exponent),
+            Self::Gamma(exponent) => libm::pow(code, exponent),
         }
     }
 

@@ -50,7 +50,7 @@ impl ToneMap {
     /// [`Raster::preview`](crate::Raster::preview) shows it as an unmistakable colour.
     #[must_use]
     pub fn encode(&self, linear: f64) -> u8 {
-        let shown = self.curve.apply(linear * self.exposure.exp2());
+        let shown = self.curve.apply(linear * libm::exp2(self.exposure));
         // The cast clamps, and maps NaN to 0.
         (linear_to_srgb(shown) * 255.0 + 0.5).floor() as u8
     }
@@ -64,7 +64,7 @@ pub fn srgb_to_linear(encoded: f64) -> f64 {
     if encoded <= 0.04045 {
         encoded / 12.92
     } else {
-        ((encoded + 0.055) / 1.055).powf(2.4)
+        libm::pow((encoded + 0.055) / 1.055, 2.4)
     }
 }
 
@@ -76,7 +76,7 @@ pub fn linear_to_srgb(linear: f64) -> f64 {
     if linear <= 0.0031308 {
         linear * 12.92
     } else {
-        1.055 * linear.powf(1.0 / 2.4) - 0.055
+        1.055 * libm::pow(linear, 1.0 / 2.4) - 0.055
     }
 }
 

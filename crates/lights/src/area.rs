@@ -261,7 +261,7 @@ fn area(surface: Surface, transform: &Transform) -> Option<f64> {
 
 /// Maps (u, v) of the unit square to a point on the surface; the mapping preserves relative areas.
 fn light_point(surface: Surface, transform: &Transform, u: f64, v: f64, area: f64) -> LightPoint {
-    let (sin, cos) = (TAU * u).sin_cos();
+    let (sin, cos) = libm::sincos(TAU * u);
     let (point, normal) = match surface {
         Surface::Rectangle | Surface::Mesh => (DVec3::new(2.0 * u - 1.0, 2.0 * v - 1.0, 0.0), DVec3::Z),
         Surface::Disk => {

@@ -122,7 +122,7 @@ fn half_size(config: &Config) -> Result<DVec2, SceneErrors> {
         let message = format!("expected a ratio of width to height from 0.001 to 1000, found {aspect}");
         errors.0.push(SceneError::at(ratio.span(), message));
     }
-    let width = (0.5 * fov.to_radians()).tan();
+    let width = libm::tan(0.5 * fov.to_radians());
     errors.into_result(DVec2::new(width, width / aspect))
 }
 
@@ -156,7 +156,7 @@ impl Light for Projector {
         let out = center - self.position;
         let (x, y, depth) = (self.right.dot(out), self.up.dot(out), self.axis.dot(out));
         // Signed distance of the centre from a side plane with the slope `half`; positive outside.
-        let beyond = |across: f64, half: f64| (across.abs() - half * depth) / half.hypot(1.0);
+        let beyond = |across: f64, half: f64| (across.abs() - half * depth) / libm::hypot(half, 1.0);
         let farthest = beyond(x, self.half.x).max(beyond(y, self.half.y)).max(-depth);
         // False if a distance is NaN: the light is assumed to reach the box.
         let misses = farthest > radius + 1e-9 * (out.length() + radius);

@@ -142,16 +142,16 @@ impl Plugin<Lights> for Spot {
             None => None,
             Some(_) => errors.take(image_axes(axis, config.up.as_ref(), config.target.span())),
         };
-        let half = cutoff.tan();
+        let half = libm::tan(cutoff);
         let image = color.zip(axes).map(|(color, axes)| Image { axes, half, color });
         errors.into_result(Arc::new(Self {
             position,
             axis,
             intensity: config.intensity.get(),
             cutoff,
-            cos_cutoff: cutoff.cos(),
+            cos_cutoff: libm::cos(cutoff),
             beam,
-            cos_beam: beam.cos(),
+            cos_beam: libm::cos(beam),
             falloff: config.falloff,
             image,
         }))
@@ -187,8 +187,8 @@ impl Light for Spot {
         let (along, across) = (self.axis.dot(out), self.axis.cross(out).length());
         // The sphere misses the cone if its centre lies outside the cone by more than the angular
         // radius of the sphere. If an angle is NaN, the light is assumed to reach the box.
-        let beyond = across.atan2(along) - self.cutoff - ANGLE_MARGIN;
-        let misses = beyond > 0.0 && (radius / out.length()).asin() < beyond;
+        let beyond = libm::atan2(across, along) - self.cutoff - ANGLE_MARGIN;
+        let misses = beyond > 0.0 && libm::asin(radius / out.length()) < beyond;
         let dark = self.image.as_ref().is_some_and(|image| image.color.is_black());
         !(self.intensity.is_black() || dark || misses)
     }
@@ -239,7 +239,7 @@ impl Spot {
         if cosine < self.cos_cutoff - COSINE_MARGIN {
             return None;
         }
-        let angle = self.axis.cross(travel).length().atan2(cosine);
+        let angle = libm::atan2(self.axis.cross(travel).length(), cosine);
         if angle >= self.cutoff {
             None
         } else if angle > self.beam {

@@ -85,9 +85,9 @@ fn lobe(n: u32, exponent: f64) -> Vec<DVec3> {
         let (s, phi) = on_disk(middle(index % n), middle(index / n));
         // cos^(exponent + 1) is the weight outside of a cone. Near 1, this form keeps the sine
         // accurate.
-        let log_cos = (-s * s).ln_1p() / (exponent + 1.0);
-        let sin = (-(2.0 * log_cos).exp_m1()).sqrt().copysign(s);
-        DVec3::new(sin * phi.cos(), sin * phi.sin(), log_cos.exp())
+        let log_cos = libm::log1p(-s * s) / (exponent + 1.0);
+        let sin = (-libm::expm1(2.0 * log_cos)).sqrt().copysign(s);
+        DVec3::new(sin * libm::cos(phi), sin * libm::sin(phi), libm::exp(log_cos))
     };
     (0..n * n).map(at).collect()
 }

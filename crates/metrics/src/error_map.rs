@@ -89,7 +89,7 @@ impl Scale {
         self.color_at(match self {
             Self::Absolute { max } => value.abs() / max,
             Self::Signed { max } => 0.5 + 0.5 * (value / max).clamp(-1.0, 1.0),
-            Self::Log { min, max } => (value.abs() / min).ln() / (max / min).ln(),
+            Self::Log { min, max } => libm::log(value.abs() / min) / libm::log(max / min),
         })
     }
 

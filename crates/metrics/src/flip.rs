@@ -51,7 +51,7 @@ pub fn flip(ours: &Image, reference: &Image) -> Result<Flip, CompareError> {
     let mut map = vec![0.0_f64; pair.pixels()];
     for i in 0..count {
         let exposure = start + (stop - start) * i as f64 / (count - 1) as f64;
-        let factor = exposure.exp2();
+        let factor = libm::exp2(exposure);
         filters.map(&pair, TILE, &mut map, |x| ToneCurve::Filmic.apply(x * factor));
     }
     Ok(Flip {
@@ -105,7 +105,7 @@ fn exposures(pair: &Pair<'_>) -> (f64, f64) {
     let brightest = luminance[n - 1];
     let median = 0.5 * (luminance[n / 2] + luminance[(n - 1) / 2]);
     // Black stays black at every exposure.
-    let stops = |luminance: f64| (value / luminance.max(f64::from(f32::EPSILON))).log2();
+    let stops = |luminance: f64| libm::log2(value / luminance.max(f64::from(f32::EPSILON)));
     (stops(brightest), stops(median))
 }
 
@@ -264,7 +264,7 @@ impl Filters {
         let sensitivity = SENSITIVITY.map(|gaussians| {
             let mut parts: Vec<(f64, Kernel)> = Vec::new();
             for &(amplitude, width) in gaussians {
-                let at = |i: i64| (-PI * PI * (i as f64 / per_degree).powi(2) / width).exp();
+                let at = |i: i64| libm::exp(-PI * PI * (i as f64 / per_degree).powi(2) / width);
                 parts.push((
                     amplitude * (PI / width).sqrt(),
                     (-radius..=radius).map(at).collect(),
@@ -280,7 +280,7 @@ impl Filters {
         // Half of the visible width of an edge, 0.082 degrees.
         let deviation = 0.5 * 0.082 * per_degree;
         let reach = (3.0 * deviation).ceil() as i64;
-        let gaussian = |i: i64| (-((i * i) as f64) / (2.0 * deviation * deviation)).exp();
+        let gaussian = |i: i64| libm::exp(-((i * i) as f64) / (2.0 * deviation * deviation));
         let first = |i: i64| -(i as f64) * gaussian(i);
         let second = |i: i64| ((i * i) as f64 / (deviation * deviation) - 1.0) * gaussian(i);
         let kernel = |of: &dyn Fn(i64) -> f64| balanced((-reach..=reach).map(of).collect());
@@ -288,7 +288,10 @@ impl Filters {
             reach: radius.max(reach) as usize,
             sensitivity,
             feature: [kernel(&gaussian), kernel(&first), kernel(&second)],
-            farthest: distance(hunt_lab([0.0, 1.0, 0.0]), hunt_lab([0.0, 0.0, 1.0])).powf(POWER),
+            farthest: libm::pow(
+                distance(hunt_lab([0.0, 1.0, 0.0]), hunt_lab([0.0, 0.0, 1.0])),
+                POWER,
+            ),
         }
     }
 

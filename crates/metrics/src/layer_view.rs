@@ -75,12 +75,12 @@ pub fn layer_views(ours: &Image, reference: &Image, layer: &str) -> Option<[Rast
         .fold((f64::INFINITY, 0.0), |(near, far), depth| {
             (depth.min(near), depth.max(far))
         });
-    let decades = (far / near).ln().max(f64::MIN_POSITIVE);
+    let decades = libm::log(far / near).max(f64::MIN_POSITIVE);
     Some(views(depths, &|depth| {
         if !depth[0].is_finite() || depth[0] <= 0.0 {
             return NOTHING;
         }
-        let part = ((depth[0] / near).ln() / decades).clamp(0.0, 1.0);
+        let part = (libm::log(depth[0] / near) / decades).clamp(0.0, 1.0);
         [(255.0 - part * (255.0 - DARKEST)).round() as u8; 3]
     }))
 }

@@ -19,6 +19,10 @@
 //! Images and their files are in `whitstone-image`. Pixel coordinates and colours are as there. No
 //! function resamples an image: images of different sizes are a [`CompareError`].
 
+#![cfg_attr(
+    not(test),
+    warn(clippy::disallowed_methods, reason = "the same image on every machine")
+)]
 #![forbid(unsafe_code)]
 
 pub mod areas;

@@ -324,7 +324,7 @@ pub fn compare(ours: &Image, reference: &Image, options: &CompareOptions) -> Res
         mae: absolutes.total() / count,
         max_abs,
         signed_mean: differences.total() / count,
-        psnr: (rmse > 0.0 && psnr_peak > 0.0).then(|| 20.0 * (psnr_peak / rmse).log10()),
+        psnr: (rmse > 0.0 && psnr_peak > 0.0).then(|| 20.0 * libm::log10(psnr_peak / rmse)),
         psnr_peak,
         mean_reference,
         signed_block_bias: pair.block_bias(mean_reference, options.exclude),

@@ -144,7 +144,7 @@ pub fn significance(
     };
     let tests = RGB.len() * pair.pixels();
     // 1 - (1 - level)^(1/N), written so that it does not round to zero.
-    let threshold = -((-level).ln_1p() / tests as f64).exp_m1();
+    let threshold = -libm::expm1(libm::log1p(-level) / tests as f64);
     let mean = pair.mean_reference();
     let mut mask = Mask::new(pair.width, pair.pixels() / pair.width);
     let (mut least_p, mut least_at) = (1.0_f64, None);
@@ -357,8 +357,9 @@ fn incomplete_beta(x: f64, rest: f64, a: f64, b: f64) -> f64 {
     if x > (a + 1.0) / (a + b + 2.0) {
         return 1.0 - incomplete_beta(rest, x, b, a);
     }
-    let front = libm::lgamma(a + b) - libm::lgamma(a) - libm::lgamma(b) + a * x.ln() + b * rest.ln();
-    front.exp() / (a * fraction(x, a, b))
+    let front =
+        libm::lgamma(a + b) - libm::lgamma(a) - libm::lgamma(b) + a * libm::log(x) + b * libm::log(rest);
+    libm::exp(front) / (a * fraction(x, a, b))
 }
 
 /// The continued fraction of DLMF 8.17.22, by Lentz's method.

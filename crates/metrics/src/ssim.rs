@@ -35,7 +35,7 @@ pub fn ssim(ours: &Image, reference: &Image, tone: ToneMap) -> Result<Option<f64
     if pair.width < WINDOW || pair.height < WINDOW {
         return Ok(None);
     }
-    let factor = tone.exposure.exp2();
+    let factor = libm::exp2(tone.exposure);
     let shown = |linear: f64| linear_to_srgb((linear * factor).clamp(0.0, 1.0));
     let kernel = kernel();
     let mean = |plane: &dyn Fn(usize) -> f64| {
@@ -71,7 +71,7 @@ pub fn ssim(ours: &Image, reference: &Image, tone: ToneMap) -> Result<Option<f64
 fn kernel() -> [f64; WINDOW] {
     let middle = (WINDOW / 2) as f64;
     let weights: [f64; WINDOW] =
-        std::array::from_fn(|i| (-0.5 * ((i as f64 - middle) / DEVIATION).powi(2)).exp());
+        std::array::from_fn(|i| libm::exp(-0.5 * ((i as f64 - middle) / DEVIATION).powi(2)));
     let total: f64 = weights.iter().sum();
     weights.map(|weight| weight / total)
 }

@@ -3,6 +3,11 @@
 //!
 //! This crate depends on the plugin registry, not on the plugins.
 
+#![cfg_attr(
+    not(test),
+    warn(clippy::disallowed_methods, reason = "the same image on every machine")
+)]
+
 mod adaptive;
 mod box_tree;
 mod builder;

@@ -51,7 +51,7 @@ pub(crate) fn glossy_rays(
         };
         let directions = material.reflections();
         let bounces = integrator.max_split_depth(directions);
-        let rays = |bounces: u32| f64::from(directions).powf(f64::from(bounces));
+        let rays = |bounces: u32| libm::pow(f64::from(directions), f64::from(bounces));
         if rays(bounces) <= MAX_REFLECTIONS || reported.contains(place) {
             continue;
         }
@@ -63,7 +63,7 @@ pub(crate) fn glossy_rays(
             .take_while(|bounces| rays(*bounces) <= MAX_REFLECTIONS)
             .count() as u32;
         // The smallest power of ten for which one more bounce is skipped.
-        let power = rays(most + 1).log10().floor();
+        let power = libm::log10(rays(most + 1)).floor();
         let help = format!(
             "set `max_depth` of the integrator to at most {most} or its `min_contribution` to at least 1e-{power}, or reduce `samples`"
         );

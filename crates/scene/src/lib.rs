@@ -3,6 +3,11 @@
 //! This crate describes scenes. It depends on the plugin registry, not on the plugins, and builds
 //! nothing; `whitstone-render` does.
 
+#![cfg_attr(
+    not(test),
+    warn(clippy::disallowed_methods, reason = "the same image on every machine")
+)]
+
 mod checked;
 mod companions;
 mod description;

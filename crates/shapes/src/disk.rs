@@ -51,7 +51,7 @@ impl ShapeKernel for Disk {
         // otherwise it is enlarged by the rounding error of the squares, the sum and the root.
         let reach = |x: f64, y: f64| match (x, y) {
             (0.0, other) | (other, 0.0) => other.abs(),
-            _ => x.hypot(y) * (1.0 + 2.0 * f64::EPSILON),
+            _ => libm::hypot(x, y) * (1.0 + 2.0 * f64::EPSILON),
         };
         self.frame.around([0, 1, 2].map(|i| reach(x[i], y[i])))
     }
@@ -78,7 +78,7 @@ impl ShapeKernel for Disk {
         let (position, error) = self.frame.point(hit.prim_uv.extend(0.0), 2);
         let mut point = SurfaceInteraction::new(position, error, self.frame.normal(2));
         if needs.contains(SurfaceAttributes::UV) {
-            let phi = hit.prim_uv.y.atan2(hit.prim_uv.x);
+            let phi = libm::atan2(hit.prim_uv.y, hit.prim_uv.x);
             let phi = if phi < 0.0 { phi + TAU } else { phi };
             point.uv = DVec2::new(hit.prim_uv.length(), phi / TAU);
         }

@@ -60,7 +60,7 @@ struct Angles;
 impl Mapping for Angles {
     fn uv(&self, p: DVec3, _: u32) -> DVec2 {
         // acos loses half the digits near the poles; atan2 does not.
-        let theta = p.truncate().length().atan2(p.z);
+        let theta = libm::atan2(p.truncate().length(), p.z);
         DVec2::new(angle(p.x, p.y), 1.0 - theta / std::f64::consts::PI)
     }
 }

@@ -188,7 +188,7 @@ impl Map {
             }
             Self::Mandelbulb { power } => {
                 // r (cos, sin) of the polar angle from +z, then (cos, sin) of the azimuth about z.
-                let from_axis = z.x.hypot(z.y);
+                let from_axis = libm::hypot(z.x, z.y);
                 let polar = DVec2::new(z.z, from_axis);
                 let about = if from_axis > 0.0 {
                     DVec2::new(z.x, z.y) / from_axis
@@ -232,7 +232,7 @@ impl Map {
                 let n = f64::from(*power);
                 let most = (length + r).powi(*power as i32 - 1);
                 // Around the axis the map stretches by another factor of sin(n θ)/sin θ.
-                let sine = (z.x.hypot(z.y) - r) / (length + r);
+                let sine = (libm::hypot(z.x, z.y) - r) / (length + r);
                 let around = if sine > 1.0 / n { 1.0 / sine } else { n };
                 n * most * around * r + first + ROUNDING * n * (most * (length + r) + ESCAPE)
             }
@@ -256,7 +256,7 @@ impl Fractal {
         let reach = match map {
             Map::Julia { c, .. } => (ESCAPE + c.length()).sqrt().min(ESCAPE),
             Map::Mandelbulb { power } => (0..60).fold(ESCAPE, |reach: f64, _| {
-                (ESCAPE + reach).powf(1.0 / f64::from(power))
+                libm::pow(ESCAPE + reach, 1.0 / f64::from(power))
             }),
         };
         let corner = DVec3::splat(reach * (1.0 + BOX_MARGIN));
@@ -279,7 +279,7 @@ impl Fractal {
         }
         let squared = orbit.z.length_squared();
         let slopes = orbit.slopes.map(|slope| 2.0 * orbit.z.dot(slope) / squared);
-        ((0.25 * squared).ln(), slopes)
+        (libm::log(0.25 * squared), slopes)
     }
 
     /// Classifies a ball, and the line through its center.

@@ -63,7 +63,7 @@ impl Plugin<Shapes> for Hyperboloid {
             constant: radius * radius,
             origin: 0.0,
             heights: config.z,
-            radii: config.z.0.map(|z| radius.hypot(slope * z)),
+            radii: config.z.0.map(|z| libm::hypot(radius, slope * z)),
             caps: config.caps,
             tip: DVec3::X,
         };

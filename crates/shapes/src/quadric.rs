@@ -172,8 +172,8 @@ fn diagonal(q: DMat3) -> (DMat3, DVec3) {
             continue;
         }
         let theta = (a[j][j] - a[i][i]) / (2.0 * a[i][j]);
-        let t = 1f64.copysign(theta) / (theta.abs() + theta.hypot(1.0));
-        let c = 1.0 / t.hypot(1.0);
+        let t = 1f64.copysign(theta) / (theta.abs() + libm::hypot(theta, 1.0));
+        let c = 1.0 / libm::hypot(t, 1.0);
         let s = t * c;
         let rotated = |x: f64, y: f64| (c * x - s * y, s * x + c * y);
         for k in 0..3 {

@@ -200,10 +200,10 @@ impl Sphere {
             .object_from_world()
             .transform_vector3(n)
             .normalize();
-        let phi = local.y.atan2(local.x);
+        let phi = libm::atan2(local.y, local.x);
         let phi = if phi < 0.0 { phi + TAU } else { phi };
         // acos loses half the digits near the poles; atan2 does not.
-        let theta = local.truncate().length().atan2(local.z);
+        let theta = libm::atan2(local.truncate().length(), local.z);
         DVec2::new(phi / TAU, 1.0 - theta / std::f64::consts::PI)
     }
 }

@@ -336,7 +336,7 @@ impl Turns {
         let discriminant = half * half + third * third * third;
         if discriminant >= 0.0 {
             // Cardano's formula.
-            let w = (half.abs() + discriminant.sqrt()).cbrt().copysign(-half);
+            let w = libm::cbrt(half.abs() + discriminant.sqrt()).copysign(-half);
             return w - third / w;
         }
         // s = 2 turn y, with 4 y³ - 3 y = x. The largest root is cos(acos(x) / 3), approximated to
@@ -411,7 +411,11 @@ fn power_of_two_near(v: DVec3) -> f64 {
 impl Shape for Torus {
     fn bounds(&self) -> Aabb {
         let a = self.axis;
-        let across = DVec3::new(a.y.hypot(a.z), a.z.hypot(a.x), a.x.hypot(a.y));
+        let across = DVec3::new(
+            libm::hypot(a.y, a.z),
+            libm::hypot(a.z, a.x),
+            libm::hypot(a.x, a.y),
+        );
         let reach = self.major * across + self.minor;
         Aabb {
             min: self.center - reach,
@@ -498,7 +502,7 @@ impl Torus {
         let inverse = self.transform.object_from_world();
         let [outward, normal] = [outward, normal].map(|v| inverse.transform_vector3(v));
         let turns = |y: f64, x: f64| {
-            let angle = y.atan2(x);
+            let angle = libm::atan2(y, x);
             (if angle < 0.0 { angle + TAU } else { angle }) / TAU
         };
         let around = outward.truncate();

@@ -5,6 +5,10 @@
 //! `docs/glossary.md` explains *twin*, *native*, *hosted*, *formula* and *lecture notes*.
 
 #![cfg_attr(
+    not(test),
+    warn(clippy::disallowed_methods, reason = "the same image on every machine")
+)]
+#![cfg_attr(
     not(feature = "all"),
     allow(unused, reason = "some parts serve single plugins")
 )]

@@ -219,7 +219,7 @@ impl TextureFunction for Noise {
     #[inline(always)]
     fn at(&self, q: DVec3) -> Rgb {
         let q = q * self.scale;
-        let wave = |s: f64| 0.5 + 0.5 * (TAU * s).sin();
+        let wave = |s: f64| 0.5 + 0.5 * libm::sin(TAU * s);
         let t = match self.kind {
             Kind::Perlin | Kind::Fbm => 0.5 + 0.5 * self.octaves(q, |n| n),
             Kind::Turbulence => self.octaves(q, f64::abs),

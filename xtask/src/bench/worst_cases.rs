@@ -305,8 +305,17 @@ fn steps(
                 continue;
             }
             let begin = Instant::now();
-            let accelerator =
-                build(registry, &Choice::parse(name), &geometry).map_err(Failure::environment)?;
+            let accelerator = match build(registry, &Choice::parse(name), &geometry) {
+                Ok(accelerator) => accelerator,
+                // Backends in single precision refuse large coordinates.
+                Err(why) => {
+                    print!("{:>12}", "-");
+                    if *name == auto {
+                        problems.push(format!("{} {step:e}: {why}", family.name));
+                    }
+                    continue;
+                }
+            };
             let built = begin.elapsed().as_secs_f64();
             let time = nanoseconds(&*accelerator, &rays);
             *slow = built > MAX_BUILD || 1e-9 * time * rays.len() as f64 > MAX_TRACE;

@@ -247,7 +247,7 @@ fn resolution(extent: DVec3, count: f64, smallest: f64) -> [usize; 3] {
         }
         let edges = (0..3).filter(|&axis| divided[axis]).map(|axis| extent[axis]);
         // Uses logarithms, because a product of edges may overflow.
-        let size = ((edges.map(f64::ln).sum::<f64>() - count.ln()) / axes as f64).exp();
+        let size = libm::exp((edges.map(libm::log).sum::<f64>() - libm::log(count)) / axes as f64);
         let size = size.max(smallest);
         // An axis along which the box is thinner than a cell is not divided; the other axes get its
         // cells.

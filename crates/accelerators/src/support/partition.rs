@@ -113,7 +113,7 @@ impl<C: Cut> Tree<C> {
         cell: C::Cell,
         max_depth: Option<u32>,
     ) -> Self {
-        let usual = 8.0 + 1.3 * (parts.len().max(1) as f64).log2();
+        let usual = 8.0 + 1.3 * libm::log2(parts.len().max(1) as f64);
         let levels = max_depth.map_or(usual as usize, |depth| depth as usize);
         let spare = ((K::MAX_REFERENCES - 1) * parts.len()).min(MAX_IN_ALL.saturating_sub(parts.len()));
         grow(cutter, parts, cell, levels.min(MAX_DEPTH), spare)

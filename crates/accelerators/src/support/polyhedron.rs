@@ -138,7 +138,7 @@ fn around(mut points: Vec<DVec3>, normal: DVec3) -> Vec<DVec3> {
     let middle = points.iter().sum::<DVec3>() / points.len() as f64;
     let u = normal.any_orthonormal_vector();
     let v = normal.cross(u);
-    let angle = |point: &DVec3| (*point - middle).dot(v).atan2((*point - middle).dot(u));
+    let angle = |point: &DVec3| libm::atan2((*point - middle).dot(v), (*point - middle).dot(u));
     points.sort_by(|a, b| angle(a).total_cmp(&angle(b)));
     points.dedup();
     points

@@ -40,8 +40,8 @@ fn eigenvectors(mut m: [[f64; 3]; 3]) -> [DVec3; 3] {
                 continue;
             }
             let theta = 0.5 * (m[q][q] - m[p][p]) / m[p][q];
-            let t = 1.0_f64.copysign(theta) / (theta.abs() + theta.hypot(1.0));
-            let c = 1.0 / t.hypot(1.0);
+            let t = 1.0_f64.copysign(theta) / (theta.abs() + libm::hypot(theta, 1.0));
+            let c = 1.0 / libm::hypot(t, 1.0);
             let s = t * c;
             for row in &mut m {
                 (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);

@@ -126,9 +126,9 @@ impl Pinhole {
 /// The window at distance 1.
 fn window_of_fov(fov: f64, axis: FovAxis, film: FilmSize) -> view::Window {
     let half = if fov > 90.0 {
-        1.0 / (0.5 * (180.0 - fov)).to_radians().tan()
+        1.0 / libm::tan((0.5 * (180.0 - fov)).to_radians())
     } else {
-        (0.5 * fov).to_radians().tan()
+        libm::tan((0.5 * fov).to_radians())
     };
     let along_x = match axis {
         FovAxis::X => true,
@@ -148,8 +148,8 @@ fn scaled(w: view::Window, distance: f64) -> (view::Window, f64) {
     let largest = [w.l, w.r, w.b, w.t, distance]
         .into_iter()
         .fold(0.0, |m: f64, x| m.max(x.abs()));
-    let unit = largest.log2().floor().clamp(-1000.0, 1000.0);
-    let factor = (-unit).exp2();
+    let unit = libm::log2(largest).floor().clamp(-1000.0, 1000.0);
+    let factor = libm::exp2(-unit);
     let window = view::Window {
         l: w.l * factor,
         r: w.r * factor,

@@ -129,15 +129,15 @@ impl TransformOp {
     }
 }
 
-/// The rotation, counter-clockwise when the axis points towards the viewer. Multiples of 90 degrees
-/// are exact, so that floors and walls are exactly aligned with the axes.
-fn rotation(axis: DVec3, degrees: f64) -> DMat3 {
+/// The rotation about a unit vector, counter-clockwise when it points towards the viewer. Multiples
+/// of 90 degrees are exact, so that floors and walls are exactly aligned with the axes.
+pub fn rotation(axis: DVec3, degrees: f64) -> DMat3 {
     let (sin, cos) = match degrees.rem_euclid(360.0) {
         0.0 => (0.0, 1.0),
         90.0 => (1.0, 0.0),
         180.0 => (0.0, -1.0),
         270.0 => (-1.0, 0.0),
-        other => other.to_radians().sin_cos(),
+        other => libm::sincos(other.to_radians()),
     };
     // Rodrigues' formula.
     let cross = DMat3::from_cols(

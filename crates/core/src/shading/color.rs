@@ -70,7 +70,7 @@ impl Rgb {
     /// Transmittance exp(-a t) of a segment of `length` metres in a medium with this absorption
     /// coefficient (per metre). Exactly 1 in channels without absorption, even for infinite length.
     pub fn transmittance(self, length: f64) -> Self {
-        self.map(|a| if a == 0.0 { 1.0 } else { (-a * length).exp() })
+        self.map(|a| if a == 0.0 { 1.0 } else { libm::exp(-a * length) })
     }
 }
 

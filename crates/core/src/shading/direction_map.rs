@@ -159,7 +159,7 @@ fn on_cube(d: DVec3) -> (usize, DVec2) {
 /// (u, v) of a direction: v is 1 straight up; u is 1/2 towards -z and grows to the right.
 fn place(direction: DVec3) -> DVec2 {
     let DVec3 { x, y, z } = direction;
-    let u = 0.5 + 0.5 * FRAC_1_PI * x.atan2(-z);
-    let v = 0.5 + FRAC_1_PI * y.atan2(x.hypot(z));
+    let u = 0.5 + 0.5 * FRAC_1_PI * libm::atan2(x, -z);
+    let v = 0.5 + FRAC_1_PI * libm::atan2(y, libm::hypot(x, z));
     DVec2::new(u, v)
 }

@@ -33,7 +33,7 @@ impl Refinement {
         let n = f64::from(taken);
         // The larger of two errors: of an edge through the pixel, sampled as evenly as Sobol
         // points, and of an edge that all samples missed.
-        let estimate = (OWN * own / n.powf(0.75)).max(NEAR * near / n);
+        let estimate = (OWN * own / libm::pow(n, 0.75)).max(NEAR * near / n);
         estimate > self.threshold
     }
 }

@@ -465,7 +465,7 @@ impl Importer<'_> {
                 // Transmittance over the distance; black would be an infinite absorption.
                 let part = number(part).clamp(1e-6, 1.0);
                 if distance > 0.0 && distance.is_finite() {
-                    -part.ln() / distance
+                    -libm::log(part) / distance
                 } else {
                     0.0
                 }

@@ -180,7 +180,7 @@ fn serde_json_index(value: &whitstone_gltf::json::Value) -> Option<usize> {
 fn texture_map(given: &TextureTransform) -> DAffine3 {
     let [x, y] = given.offset.0.map(shortest);
     let [sx, sy] = given.scale.0.map(shortest);
-    let (sin, cos) = shortest(given.rotation.0).sin_cos();
+    let (sin, cos) = libm::sincos(shortest(given.rotation.0));
     let linear = DMat3::from_cols(
         DVec3::new(cos * sx, -sin * sx, 0.0),
         DVec3::new(sin * sy, cos * sy, 0.0),

@@ -219,7 +219,7 @@ impl<'a> Translator<'a> {
             }
             return camera;
         }
-        let half_x = (fov_x / 2.0).to_radians().tan();
+        let half_x = libm::tan((fov_x / 2.0).to_radians());
         let half_y = half_x / film.aspect();
         // The offset is a part of the film's size, to the left and up as the image moves.
         let (move_x, move_y) = (x * 2.0 * half_x, -y * 2.0 * half_y);
@@ -251,7 +251,7 @@ impl<'a> Translator<'a> {
                     50.0
                 });
                 // The diagonal of a film of 36 x 24 mm.
-                let half = (36.0_f64.hypot(24.0) / (2.0 * length)).atan();
+                let half = libm::atan(libm::hypot(36.0_f64, 24.0) / (2.0 * length));
                 (2.0 * half.to_degrees(), "diagonal".to_owned())
             }
         };
@@ -262,7 +262,7 @@ impl<'a> Translator<'a> {
             );
             return 45.0;
         }
-        let half = (fov / 2.0).to_radians().tan();
+        let half = libm::tan((fov / 2.0).to_radians());
         let half_x = match axis.as_str() {
             "x" => return fov,
             "y" => half * aspect,
@@ -288,7 +288,7 @@ impl<'a> Translator<'a> {
                 return fov;
             }
         };
-        2.0 * half_x.atan().to_degrees()
+        2.0 * libm::atan(half_x).to_degrees()
     }
 }
 

@@ -504,7 +504,7 @@ pub(crate) fn similar(matrix: &DMat3) -> Option<DMat3> {
         return Some(*matrix);
     }
     let determinant = matrix.determinant();
-    let scale = determinant.abs().cbrt();
+    let scale = libm::cbrt(determinant.abs());
     let x = matrix.x_axis.normalize();
     let y = matrix.y_axis.reject_from_normalized(x).normalize();
     let z = x.cross(y) * determinant.signum();

@@ -7,6 +7,7 @@
 use crate::files::{self, Folder, Named, folder_of, shorten};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
+use whitstone_core::transform_steps::rotation;
 use whitstone_core::{DAffine3, DMat3, DVec3, FormatError, FormatErrors};
 
 /// Largest file in bytes.
@@ -604,7 +605,7 @@ impl Loader<'_> {
                     let axis = self.xyz(step, 0.0)?.try_normalize();
                     let axis = axis.ok_or_else(|| self.error(step.at(), "the axis must not be zero"))?;
                     let angle = self.number(step, &self.required(step, "angle")?)?;
-                    DAffine3::from_axis_angle(axis, angle.to_radians())
+                    DAffine3::from_mat3(rotation(axis, angle))
                 }
                 "lookat" | "lookAt" => self.look_at(step)?,
                 "matrix" => self.matrix(step)?,

@@ -176,7 +176,7 @@ impl Importer<'_> {
                     let axis = ("fov_axis", Value::String("smaller".into()));
                     typed("perspective", [("fov", Value::Float(fov)), axis])
                 } else {
-                    let half = (fov / 2.0).to_radians().tan();
+                    let half = libm::tan((fov / 2.0).to_radians());
                     let [l, r, b, t] = film.cut(screen);
                     let window = [
                         l * half * sx / sz,

@@ -84,7 +84,10 @@ impl Importer<'_> {
                 }
                 let inner = (cone - delta).max(0.0);
                 if let Some(power) = self.target(&mut args, "power") {
-                    let (outer_cos, inner_cos) = (cone.to_radians().cos(), (cone - delta).to_radians().cos());
+                    let (outer_cos, inner_cos) = (
+                        libm::cos(cone.to_radians()),
+                        libm::cos((cone - delta).to_radians()),
+                    );
                     let unit = 2.0 * PI * ((1.0 - inner_cos) + (inner_cos - outer_cos) / 2.0);
                     intensity = intensity.map(|value| value * power / unit);
                 }

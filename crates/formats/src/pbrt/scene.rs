@@ -12,6 +12,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use toml::{Table, Value};
+use whitstone_core::transform_steps::rotation;
 use whitstone_core::{
     DAffine3, DMat3, DVec3, FormatError, FormatErrors, ImportOptions, Imported, Notes, nearest,
 };
@@ -612,7 +613,7 @@ impl<'a> Importer<'a> {
                 let Some(axis) = DVec3::new(x, y, z).try_normalize() else {
                     return Err(self.fault(at, "the axis of a rotation must not be zero"));
                 };
-                self.concat(DAffine3::from_axis_angle(axis, degrees.to_radians()));
+                self.concat(DAffine3::from_mat3(rotation(axis, degrees)));
             }
             "LookAt" => {
                 let [ex, ey, ez, lx, ly, lz, ux, uy, uz] = self.numbers()?;

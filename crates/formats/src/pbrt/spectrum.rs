@@ -62,7 +62,7 @@ pub(super) fn metal_color(metal: &str, is_k: bool) -> [f64; 3] {
 fn observer(nm: f64) -> DVec3 {
     let lobe = |middle: f64, below: f64, above: f64| {
         let t = (nm - middle) / if nm < middle { below } else { above };
-        (-0.5 * t * t).exp()
+        libm::exp(-0.5 * t * t)
     };
     DVec3::new(
         1.056 * lobe(599.8, 37.9, 31.0) + 0.362 * lobe(442.0, 16.0, 26.7) - 0.065 * lobe(501.1, 20.4, 26.2),
@@ -107,7 +107,7 @@ pub(super) fn blackbody(kelvin: f64) -> [f64; 3] {
     let exponent = |nm: f64| 1.438_776_877e7 / (nm * kelvin);
     let middle = exponent(600.0);
     light(|nm| {
-        let relative = (exponent(nm) - middle).exp() * (1.0 - (-exponent(nm)).exp());
+        let relative = libm::exp(exponent(nm) - middle) * (1.0 - libm::exp(-exponent(nm)));
         (600.0 / nm).powi(5) / relative
     })
 }

@@ -59,8 +59,8 @@ pub(crate) fn parts_of_cube(side: usize) -> usize {
 
 /// The unit direction of (u, v).
 fn towards(u: f64, v: f64) -> DVec3 {
-    let (sin_phi, cos_phi) = (TAU * (u - 0.5)).sin_cos();
-    let (sin, cos) = (PI * (v - 0.5)).sin_cos();
+    let (sin_phi, cos_phi) = libm::sincos(TAU * (u - 0.5));
+    let (sin, cos) = libm::sincos(PI * (v - 0.5));
     DVec3::new(cos * sin_phi, sin, -cos * cos_phi)
 }
 
@@ -70,7 +70,7 @@ fn luminance(l: Rgb) -> f64 {
 
 /// Lower edge of a row, as the sine of the latitude.
 fn row_edge(row: usize) -> f64 {
-    (PI * (row as f64 / ROWS as f64 - 0.5)).sin()
+    libm::sin(PI * (row as f64 / ROWS as f64 - 0.5))
 }
 
 /// Lower edge of a column, as the longitude.
@@ -127,7 +127,7 @@ impl Table {
         }
         let y: Vec<f64> = (0..=ROWS).map(row_edge).collect();
         let phi = (0..=COLUMNS).map(column_edge).collect();
-        let mut weight: Vec<f64> = radiance.iter().map(|l| luminance(*l).powf(POWER)).collect();
+        let mut weight: Vec<f64> = radiance.iter().map(|l| libm::pow(luminance(*l), POWER)).collect();
         let rows = weight.chunks_exact(COLUMNS).zip(y.windows(2));
         let mean: f64 = rows
             .map(|(row, y)| row.iter().sum::<f64>() * (y[1] - y[0]) / (2 * COLUMNS) as f64)
@@ -157,7 +157,7 @@ impl Table {
             y[0].abs().min(y[1].abs())
         };
         let widest = (1.0 - least * least).sqrt();
-        let across = ASPECT * (phi[1] - phi[0]) * widest > y[1].asin() - y[0].asin();
+        let across = ASPECT * (phi[1] - phi[0]) * widest > libm::asin(y[1]) - libm::asin(y[0]);
         let (rows, columns) = (pieces(&self.y, y), pieces(&self.phi, phi));
         let first = count / 2;
         let share = first as f64 / count as f64;
@@ -193,7 +193,14 @@ impl Table {
     fn gather(&self, region: &Region, out: &mut impl FnMut(DVec3, Rgb)) {
         let (rows, columns) = (pieces(&self.y, region.y), pieces(&self.phi, region.phi));
         let columns: Vec<_> = columns
-            .map(|(column, [a, b])| (column, b - a, a.cos() - b.cos(), a.sin() - b.sin()))
+            .map(|(column, [a, b])| {
+                (
+                    column,
+                    b - a,
+                    libm::cos(a) - libm::cos(b),
+                    libm::sin(a) - libm::sin(b),
+                )
+            })
             .collect();
         let (mut energy, mut moment) = (Rgb::splat(0.0), DVec3::ZERO);
         for (row, [a, b]) in rows {
@@ -213,7 +220,12 @@ impl Table {
 /// The integral of sqrt(1 - y²).
 fn outwards(y: f64) -> f64 {
     let y = y.clamp(-1.0, 1.0);
-    0.5 * (y * (1.0 - y * y).sqrt() + if y.abs() == 1.0 { y * FRAC_PI_2 } else { y.asin() })
+    0.5 * (y * (1.0 - y * y).sqrt()
+        + if y.abs() == 1.0 {
+            y * FRAC_PI_2
+        } else {
+            libm::asin(y)
+        })
 }
 
 /// The rows or columns that an interval overlaps, each with the overlapped part.

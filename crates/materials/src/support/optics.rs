@@ -53,9 +53,9 @@ pub(crate) fn cosine_power(a: DVec3, b: DVec3, exponent: f64) -> f64 {
     }
     let sine_squared = a.cross(b).length_squared();
     if sine_squared < 0.5 {
-        (exponent * 0.5 * (-sine_squared).ln_1p()).exp()
+        libm::exp(exponent * 0.5 * libm::log1p(-sine_squared))
     } else {
-        cosine.powf(exponent)
+        libm::pow(cosine, exponent)
     }
 }
 

@@ -401,7 +401,7 @@ impl Field {
                     .get()
                     .try_normalize()
                     .ok_or("the axis of a rotation must not have length zero")?;
-                let turn = whitstone_core::DMat3::from_axis_angle(axis, degrees.get().to_radians());
+                let turn = whitstone_core::transform_steps::rotation(axis, degrees.get());
                 // The columns of a rotation are the rows of its inverse.
                 Self::Turned {
                     back: [turn.x_axis, turn.y_axis, turn.z_axis],
@@ -603,7 +603,7 @@ impl Field {
                 if empty(&inner) {
                     return inner;
                 }
-                let radius = inner[0].reach().hypot(inner[1].reach());
+                let radius = libm::hypot(inner[0].reach(), inner[1].reach());
                 let [x, y, _] = around(radius, radius, 0.0);
                 [x, y, inner[2]]
             }
@@ -632,7 +632,7 @@ impl Field {
             Self::Turned { back, of } => of.turns(back.map(|row| dot(&region, row))),
             Self::Scaled { by, of } => of.turns(region.map(|range| range.times(1.0 / by))),
             Self::Twisted { rate, of } => {
-                let radius = region[0].reach().hypot(region[1].reach());
+                let radius = libm::hypot(region[0].reach(), region[1].reach());
                 let round = Enclosure::new(-radius, radius);
                 let height = region[2].hi - region[2].lo;
                 let own = rate.abs() * height / std::f64::consts::TAU;
@@ -666,7 +666,7 @@ impl Field {
             Self::Turned { back, of } => of.steepest(back.map(|row| dot(&region, row))),
             Self::Scaled { by, of } => of.steepest(region.map(|range| range.times(1.0 / by))),
             Self::Twisted { rate, of } => {
-                let radius = region[0].reach().hypot(region[1].reach());
+                let radius = libm::hypot(region[0].reach(), region[1].reach());
                 let round = Enclosure::new(-radius, radius);
                 // The largest singular value of the shear that approximates a twist near a point.
                 let shear = rate.abs() * radius;

@@ -301,7 +301,7 @@ fn divided_points(points: &[DVec3], edges: &[Edge]) -> Vec<DVec3> {
 
 /// Loop's weight of each of the k neighbours of a point.
 fn weight(k: f64) -> f64 {
-    let middle = 0.375 + 0.25 * (std::f64::consts::TAU / k).cos();
+    let middle = 0.375 + 0.25 * libm::cos(std::f64::consts::TAU / k);
     (0.625 - middle * middle) / k
 }
 

@@ -385,7 +385,7 @@ impl<M: Mapping> ShapeKernel for Clipped<M> {
 
 /// phi/2pi of the point (x, y), in [0, 1).
 pub(crate) fn angle(x: f64, y: f64) -> f64 {
-    let turns = y.atan2(x) / std::f64::consts::TAU;
+    let turns = libm::atan2(y, x) / std::f64::consts::TAU;
     // An angle less than one rounding below zero would become a full turn.
     let turns = if turns < 0.0 { turns + 1.0 } else { turns };
     if turns < 1.0 { turns } else { 0.0 }

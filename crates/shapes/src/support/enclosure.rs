@@ -67,7 +67,7 @@ impl Number for f64 {
     }
     #[inline]
     fn sine_cosine(self) -> (Self, Self) {
-        self.sin_cos()
+        libm::sincos(self)
     }
 }
 
@@ -204,7 +204,7 @@ impl Number for Enclosure {
         if reach.is_nan() || reach >= 2.0 {
             return (Self::new(-1.0, 1.0), Self::new(-1.0, 1.0));
         }
-        let (sine, cosine) = middle.sin_cos();
+        let (sine, cosine) = libm::sincos(middle);
         (around(sine), around(cosine))
     }
 }

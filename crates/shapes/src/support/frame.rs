@@ -145,7 +145,7 @@ impl Frame {
         // Exact if all but one are zero.
         [0, 1, 2].map(|i| match (x[i], y[i], z[i]) {
             (other, 0.0, 0.0) | (0.0, other, 0.0) | (0.0, 0.0, other) => other.abs(),
-            (x, y, z) => x.hypot(y).hypot(z) * (1.0 + 4.0 * f64::EPSILON),
+            (x, y, z) => libm::hypot(libm::hypot(x, y), z) * (1.0 + 4.0 * f64::EPSILON),
         })
     }
 
@@ -220,9 +220,9 @@ impl Frame {
     /// Like [`Self::face`], for a disk about the z axis of object space: a circumscribed regular
     /// polygon.
     pub(crate) fn round_face(&self, side: f64, z: f64, radius: f64) -> SurfacePart {
-        let circumscribed = radius / (std::f64::consts::PI / ROUND_CORNERS).cos();
+        let circumscribed = radius / libm::cos(std::f64::consts::PI / ROUND_CORNERS);
         let corner = |number: u32| {
-            let (sin, cos) = (std::f64::consts::TAU * f64::from(number) / ROUND_CORNERS).sin_cos();
+            let (sin, cos) = libm::sincos(std::f64::consts::TAU * f64::from(number) / ROUND_CORNERS);
             DVec3::new(circumscribed * cos, circumscribed * sin, z)
         };
         self.face(2, side, (0..ROUND_CORNERS as u32).map(corner))

@@ -295,7 +295,7 @@ pub(crate) fn check_search(shape: &impl Shape) -> Result<(), String> {
     for k in 1..=PROBES {
         let [u, v, x, y, z] =
             [2.0, 3.0, 5.0, 7.0, 11.0].map(|prime: f64| (f64::from(k) * prime.sqrt()).fract());
-        let (sine, cosine) = (std::f64::consts::TAU * u).sin_cos();
+        let (sine, cosine) = libm::sincos(std::f64::consts::TAU * u);
         let height = 2.0 * v - 1.0;
         let around = (1.0 - height * height).sqrt();
         let origin = bounds.center() + radius * DVec3::new(around * cosine, around * sine, height);

@@ -227,7 +227,7 @@ impl<P: TextureFunction> Mapped<P> {
         // Relative to the largest component, so that not all powers underflow.
         let shares = (normal / normal.max_element())
             .to_array()
-            .map(|x| x.powf(self.sharpness));
+            .map(|x| libm::pow(x, self.sharpness));
         let (mut sum, mut total) = (Rgb::BLACK, 0.0);
         for (a, share) in shares.into_iter().enumerate() {
             // Projections with weight 0 are not evaluated.
@@ -266,7 +266,7 @@ impl Projection {
             Self::Planar => DVec3::new(q.x, q.y, 0.0),
             Self::Spherical => {
                 // The arc tangent is accurate near the poles; the arc cosine is not.
-                let theta = q.truncate().length().atan2(q.z);
+                let theta = libm::atan2(q.truncate().length(), q.z);
                 DVec3::new(turn(q), (PI - theta) / PI, 0.0)
             }
             Self::Cylindrical => DVec3::new(turn(q), q.z, 0.0),
@@ -326,7 +326,7 @@ fn cube_face(q: DVec3) -> usize {
 
 /// The angle around z from the x axis, as a fraction of a turn from 0 to 1.
 fn turn(q: DVec3) -> f64 {
-    let phi = q.y.atan2(q.x);
+    let phi = libm::atan2(q.y, q.x);
     (if phi < 0.0 { phi + TAU } else { phi }) / TAU
 }
 

@@ -280,7 +280,7 @@ impl Raster {
             return self.bilinear(place);
         }
         // Non-finite steps select the coarsest level.
-        self.between(pyramid, longest.log2(), |level| {
+        self.between(pyramid, libm::log2(longest), |level| {
             self.bilinear_at(pyramid, level, place)
         })
     }
@@ -299,7 +299,7 @@ impl Raster {
         }
         // Non-finite steps select the coarsest level.
         let level = if ellipse.long.is_finite() {
-            ellipse.short.log2().max(0.0)
+            libm::log2(ellipse.short).max(0.0)
         } else {
             f64::INFINITY
         };

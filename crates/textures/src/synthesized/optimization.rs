@@ -85,7 +85,7 @@ pub(super) fn smallest(sample: &Codes, size: [usize; 2]) -> usize {
 fn weight(error: u64) -> u64 {
     let cube = u128::from(error).pow(3);
     // Errors are below 2^34: rounding is off by one at most.
-    let mut root = (error as f64).powf(0.6) as u128;
+    let mut root = libm::pow(error as f64, 0.6) as u128;
     while root.pow(5) > cube {
         root -= 1;
     }

@@ -22,7 +22,7 @@ impl Frame {
         let center = aabb.center();
         // Uses the corners as they will be computed, so that rounding puts none outside.
         let half = (aabb.max - center).max(center - aabb.min).max_element();
-        let exponent = if half > 0.0 { half.log2().ceil() } else { 0.0 };
+        let exponent = if half > 0.0 { libm::log2(half).ceil() } else { 0.0 };
         // Set by its bits: `exp2` does not promise exact powers of two.
         let exponent = (-exponent).clamp(-1000.0, 1000.0) as i64;
         Self {

@@ -131,7 +131,7 @@ impl<'a> Look<'a> {
 
 /// The roughness of a surface whose Phong lobe about the reflected direction has this exponent.
 fn roughness(exponent: f64) -> f64 {
-    (2.0 / (4.0 * exponent + 2.0)).powf(0.25).min(1.0)
+    libm::pow(2.0 / (4.0 * exponent + 2.0), 0.25).min(1.0)
 }
 
 impl<'a> Exporter<'a> {
@@ -525,7 +525,7 @@ impl<'a> Exporter<'a> {
                 if largest > 0.0 {
                     volume["attenuationDistance"] = single(1.0 / largest).into();
                     volume["attenuationColor"] = absorption
-                        .map(|part| single((-part / largest).exp()))
+                        .map(|part| single(libm::exp(-part / largest)))
                         .to_vec()
                         .into();
                 }
@@ -685,7 +685,7 @@ fn texture_transform(map: &DAffine3) -> Option<serde_json::Value> {
         return None;
     }
     // The columns are sx (cos, -sin) and sy (sin, cos).
-    let rotation = (-x.y).atan2(x.x);
+    let rotation = libm::atan2(-x.y, x.x);
     let sy = length.copysign(x.perp_dot(y));
     let mut keys = json!({
         "offset": [single(down.translation.x), single(down.translation.y)],

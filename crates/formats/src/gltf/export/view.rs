@@ -82,7 +82,7 @@ impl<'a> Exporter<'a> {
                 json!({
                     "type": "perspective",
                     "perspective": {
-                        "yfov": single(2.0 * (y / window.d).atan()),
+                        "yfov": single(2.0 * libm::atan(y / window.d)),
                         "aspectRatio": single(x / y),
                         "znear": single(if near > 0.0 { near } else { NEAR }),
                     },
@@ -194,7 +194,7 @@ pub(super) fn single(value: f64) -> f64 {
 
 /// Half of the width and height of the view at the distance 1.
 fn field(camera: &Table, width: f64, height: f64) -> [f64; 2] {
-    let half = (table::number(camera, "fov").unwrap_or(45.0).to_radians() / 2.0).tan();
+    let half = libm::tan(table::number(camera, "fov").unwrap_or(45.0).to_radians() / 2.0);
     let along_x = match table::text(camera, "fov_axis") {
         Some("y") => false,
         Some("smaller") => width <= height,

@@ -168,7 +168,7 @@ impl<'a> Exporter<'a> {
             }
             let lens = kind == "thin_lens" && aperture > 0.0;
             let near = if lens || near <= 0.0 { NEAR } else { near };
-            let fov = 2.0 * ((r - l) / 2.0 / d).atan().to_degrees();
+            let fov = 2.0 * libm::atan((r - l) / 2.0 / d).to_degrees();
             let mut node = Node::new("sensor", if lens { "thinlens" } else { "perspective" })
                 .with("fov", Item::Float(fov))
                 .with("fov_axis", Item::Text("x".into()))
@@ -385,9 +385,7 @@ fn window(camera: &Table, kind: &str, width: f64, height: f64) -> [f64; 5] {
     let half_x = if kind == "orthographic" {
         table::number(camera, "width").unwrap_or(2.0) / 2.0
     } else {
-        let half = (table::number(camera, "fov").unwrap_or(45.0) / 2.0)
-            .to_radians()
-            .tan();
+        let half = libm::tan((table::number(camera, "fov").unwrap_or(45.0) / 2.0).to_radians());
         let along_y = match table::text(camera, "fov_axis") {
             Some("y") => true,
             Some("smaller") => height < width,

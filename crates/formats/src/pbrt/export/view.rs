@@ -66,7 +66,7 @@ impl Exporter<'_> {
                     let fov = if shorter {
                         fov
                     } else {
-                        2.0 * half.atan().to_degrees()
+                        2.0 * libm::atan(half).to_degrees()
                     };
                     line.push_str(&floats("fov", &[fov]));
                 } else {
@@ -182,9 +182,7 @@ fn window(camera: &Table, kind: &str, width: f64, height: f64) -> [f64; 4] {
     let half_x = if kind == "orthographic" {
         table::number(camera, "width").unwrap_or(2.0) / 2.0
     } else {
-        let half = (table::number(camera, "fov").unwrap_or(45.0) / 2.0)
-            .to_radians()
-            .tan();
+        let half = libm::tan((table::number(camera, "fov").unwrap_or(45.0) / 2.0).to_radians());
         let along_y = match table::text(camera, "fov_axis") {
             Some("y") => true,
             Some("smaller") => height < width,
