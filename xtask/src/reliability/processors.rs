@@ -109,7 +109,8 @@ fn arm64(subject: &Subject) -> Result<Vec<String>, String> {
     build
         .args([
             "build",
-            "--release",
+            "--profile",
+            "ci",
             "--locked",
             "--package",
             "whitstone",
@@ -125,7 +126,7 @@ fn arm64(subject: &Subject) -> Result<Vec<String>, String> {
         );
     said(&mut build)
         .map_err(|error| format!("needs Rust for arm64 (rustup target add {TARGET}): {error}"))?;
-    let program: PathBuf = folder.join(TARGET).join("release/whitstone");
+    let program: PathBuf = folder.join(TARGET).join("ci/whitstone");
     Ok(vec![
         "qemu-aarch64".to_owned(),
         "-L".to_owned(),
