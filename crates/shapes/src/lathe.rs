@@ -177,30 +177,23 @@ impl Lathe {
         for (segment, primitive) in self.segments.iter().zip(0..) {
             let to = pass(segment.to);
             let ends = if from.0 <= to.0 { [from, to] } else { [to, from] };
-            let mut cross = |t: f64, outward: bool, prim_uv: DVec2| {
-                let hit = ShapeHit {
-                    t: line.moved + t,
-                    primitive,
-                    prim_uv,
-                };
-                let enters = outward != (self.side * segment.along.y > 0.0);
-                found.push(Crossing { hit, enters });
+            let hit = |t: f64, prim_uv: DVec2| ShapeHit {
+                t: line.moved + t,
+                primitive,
+                prim_uv,
             };
-            if segment.from.y == segment.to.y {
-                if from.1 != to.1 {
-                    // The normal is along z.
-                    let enters = self.side * -segment.along.x * slope < 0.0;
-                    let hit = ShapeHit {
-                        t: line.moved + from.0,
-                        primitive,
-                        prim_uv: o + from.0 * d,
-                    };
-                    found.push(Crossing { hit, enters });
-                }
-            } else {
-                for (t, outward) in segment.roots(o, d, [height, slope], ends).into_iter().flatten() {
-                    cross(t, outward, DVec2::ZERO);
-                }
+            if !segment.is_flat() {
+                let roots = segment.roots(o, d, [height, slope], ends);
+                found.extend(roots.into_iter().flatten().map(|(t, outward)| Crossing {
+                    hit: hit(t, DVec2::ZERO),
+                    enters: outward != (self.side * segment.along.y > 0.0),
+                }));
+            } else if from.1 != to.1 {
+                // The normal is along z.
+                found.push(Crossing {
+                    hit: hit(from.0, o + from.0 * d),
+                    enters: self.side * segment.along.x * slope > 0.0,
+                });
             }
             from = to;
         }

@@ -121,10 +121,7 @@ impl Prism {
             }
         });
         let sides: Vec<Side> = sides.collect();
-        let corners = || {
-            let at = |p: &DVec2| heights.map(|z| p.extend(z));
-            outline.iter().flat_map(at)
-        };
+        let corners = || outline.iter().flat_map(move |p| heights.map(|z| p.extend(z)));
         let own = Aabb::around(corners());
         let own_center = own.center();
         let bounds = corners()
@@ -143,28 +140,32 @@ impl Prism {
             center,
             radius: 0.0,
         };
-        // Spawned rays start this far away from the corners, too.
-        let last = prism.sides.len() as u32 + 2;
-        let error = (0..last).map(|primitive| prism.error_at_corners(primitive));
-        prism.bounds = bounds.padded(2.0 * error.fold(0.0, f64::max));
+        // Spawned rays start this far outside of the corners.
+        prism.bounds = bounds.padded(2.0 * prism.largest_error());
         // Upper bound on the rounding error of the center and the extent.
         let rounding = 4.0 * f64::EPSILON * center.abs().max_element();
         prism.radius = (0.5 + 1e-9) * prism.bounds.extent().length() + rounding;
         prism
     }
 
-    /// The largest error bound of a surface point: errors are largest at a corner.
-    fn error_at_corners(&self, primitive: u32) -> f64 {
-        let error = |prim_uv: DVec2| self.surface_of(primitive, prim_uv, SurfaceAttributes::NOTHING).error;
-        let corners = |uv: &Side| match self.side(primitive) {
-            Some(_) => [0.0, 1.0].map(|s| error(DVec2::new(s, self.heights[s as usize]))),
-            None => [uv.from, uv.to].map(error),
+    /// The largest error bound of a surface point. That of a face is largest at a corner.
+    fn largest_error(&self) -> f64 {
+        let error = |primitive: u32, prim_uv: DVec2| {
+            self.surface_of(primitive, prim_uv, SurfaceAttributes::NOTHING)
+                .error
         };
-        let sides = match self.side(primitive) {
-            Some(side) => std::slice::from_ref(side),
-            None => &self.sides[..],
-        };
-        sides.iter().flat_map(corners).fold(0.0, f64::max)
+        let mut largest = 0.0_f64;
+        for (side, primitive) in self.sides.iter().zip(0..) {
+            for z in self.heights {
+                for s in [0.0, 1.0] {
+                    largest = largest.max(error(primitive, DVec2::new(s, z)));
+                }
+            }
+            for upper in [false, true] {
+                largest = largest.max(error(self.cap(upper), side.from));
+            }
+        }
+        largest
     }
 
     /// The side with this number; `None` for a cap.

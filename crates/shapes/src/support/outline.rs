@@ -40,8 +40,7 @@ pub(crate) fn simple(points: &Points, least: usize, closed: bool) -> Result<Vec<
         });
     }
     let size = extent(&outline).length();
-    let ends = outline.iter().zip(&outline[1..]);
-    let shortest = ends.fold(size, |least, (a, b)| least.min(a.distance(*b)));
+    let shortest = edges(&outline).fold(size, |least, (a, b)| least.min(a.distance(b)));
     // Edge functions are products of two lengths.
     if !(size * size).is_finite() || !(shortest * shortest).is_normal() {
         return Err(here(
