@@ -168,8 +168,7 @@ impl Lathe {
                 return (if above { f64::INFINITY } else { f64::NEG_INFINITY }, true);
             }
             let t = (point.y - height) / slope;
-            let p = DVec2::new(t.mul_add(d.x, o.x), t.mul_add(d.y, o.y));
-            let within = p.length_squared() < point.x * point.x;
+            let within = (o + t * d).length_squared() < point.x * point.x;
             (t, !within)
         };
         let mut found = Crossings::new();
