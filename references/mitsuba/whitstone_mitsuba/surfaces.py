@@ -553,8 +553,8 @@ class Prism(Surface):
             code = self.sides + number
             with np.errstate(divide="ignore", invalid="ignore"):
                 at = np.where(start.code == code, 0.0, (height - o[1]) / d[1])
-                x, z = o[0] + at * d[0], o[2] + at * d[2]
-            there = self._encloses(x, z) & np.isfinite(at) & (d[1] != 0)
+                inside = self._encloses(o[0] + at * d[0], o[2] + at * d[2])
+            there = inside & np.isfinite(at) & (d[1] != 0)
             t[:, code] = np.where(there, at + middle, np.inf)
             step[:, code] = np.where(there, np.where(sign * d[1] < 0, 1, -1), 0)
         return Crossings(t, step, np.broadcast_to(np.arange(self.codes), shape))
