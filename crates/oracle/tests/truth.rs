@@ -120,8 +120,7 @@ fn flat_shapes_are_closed_and_lines_in_them_are_not_decided() {
 fn prisms_and_lathes_have_the_roots_of_their_outlines() {
     let away = [0.0, -1.0, 0.0];
     // The letter U, open towards +z.
-    let letter =
-        "type = \"prism\"\noutline = [[0, 0], [3, 0], [3, 2], [2, 2], [2, 1], [1, 1], [1, 2], [0, 2]]\ny = [1, 3]";
+    let letter = "type = \"prism\"\noutline = [[0, 0], [3, 0], [3, 2], [2, 2], [2, 1], [1, 1], [1, 2], [0, 2]]\ny = [1, 3]";
     assert_eq!(
         roots(letter, [-1.0, 2.0, 1.5], TO_X),
         Some(vec![1.0, 2.0, 3.0, 4.0])
@@ -141,10 +140,7 @@ fn prisms_and_lathes_have_the_roots_of_their_outlines() {
 
     // A pot: its bottom has the radius 2, its inside the radius 1.
     let pot = "type = \"lathe\"\noutline = [[0, 0], [2, 0], [2, 4], [1, 4], [1, 1], [0, 1]]";
-    assert_eq!(
-        roots(pot, [-5.0, 2.0, 0.0], TO_X),
-        Some(vec![3.0, 4.0, 6.0, 7.0])
-    );
+    assert_eq!(roots(pot, [-5.0, 2.0, 0.0], TO_X), Some(vec![3.0, 4.0, 6.0, 7.0]));
     assert_eq!(roots(pot, [-5.0, 0.5, 0.0], TO_X), Some(vec![3.0, 7.0]));
     assert_eq!(roots(pot, [0.5, 5.0, 0.0], away), Some(vec![4.0, 5.0]));
     assert_eq!(roots(pot, [0.0, 5.0, 1.5], away), Some(vec![1.0, 5.0]));
@@ -157,8 +153,14 @@ fn prisms_and_lathes_have_the_roots_of_their_outlines() {
     for shape in [
         letter.to_owned(),
         pot.to_owned(),
-        letter.replace("[0, 0], [3, 0], [3, 2], [2, 2], [2, 1], [1, 1], [1, 2], [0, 2]", "[0, 2], [1, 2], [1, 1], [2, 1], [2, 2], [3, 2], [3, 0], [0, 0]"),
-        pot.replace("[0, 0], [2, 0], [2, 4], [1, 4], [1, 1], [0, 1]", "[0, 1], [1, 1], [1, 4], [2, 4], [2, 0], [0, 0]"),
+        letter.replace(
+            "[0, 0], [3, 0], [3, 2], [2, 2], [2, 1], [1, 1], [1, 2], [0, 2]",
+            "[0, 2], [1, 2], [1, 1], [2, 1], [2, 2], [3, 2], [3, 0], [0, 0]",
+        ),
+        pot.replace(
+            "[0, 0], [2, 0], [2, 4], [1, 4], [1, 1], [0, 1]",
+            "[0, 1], [1, 1], [1, 4], [2, 4], [2, 0], [0, 0]",
+        ),
     ] {
         let oracle = oracle(&shape);
         let mut random = Random::new(31);

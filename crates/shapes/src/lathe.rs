@@ -102,7 +102,8 @@ impl Plugin<Shapes> for Lathe {
         if closed && twice_area.abs() <= LEAST_AREA * size.length_squared() {
             return Err(here("this outline encloses no area with the axis".to_owned()).into());
         }
-        let too_large = || here("the transform moves a point out of the range of double precision".to_owned());
+        let too_large =
+            || here("the transform moves a point out of the range of double precision".to_owned());
         let transform = upright(transform).ok_or_else(too_large)?;
         let lathe = Self::new(
             Frame::new(transform),
@@ -212,7 +213,11 @@ impl Lathe {
         let (around, r) = (p.truncate(), p.truncate().length());
         let outward = if r > 0.0 { around / r } else { DVec2::X };
         let s = (DVec2::new(r, p.z) - segment.from).dot(segment.along);
-        let s = if extrapolated { s } else { s.clamp(0.0, segment.length) };
+        let s = if extrapolated {
+            s
+        } else {
+            s.clamp(0.0, segment.length)
+        };
         let on = segment.from + s * segment.along;
         let DVec2 { x: a_r, y: a_z } = segment.along;
         // At an apex the normal is along the axis.
@@ -450,9 +455,9 @@ mod tests {
         shape_laws_everywhere::<Lathe>(GOBLET, 4_000);
         shape_laws_everywhere::<Lathe>("outline = [[0, 0], [1, 0], [0, 1]]", 2_000);
         shape_laws_everywhere::<Lathe>("outline = [[0, 1], [1, 1], [1, -1], [0, -1]]", 2_000);
-        // Open: a vase, a ring, and a bowl that goes down.
+        // Open: a vase, a ring with a rim, and a bowl that goes down.
         shape_laws_everywhere::<Lathe>("outline = [[0.5, -1], [1, -0.5], [0.4, 0.5], [0.8, 1]]", 2_000);
-        shape_laws_everywhere::<Lathe>("outline = [[0.3, 0], [1, 0]]", 2_000);
+        shape_laws_everywhere::<Lathe>("outline = [[0.3, 0], [1, 0], [1, 0.5]]", 2_000);
         shape_laws_everywhere::<Lathe>("outline = [[1, 1], [0.8, 0.3], [0.4, 0.05], [0, 0]]", 2_000);
         // Cones that almost are disks and cylinders; an hourglass whose waist is a point.
         shape_laws_everywhere::<Lathe>(
@@ -481,16 +486,15 @@ mod tests {
             [8, 0]
         );
         // Above it, and past it.
-        assert_eq!(
-            hits(&*goblet, [3.0, 1.0f64.next_up(), 0.0], [-1.0, 0.0, 0.0]),
-            []
-        );
+        assert_eq!(hits(&*goblet, [3.0, 1.0f64.next_up(), 0.0], [-1.0, 0.0, 0.0]), []);
         assert_eq!(hits(&*goblet, [3.0, 0.0, 0.9], [-1.0, 0.0, 0.0]), []);
     }
 
     #[test]
     fn normals_point_outward_in_either_sense() {
-        let mut points: Vec<&str> = "[0, 0]; [1, 0]; [1, 2]; [0.5, 2]; [0.5, 1]; [0, 1]".split("; ").collect();
+        let mut points: Vec<&str> = "[0, 0]; [1, 0]; [1, 2]; [0.5, 2]; [0.5, 1]; [0, 1]"
+            .split("; ")
+            .collect();
         for _ in 0..2 {
             let pot = lathe(&format!("outline = [{}]", points.join(", ")));
             assert!(pot.is_solid());
@@ -530,14 +534,8 @@ mod tests {
             (hit.primitive, pot.surface(&ray, &hit, SurfaceAttributes::UV).uv)
         };
         // The angle runs from z to x. The outline is 4 long.
-        assert_eq!(
-            uv([0.0, 0.5, 3.0], [0.0, 0.0, -1.0]),
-            (1, DVec2::new(0.0, 0.375))
-        );
-        assert_eq!(
-            uv([3.0, 1.0, 0.0], [-1.0, 0.0, 0.0]),
-            (1, DVec2::new(0.25, 0.5))
-        );
+        assert_eq!(uv([0.0, 0.5, 3.0], [0.0, 0.0, -1.0]), (1, DVec2::new(0.0, 0.375)));
+        assert_eq!(uv([3.0, 1.0, 0.0], [-1.0, 0.0, 0.0]), (1, DVec2::new(0.25, 0.5)));
         assert_eq!(
             uv([0.0, 9.0, -0.5], [0.0, -1.0, 0.0]),
             (2, DVec2::new(0.5, 0.875))

@@ -348,11 +348,7 @@ impl Shape for Prism {
             let enter = if enter.t >= entry.t { enter } else { entry };
             let leave = if leave.t <= exit.t { leave } else { exit };
             if enter.t < leave.t {
-                solid::push(
-                    spans,
-                    self.completed(&line, enter),
-                    self.completed(&line, leave),
-                );
+                solid::push(spans, self.completed(&line, enter), self.completed(&line, leave));
             }
         };
         match self.crossings(&line) {
@@ -514,16 +510,10 @@ mod tests {
             let ray = Ray::new(origin.into(), direction.into());
             let hit = prism.intersect(&ray, Interval::FORWARD, None).unwrap();
             let hit = hit.of_shape(InstanceId::TOP_LEVEL, 0);
-            (
-                hit.primitive,
-                prism.surface(&ray, &hit, SurfaceAttributes::UV).uv,
-            )
+            (hit.primitive, prism.surface(&ray, &hit, SurfaceAttributes::UV).uv)
         };
         // The perimeter is 8.
-        assert_eq!(
-            uv([2.0, 3.0, -1.0], [0.0, 0.0, 1.0]),
-            (0, DVec2::new(0.25, 0.5))
-        );
+        assert_eq!(uv([2.0, 3.0, -1.0], [0.0, 0.0, 1.0]), (0, DVec2::new(0.25, 0.5)));
         assert_eq!(
             uv([5.0, 2.5, 0.5], [-1.0, 0.0, 0.0]),
             (1, DVec2::new(0.4375, 0.25))
@@ -533,14 +523,8 @@ mod tests {
             (3, DVec2::new(0.9375, 0.25))
         );
         // On caps (z, x).
-        assert_eq!(
-            uv([2.5, 9.0, 0.75], [0.0, -1.0, 0.0]),
-            (5, DVec2::new(0.75, 2.5))
-        );
-        assert_eq!(
-            uv([2.5, 0.0, 0.75], [0.0, 1.0, 0.0]),
-            (4, DVec2::new(0.75, 2.5))
-        );
+        assert_eq!(uv([2.5, 9.0, 0.75], [0.0, -1.0, 0.0]), (5, DVec2::new(0.75, 2.5)));
+        assert_eq!(uv([2.5, 0.0, 0.75], [0.0, 1.0, 0.0]), (4, DVec2::new(0.75, 2.5)));
     }
 
     /// Rays through edges and corners: the sides have no cracks.
@@ -551,7 +535,10 @@ mod tests {
             DVec2::new(cos, sin)
         };
         let corners: Vec<DVec2> = (0..7).map(corner).collect();
-        let text: Vec<String> = corners.iter().map(|p| format!("[{:?}, {:?}]", p.x, p.y)).collect();
+        let text: Vec<String> = corners
+            .iter()
+            .map(|p| format!("[{:?}, {:?}]", p.x, p.y))
+            .collect();
         let prism = prism(&format!("outline = [{}]\ny = [-1, 1]", text.join(", ")));
         let mut random = whitstone_testkit::Random::new(11);
         for i in 0..20_000 {

@@ -32,8 +32,7 @@ impl<R: Real> Prism<R> {
 
     fn contains(&self, [x, _, z]: Vector<R>) -> bool {
         self.edges.iter().fold(false, |inside, [p, q]| {
-            let crosses =
-                (p[1] > z) != (q[1] > z) && x < (q[0] - p[0]) * (z - p[1]) / (q[1] - p[1]) + p[0];
+            let crosses = (p[1] > z) != (q[1] > z) && x < (q[0] - p[0]) * (z - p[1]) / (q[1] - p[1]) + p[0];
             inside ^ crosses
         })
     }

@@ -21,7 +21,9 @@ pub(crate) fn simple(points: &Points, least: usize, closed: bool) -> Result<Vec<
     let here = |message: String| SceneError::at(points.span(), message);
     if !(least..=MAX_POINTS).contains(&all.len()) {
         let found = all.len();
-        return Err(here(format!("expected {least} to {MAX_POINTS} points, found {found}")));
+        return Err(here(format!(
+            "expected {least} to {MAX_POINTS} points, found {found}"
+        )));
     }
     // Negative zeros become positive, so that equal points are adjacent in the order below.
     let outline: Vec<DVec2> = all.iter().map(|point| point.get_ref().get() + 0.0).collect();
@@ -179,7 +181,9 @@ impl Line {
     /// A ray that starts far from a ball is measured from its point nearest to the center, where
     /// coordinates have more digits. Others keep their origin: it may lie on the surface.
     pub(crate) fn near(ray: &Ray, center: DVec3, radius: f64) -> Self {
-        let Ray { origin, direction, .. } = *ray;
+        let Ray {
+            origin, direction, ..
+        } = *ray;
         let away = origin - center;
         if away.length_squared() <= 16.0 * radius * radius {
             return Self {
