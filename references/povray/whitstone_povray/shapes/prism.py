@@ -16,10 +16,11 @@ def _faces(outline: list[Point], heights: tuple[float, float]) -> coincident.Out
     for (x, z), (other_x, other_z) in zip(outline, outline[1:] + outline[:1]):
         corners = ((x, low, z), (other_x, low, other_z), (other_x, high, other_z), (x, high, z))
         flats.append(coincident.Flat(corners, (sense * (other_z - z), 0.0, -sense * (other_x - x))))
-    for height, up in ((low, -1.0), (high, 1.0)):
-        flats.append(coincident.Flat(tuple((x, height, z) for x, z in outline), (0.0, up, 0.0)))
+    for end, (height, up) in enumerate(((low, -1.0), (high, 1.0))):
+        flats.append(coincident.Flat(tuple((x, height, z) for x, z in outline), (0.0, up, 0.0), (1, end)))
     every = [corner for flat in flats[-2:] for corner in flat.corners]
-    return coincident.Outline(every, lambda: flats, True)
+    columns = list(zip(*every))
+    return coincident.Outline(every, lambda: flats, True, (tuple(map(min, columns)), tuple(map(max, columns))))
 
 
 def twin(fields: Fields, place: Place) -> Solid:
