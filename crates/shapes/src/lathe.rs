@@ -162,7 +162,7 @@ impl Lathe {
     fn crossings(&self, line: &Line) -> Crossings {
         let (o, d) = (line.origin.truncate(), line.direction.truncate());
         let (height, slope) = (line.origin.z, line.direction.z);
-        // Where the line passes the height of a point, and whether it does so outside of its circle.
+        // Where the line passes the height of a point, and whether it is outside of its circle there.
         let pass = |point: DVec2| {
             if slope == 0.0 {
                 let above = point.y > height;
@@ -252,9 +252,9 @@ impl Segment {
         self.from.y == self.to.y
     }
 
-    /// The crossings of a cone or cylinder by the line `o + t d`, `height + t slope`: the parameter,
-    /// and whether the line goes away from the axis there. `ends` are the parameters at both ends in
-    /// order, and whether the line is outside there.
+    /// The crossings of a cone or cylinder by the line `o + t d`, `height + t slope`: the
+    /// parameter, and whether the line goes away from the axis there. The last argument has the
+    /// parameters at both ends in order, and whether the line is outside there.
     fn roots(
         &self,
         o: DVec2,

@@ -165,8 +165,8 @@ def _points(fields: Fields, key: str) -> np.ndarray:
 
 
 def edges_meet(vertices: np.ndarray, closed: bool = True) -> bool:
-    """Whether the edges of a polyline in the plane, (n, 2) points, intersect anywhere but at the end
-    points of consecutive edges. A closed one returns to its first point.
+    """Whether the edges of a polyline in the plane, (n, 2) points, intersect anywhere but at the
+    end points of consecutive edges. A closed one returns to its first point.
     """
     a, b = vertices, np.roll(vertices, -1, axis=0)
     if not closed:

@@ -179,7 +179,7 @@ def _of_prism(prism: surfaces.Prism) -> Outline:
 
 
 def _of_lathe(lathe: surfaces.Lathe) -> Outline:
-    """The flat segments, as the disks that contain them. The bounds are those of the whole shape."""
+    """The flat segments, as the disks that contain them; the bounds are those of the shape."""
     # The axis is y: the axes x, y, z of the disks are z, x, y here.
     world = lathe.matrix[:, [2, 0, 1, 3]]
     up, outline_ = _gradient(world, 2), lathe.outline

@@ -560,7 +560,8 @@ class Prism(Surface):
         return Crossings(t, step, np.broadcast_to(np.arange(self.codes), shape))
 
     def _encloses(self, x: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """Whether the outline encloses points: a half-line along x crosses an odd number of edges."""
+        """Whether the outline encloses points: a half-line along x crosses it an odd number of times.
+        """
         inside = np.zeros(len(x), dtype=bool)
         for first, second in zip(self.ring[:-1], self.ring[1:]):
             if first[1] == second[1]:

@@ -161,8 +161,8 @@ fn side_of(a: DVec2, b: DVec2, c: DVec2) -> f64 {
     sum.into_iter().rev().find(|part| *part != 0.0).unwrap_or(0.0)
 }
 
-/// The transform from a space whose axes x, y, z are the axes z, x, y of object space: a shape about
-/// the y axis is one about the z axis there. Exact.
+/// The transform from a space whose axes x, y, z are the axes z, x, y of object space: a shape
+/// about the y axis is one about the z axis there. Exact.
 pub(crate) fn upright(transform: Transform) -> Option<Transform> {
     let DAffine3 { matrix3, translation } = *transform.world_from_object();
     let turned = DMat3::from_cols(matrix3.z_axis, matrix3.x_axis, matrix3.y_axis);
