@@ -121,6 +121,8 @@ fn camera_rays_on_shapes_of_all_kinds() {
         "type = \"cylinder\"",
         "type = \"cone\"",
         "type = \"torus\"",
+        "type = \"prism\"\noutline = [[-1, -1], [1.2, -1], [0, 1.5]]\ny = [-1, 1]",
+        "type = \"lathe\"\noutline = [[0, -1], [1.2, -0.8], [0.9, 0.9], [0, 1.1]]",
         "type = \"polygon\"\nvertices = [[-1, -1, 0], [2, -1, 0], [0, 2, 0]]",
         "type = \"triangle\"\nvertices = [[-1, -1, 0], [2, -1, 0], [0, 2, 0]]\nuvs = [[0, 0], [1, 0], [0.2, 1]]",
     ] {

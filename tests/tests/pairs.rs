@@ -31,7 +31,7 @@ const LEFT_OUT: [(&str, &str); 3] = [
 ];
 
 /// Keys of shapes that fill about [-1, 1]^3; others have none. The plane is a wall behind them.
-const SHAPES: [(&str, &str); 14] = [
+const SHAPES: [(&str, &str); 16] = [
     (
         "triangle",
         "vertices = [[-1, -0.8, 0], [1, -0.8, 0.2], [0, 0.9, 0]]",
@@ -49,6 +49,14 @@ const SHAPES: [(&str, &str); 14] = [
     (
         "polygon",
         "vertices = [[-0.9, -0.8, 0], [0.9, -0.8, 0], [0.9, 0.8, 0], [0, -0.1, 0], [-0.9, 0.8, 0]]",
+    ),
+    (
+        "prism",
+        "outline = [[-0.9, -0.8], [0.9, -0.8], [0.8, 0.8], [0, 0.2], [-0.8, 0.7]]\ny = [-0.7, 0.8]",
+    ),
+    (
+        "lathe",
+        "outline = [[0, -0.9], [0.8, -0.9], [0.4, -0.2], [0.9, 0.3], [0.6, 0.9], [0, 0.5]]",
     ),
     ("ellipsoid", "radii = [0.95, 0.8, 0.6]"),
     ("cylinder", "radius = 0.7\nz = [-0.7, 0.7]"),
@@ -184,14 +192,16 @@ const CAMERAS: [(&str, &str); 4] = [
 ];
 
 /// Shapes that the driver intersects by itself.
-const HOSTED: [&str; 9] = [
+const HOSTED: [&str; 11] = [
     "cone",
     "csg",
     "cylinder",
     "ellipsoid",
     "hyperboloid",
+    "lathe",
     "paraboloid",
     "polygon",
+    "prism",
     "quadric",
     "torus",
 ];

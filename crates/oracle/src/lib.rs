@@ -78,7 +78,7 @@ pub struct Oracle {
 
 impl Oracle {
     /// The types of shapes that the oracle supports.
-    pub const KNOWN: [&str; 22] = shapes::KNOWN;
+    pub const KNOWN: [&str; 24] = shapes::KNOWN;
 
     /// The oracle for shape number `number` of a scene that the planner accepts.
     ///

@@ -12,14 +12,15 @@ mod double_double;
 mod flat;
 mod march;
 pub mod notes;
+mod outline;
 mod patch;
 mod quartic;
 mod round;
 mod solid;
 
 use crate::shapes::level::{fractal, implicit, isosurface};
-use crate::shapes::{cone, csg as exact_csg, cylinder, ellipsoid, heightfield, hyperboloid, mesh};
-use crate::shapes::{paraboloid, patch as exact_patch, polygon, quadric, sphere, torus, triangle};
+use crate::shapes::{cone, csg as exact_csg, cylinder, ellipsoid, heightfield, hyperboloid, lathe, mesh};
+use crate::shapes::{paraboloid, patch as exact_patch, polygon, prism, quadric, sphere, torus, triangle};
 use conic::Conic;
 pub use double_double::DoubleDouble;
 use smallvec::SmallVec;
@@ -334,6 +335,8 @@ fn of_table<R: Real>(
             let torus: torus::Torus = decode(table)?;
             placed(map, round::Torus::new(torus.major_radius, torus.minor_radius))
         }
+        "prism" => placed(map, outline::Prism::new(&decode::<prism::Prism>(table)?)),
+        "lathe" => placed(map, outline::Lathe::new(&decode::<lathe::Lathe>(table)?)),
         "patch" => {
             let nets = decode::<exact_patch::Patches>(table)?.read()?;
             placed(map, patch::Patches::new(&nets.0))

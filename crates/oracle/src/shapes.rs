@@ -10,12 +10,14 @@ pub(crate) mod ellipsoid;
 pub(crate) mod heightfield;
 pub(crate) mod hyperboloid;
 pub(crate) mod instance;
+pub(crate) mod lathe;
 pub(crate) mod level;
 pub(crate) mod mesh;
 pub(crate) mod paraboloid;
 pub(crate) mod patch;
 pub(crate) mod plane;
 pub(crate) mod polygon;
+pub(crate) mod prism;
 pub(crate) mod quadric;
 pub(crate) mod rectangle;
 pub(crate) mod sphere;
@@ -30,7 +32,7 @@ use whitstone_core::{DAffine3, DVec3, SceneError, SceneErrors};
 use whitstone_scene::{Description, PluginTable};
 
 /// The types of shapes that the oracle supports.
-pub(crate) const KNOWN: [&str; 22] = [
+pub(crate) const KNOWN: [&str; 24] = [
     "box",
     "cone",
     "csg",
@@ -43,11 +45,13 @@ pub(crate) const KNOWN: [&str; 22] = [
     "implicit",
     "instance",
     "isosurface",
+    "lathe",
     "mesh",
     "paraboloid",
     "patch",
     "plane",
     "polygon",
+    "prism",
     "quadric",
     "rectangle",
     "sphere",
@@ -146,6 +150,7 @@ pub(crate) fn surface(
         "implicit" => Box::new(decode::<level::implicit::Implicit>(table)?.shape()),
         "isosurface" => Box::new(decode::<level::isosurface::Config>(table)?.read(description)?),
         "instance" => Box::new(instance::Instance::new(description, &decode(table)?)?),
+        "lathe" => Box::new(decode::<lathe::Lathe>(table)?),
         "mesh" => Box::new(triangle::Triangles(
             mesh::read(description, &decode(table)?)?.triangles,
         )),
@@ -153,6 +158,7 @@ pub(crate) fn surface(
         "patch" => Box::new(decode::<patch::Patches>(table)?.read()?),
         "plane" => Box::new(decode::<plane::Plane>(table)?),
         "polygon" => Box::new(decode::<polygon::Polygon>(table)?),
+        "prism" => Box::new(decode::<prism::Prism>(table)?),
         "quadric" => Box::new(decode::<quadric::Quadric>(table)?),
         "rectangle" => Box::new(decode::<rectangle::Rectangle>(table)?),
         "sphere" => Box::new(decode::<sphere::Sphere>(table)?),

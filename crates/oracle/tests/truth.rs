@@ -117,6 +117,71 @@ fn flat_shapes_are_closed_and_lines_in_them_are_not_decided() {
 }
 
 #[test]
+fn prisms_and_lathes_have_the_roots_of_their_outlines() {
+    let away = [0.0, -1.0, 0.0];
+    // The letter U, open towards +z.
+    let letter = "type = \"prism\"\noutline = [[0, 0], [3, 0], [3, 2], [2, 2], [2, 1], [1, 1], [1, 2], [0, 2]]\ny = [1, 3]";
+    assert_eq!(
+        roots(letter, [-1.0, 2.0, 1.5], TO_X),
+        Some(vec![1.0, 2.0, 3.0, 4.0])
+    );
+    assert_eq!(roots(letter, [-1.0, 2.0, 0.5], TO_X), Some(vec![1.0, 4.0]));
+    assert_eq!(roots(letter, [-1.0, 3.5, 0.5], TO_X), Some(vec![]));
+    assert_eq!(roots(letter, [0.5, 5.0, 1.5], away), Some(vec![2.0, 4.0]));
+    assert_eq!(roots(letter, [1.5, 5.0, 1.5], away), Some(vec![]));
+    // In through a cap, out through a side.
+    assert_eq!(
+        roots(letter, [2.25, 4.0, 1.5], [1.0, -2.0, 0.0]),
+        Some(vec![0.5, 0.75])
+    );
+    // In a face, and along an edge.
+    assert_eq!(roots(letter, [-1.0, 2.0, 0.0], TO_X), None);
+    assert_eq!(roots(letter, [2.0, 5.0, 2.0], away), None);
+
+    // A pot: its bottom has the radius 2, its inside the radius 1.
+    let pot = "type = \"lathe\"\noutline = [[0, 0], [2, 0], [2, 4], [1, 4], [1, 1], [0, 1]]";
+    assert_eq!(roots(pot, [-5.0, 2.0, 0.0], TO_X), Some(vec![3.0, 4.0, 6.0, 7.0]));
+    assert_eq!(roots(pot, [-5.0, 0.5, 0.0], TO_X), Some(vec![3.0, 7.0]));
+    assert_eq!(roots(pot, [0.5, 5.0, 0.0], away), Some(vec![4.0, 5.0]));
+    assert_eq!(roots(pot, [0.0, 5.0, 1.5], away), Some(vec![1.0, 5.0]));
+    assert_eq!(roots(pot, [0.0, 5.0, 2.5], away), Some(vec![]));
+    // An open cone with the apex below.
+    let funnel = "type = \"lathe\"\noutline = [[0, 0], [3, 4]]";
+    assert_eq!(roots(funnel, [-5.0, 2.0, 0.0], TO_X), Some(vec![3.5, 6.5]));
+    assert_eq!(roots(funnel, [1.5, 5.0, 0.0], away), Some(vec![3.0]));
+    // A solid is entered and left in turn, in either sense of the outline.
+    for shape in [
+        letter.to_owned(),
+        pot.to_owned(),
+        letter.replace(
+            "[0, 0], [3, 0], [3, 2], [2, 2], [2, 1], [1, 1], [1, 2], [0, 2]",
+            "[0, 2], [1, 2], [1, 1], [2, 1], [2, 2], [3, 2], [3, 0], [0, 0]",
+        ),
+        pot.replace(
+            "[0, 0], [2, 0], [2, 4], [1, 4], [1, 1], [0, 1]",
+            "[0, 1], [1, 1], [1, 4], [2, 4], [2, 0], [0, 0]",
+        ),
+    ] {
+        let oracle = oracle(&shape);
+        let mut random = Random::new(31);
+        let mut checked = 0;
+        for _ in 0..300 {
+            let origin = 6.0 * random.cube();
+            let line = Ray::new(origin, DVec3::new(1.0, 1.5, 1.0) + 2.0 * random.cube() - origin);
+            let Some(mut found) = oracle.roots(&line) else {
+                continue;
+            };
+            found.sort_by(|a, b| a.t.nearest().total_cmp(&b.t.nearest()));
+            for (number, root) in found.iter().enumerate() {
+                assert_eq!(root.enters, number % 2 == 0, "{shape}: {line:?}");
+            }
+            checked += usize::from(!found.is_empty());
+        }
+        assert!(checked > 100, "{shape}: {checked}");
+    }
+}
+
+#[test]
 fn quadrics_are_cut_and_closed() {
     let tube = "type = \"cylinder\"\nradius = 2\nz = [0, 3]";
     assert_eq!(roots(tube, [-5.0, 0.0, 1.0], TO_X), Some(vec![3.0, 7.0]));
@@ -301,6 +366,7 @@ fn textbook_forms_are_found_wrong() {
         "type = \"paraboloid\"",
         "type = \"hyperboloid\"",
         "type = \"torus\"",
+        "type = \"lathe\"\noutline = [[0, -1], [0.9, -0.5], [0.5, 0.8], [0, 1]]",
         "type = \"quadric\"\ncoefficients = [1, 1, 1, 0, 0, 0, 0, 0, 0, -1]",
         "type = \"csg\"\noperation = \"union\"\noperands = [{ type = \"sphere\", radius = 1.2 }, { type = \"cone\" }]",
     ] {
@@ -318,6 +384,7 @@ fn textbook_forms_are_found_wrong() {
         "type = \"box\"",
         "type = \"triangle\"\nvertices = [[-1, -1, 0], [1, -1, 0], [0, 1, 0.5]]",
         "type = \"polygon\"\nvertices = [[-1, -1, 0], [1, -1, 0], [0, 1, 0]]",
+        "type = \"prism\"\noutline = [[-1, -1], [1, -1], [0, 1]]\ny = [-1, 1]",
     ] {
         let [single, double] = textbook_errors(keys);
         assert!(single.most_ulps > 1e7, "{keys}: {single:?}");

@@ -42,6 +42,8 @@ pub mod implicit;
 pub mod instance;
 #[cfg(feature = "isosurface")]
 pub mod isosurface;
+#[cfg(feature = "lathe")]
+pub mod lathe;
 #[cfg(feature = "mesh")]
 pub mod mesh;
 #[cfg(feature = "paraboloid")]
@@ -52,6 +54,8 @@ pub mod patch;
 pub mod plane;
 #[cfg(feature = "polygon")]
 pub mod polygon;
+#[cfg(feature = "prism")]
+pub mod prism;
 #[cfg(feature = "quadric")]
 pub mod quadric;
 #[cfg(feature = "rectangle")]
@@ -91,6 +95,8 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     registry.add::<Shapes, instance::Placed>(from)?;
     #[cfg(feature = "isosurface")]
     registry.add::<Shapes, isosurface::Isosurface>(from)?;
+    #[cfg(feature = "lathe")]
+    registry.add::<Shapes, lathe::Lathe>(from)?;
     #[cfg(feature = "mesh")]
     registry.add::<Shapes, mesh::Mesh>(from)?;
     #[cfg(feature = "paraboloid")]
@@ -101,6 +107,8 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     registry.add::<Shapes, plane::Plane>(from)?;
     #[cfg(feature = "polygon")]
     registry.add::<Shapes, polygon::Polygon>(from)?;
+    #[cfg(feature = "prism")]
+    registry.add::<Shapes, prism::Prism>(from)?;
     #[cfg(feature = "quadric")]
     registry.add::<Shapes, quadric::Quadric>(from)?;
     #[cfg(feature = "rectangle")]

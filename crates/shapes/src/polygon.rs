@@ -5,12 +5,12 @@
 //! counted (Shimrat, *Algorithm 112*, 1962, with the half-open rule of Haines, *Point in Polygon
 //! Strategies*, Graphics Gems IV, 1994). The sign of each edge function is exact: if two polygons
 //! share an edge and lie on opposite sides of it, a ray through the edge hits exactly one of them.
-//! The validation of the vertices uses exact signs too: Shewchuk, *Adaptive Precision
-//! Floating-Point Arithmetic*, 1997.
+//! The validation of the vertices uses exact signs too (`outline.rs`).
 //!
 //! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `polygon` (native).
 //! - Example: `scenes/shapes/polygon.toml`.
 
+use crate::support::outline::{edges, meeting_edges};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use toml::Spanned;
@@ -69,7 +69,7 @@ impl Plugin<Shapes> for Polygon {
             None => error(message),
         })?;
         let flat: Vec<DVec2> = vertices.iter().map(|p| without(*p, plane.axis)).collect();
-        if let Some([i, j]) = meeting_edges(&flat) {
+        if let Some([i, j]) = meeting_edges(&flat, true) {
             let mut problem = SceneError::at(place, format!("edges {i} and {j} of this polygon intersect"));
             let help = "edge k joins vertices k and k + 1, counted from 0; only adjacent edges may touch, at their common vertex";
             problem.help = Some(help.into());
@@ -157,94 +157,9 @@ impl Plane {
     }
 }
 
-fn edges<T: Copy>(ring: &[T]) -> impl Iterator<Item = (T, T)> + '_ {
-    let next = ring.iter().cycle().skip(1);
-    ring.iter().copied().zip(next.copied())
-}
-
 /// The coordinates along the two axes that follow `axis` cyclically.
 fn without(p: DVec3, axis: usize) -> DVec2 {
     DVec2::new(p[(axis + 1) % 3], p[(axis + 2) % 3])
-}
-
-/// Two edges that meet other than at their common vertex, if there are any.
-fn meeting_edges(ring: &[DVec2]) -> Option<[usize; 2]> {
-    let n = ring.len();
-    let end = |i: usize| ring[(i + 1) % n];
-    let mut order: Vec<usize> = (0..n).collect();
-    order.sort_by(|i, j| f64::total_cmp(&ring[*i].x.min(end(*i).x), &ring[*j].x.min(end(*j).x)));
-    for (place, &i) in order.iter().enumerate() {
-        let (a, b) = (ring[i], end(i));
-        for &j in &order[place + 1..] {
-            let (c, d) = (ring[j], end(j));
-            if c.x.min(d.x) > a.x.max(b.x) {
-                break;
-            }
-            let meet = if (i + 1) % n == j {
-                folds_back(a, b, d)
-            } else if (j + 1) % n == i {
-                folds_back(c, a, b)
-            } else {
-                cross_or_touch([a, b], [c, d])
-            };
-            if meet {
-                return Some([i.min(j), i.max(j)]);
-            }
-        }
-    }
-    None
-}
-
-/// Whether the path a, b, c turns back on itself.
-fn folds_back(a: DVec2, b: DVec2, c: DVec2) -> bool {
-    side_of(a, b, c) == 0.0 && (a - b).dot(c - b) > 0.0
-}
-
-fn cross_or_touch([a, b]: [DVec2; 2], [c, d]: [DVec2; 2]) -> bool {
-    let beside = |k: usize| a[k].max(b[k]) < c[k].min(d[k]) || c[k].max(d[k]) < a[k].min(b[k]);
-    let apart = |p: f64, q: f64| p > 0.0 && q > 0.0 || p < 0.0 && q < 0.0;
-    !(beside(0)
-        || beside(1)
-        || apart(side_of(a, b, c), side_of(a, b, d))
-        || apart(side_of(c, d, a), side_of(c, d, b)))
-}
-
-/// Positive if c lies to the left of the line from a to b, negative to the right, and exactly zero
-/// on the line.
-fn side_of(a: DVec2, b: DVec2, c: DVec2) -> f64 {
-    let (left, right) = ((a.x - c.x) * (b.y - c.y), (a.y - c.y) * (b.x - c.x));
-    let side = left - right;
-    // Shewchuk's error bound for this expression: above it, the sign is right.
-    if side.abs() > 3.4e-16 * (left.abs() + right.abs()) {
-        return side;
-    }
-    let terms = [
-        (a.x, b.y),
-        (-a.y, b.x),
-        (b.x, c.y),
-        (-b.y, c.x),
-        (c.x, a.y),
-        (-c.y, a.x),
-    ];
-    let (mut sum, mut count) = ([0.0; 12], 0);
-    let parts = terms.iter().flat_map(|(p, q)| {
-        let product = p * q;
-        [p.mul_add(*q, -product), product]
-    });
-    // Adds each term to a sum of non-overlapping parts (Grow-Expansion); the last nonzero part has
-    // the sign.
-    for part in parts {
-        let mut carried = part;
-        for kept in &mut sum[..count] {
-            let total = carried + *kept;
-            let seen = total - carried;
-            *kept = (carried - (total - seen)) + (*kept - seen);
-            carried = total;
-        }
-        sum[count] = carried;
-        count += 1;
-    }
-    sum.into_iter().rev().find(|part| *part != 0.0).unwrap_or(0.0)
 }
 
 /// Whether an edge crosses the positive x axis. `low` lies on or below the axis, `high` above it.
@@ -580,24 +495,6 @@ mod tests {
         }
         println!("PNPOLY: {naive_wrong} of {tested} wrong");
         assert!(naive_wrong > 100, "the naive way must fail: {naive_wrong}");
-    }
-
-    #[test]
-    fn signs_are_exact() {
-        let e = f64::EPSILON;
-        let (a, b) = (DVec2::new(12.0, 12.0), DVec2::new(24.0, 24.0));
-        let naive = |a: DVec2, b: DVec2, c: DVec2| (a.x - c.x) * (b.y - c.y) - (a.y - c.y) * (b.x - c.x);
-        let mut wrong = 0;
-        for i in 0..64 {
-            for j in 0..64 {
-                // The classical example: points near a diagonal, an ulp apart.
-                let c = DVec2::new(0.5 + 0.5 * e * f64::from(i), 0.5 + 0.5 * e * f64::from(j));
-                let expected = f64::from(j - i);
-                assert!(side_of(a, b, c) * expected > 0.0 || i == j && side_of(a, b, c) == 0.0);
-                wrong += usize::from(naive(a, b, c) * expected <= 0.0 && i != j);
-            }
-        }
-        assert!(wrong > 500, "the naive form must be wrong: {wrong}");
     }
 
     /// Rays that pass an edge at the smallest distance that a double can hold, on either side: the

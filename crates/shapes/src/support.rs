@@ -1,4 +1,4 @@
-//! Shared by the shapes: frames, bounded root search, quadrics, level sets.
+//! Shared by the shapes: frames, bounded root search, quadrics, outlines, level sets.
 
 pub(crate) mod conic;
 pub(crate) mod crossings;
@@ -7,4 +7,5 @@ pub(crate) mod frame;
 pub(crate) mod level;
 pub(crate) mod lower;
 pub(crate) mod near;
+pub(crate) mod outline;
 pub(crate) mod revolution;

@@ -102,6 +102,8 @@ shapes!(
     quadric "quadric",
     torus "torus",
     polygon "polygon",
+    prism "prism",
+    lathe "lathe",
     patch "patch",
     csg "csg",
     instance "instance",

@@ -9,7 +9,7 @@ from support import Case, film
 from whitstone_mitsuba import analytic, polynomials
 from whitstone_mitsuba.hosted import Host
 from whitstone_mitsuba.solids import DIFFERENCE, INTERSECTION, UNION, Solid
-from whitstone_mitsuba.surfaces import Ball, Box, Flat, HalfSpace, Round, Start, Torus
+from whitstone_mitsuba.surfaces import Ball, Box, Flat, HalfSpace, Lathe, Prism, Round, Start, Torus
 
 SKY = '[[light]]\ntype = "background"\nradiance = [0.2, 0.3, 0.4]\n'
 LAMP = '[[light]]\ntype = "point"\nposition = {}\nintensity = 50\n'
@@ -213,6 +213,88 @@ class TorusAndPolygon(Case):
             self.refuse(head + shape(f'type = "polygon"\nvertices = {vertices}'), "scene", "vertices")
         self.assertFalse(analytic.edges_meet(np.array([[0, 0], [2, 0], [2, 2], [1, 0.5], [0, 2.0]])))
         self.assertTrue(analytic.edges_meet(np.array([[0, 0], [2, 0], [2, 2], [1, -0.5], [0, 2.0]])))
+
+
+class PrismAndLathe(Case):
+    def hits(self, text, cases):
+        """(from, to, t, n_g, uv, primitive); None for a miss."""
+        for origin, target, t, n, uv, primitive in cases:
+            up = (0, 0, 1) if origin[0] == target[0] and origin[2] == target[2] else (0, 1, 0)
+            with self.subTest(text=text, origin=origin):
+                node = self.nodes(looking(origin, target, up) + shape(text))[0]
+                if t is None:
+                    self.assertEqual(node["shape"], -1)
+                    continue
+                self.near(node["t"], t)
+                self.near(node["n_g"], n, atol=1e-6)
+                self.near(node["uv"], uv, atol=1e-6)
+                self.assertEqual(node["primitive"], primitive)
+
+    def test_prism(self):
+        """The letter U, in both senses; the outline is 12 long."""
+        letter = [[0, 0], [3, 0], [3, 2], [2, 2], [2, 1], [1, 1], [1, 2], [0, 2]]
+        cases = (
+            ((9, 2, 1.5), (0, 2, 1.5), 6, (1, 0, 0), (4.5 / 12, 0.5), 1),
+            ((1.5, 2, 1.5), (9, 2, 1.5), 0.5, (-1, 0, 0), (6.5 / 12, 0.5), 3),
+            ((1.5, 1.5, 9), (1.5, 1.5, 0), 8, (0, 0, 1), (7.5 / 12, 0.25), 4),
+            ((0.5, 9, 1.5), (0.5, 0, 1.5), 6, (0, 1, 0), (1.5, 0.5), 9),
+            ((0.5, -9, 1.5), (0.5, 0, 1.5), 10, (0, -1, 0), (1.5, 0.5), 8),
+            ((1.5, 9, 1.5), (1.5, 0, 1.5), None, None, None, None),
+            # Above it and below it.
+            ((9, 3.1, 1.5), (0, 3.1, 1.5), None, None, None, None),
+            ((9, 0.9, 1.5), (0, 0.9, 1.5), None, None, None, None),
+            # From inside.
+            ((0.5, 2, 1.5), (9, 2, 1.5), 0.5, (1, 0, 0), (8.5 / 12, 0.5), 5),
+        )
+        self.hits(f'type = "prism"\noutline = {letter}\ny = [1, 3]', cases)
+        other = f'type = "prism"\noutline = {letter[::-1]}\ny = [1, 3]'
+        self.hits(other, [((9, 2, 1.5), (0, 2, 1.5), 6, (1, 0, 0), (5.5 / 12, 0.5), 5)])
+        self.hits(other, [((0.5, 9, 1.5), (0.5, 0, 1.5), 6, (0, 1, 0), (1.5, 0.5), 9)])
+
+    def test_lathe(self):
+        """A pot, in both senses, and an open funnel; the outline of the pot is 11 long."""
+        pot = [[0, 0], [2, 0], [2, 4], [1, 4], [1, 1], [0, 1]]
+        cases = (
+            ((9, 3, 0), (0, 3, 0), 7, (1, 0, 0), (0.25, 5 / 11), 1),
+            ((0, 3, -9), (0, 3, 0), 7, (0, 0, -1), (0.5, 5 / 11), 1),
+            ((0, 3, 0), (-9, 3, 0), 1, (1, 0, 0), (0.75, 8 / 11), 3),
+            ((0, 9, 1.5), (0, 0, 1.5), 5, (0, 1, 0), (0, 6.5 / 11), 2),
+            ((0, 9, 0.5), (0, 0, 0.5), 8, (0, 1, 0), (0, 10.5 / 11), 4),
+            ((0, -9, 1.5), (0, 0, 1.5), 9, (0, -1, 0), (0, 1.5 / 11), 0),
+            ((0, 9, 2.5), (0, 0, 2.5), None, None, None, None),
+        )
+        self.hits(f'type = "lathe"\noutline = {pot}', cases)
+        self.hits(f'type = "lathe"\noutline = {pot[::-1]}', [((9, 3, 0), (0, 3, 0), 7, (1, 0, 0), (0.25, 6 / 11), 3)])
+        funnel = 'type = "lathe"\noutline = [[0, 0], [3, 4]]'
+        self.hits(funnel, [((9, 2, 0), (0, 2, 0), 7.5, (0.8, -0.6, 0), (0.25, 0.5), 0)])
+        self.hits(funnel, [((0, 9, 1.5), (0, 0, 1.5), 7, (0, -0.6, 0.8), (0, 0.5), 0)])
+        self.hits(funnel.replace("[0, 0], [3, 4]", "[3, 4], [0, 0]"), [((9, 2, 0), (0, 2, 0), 7.5, (-0.8, 0.6, 0), (0.25, 0.5), 0)])
+
+    def test_all_crossings(self):
+        pot = Lathe(np.eye(4), np.array([[0, 0], [2, 0], [2, 4], [1, 4], [1, 1], [0, 1.0]]))
+        found = line(pot, (-5, 2, 0), (1, 0, 0))
+        np.testing.assert_allclose([entry[0] for entry in found], [3, 4, 6, 7], rtol=1e-13)
+        self.assertEqual([entry[1:] for entry in found], [(1, 1), (-1, 3), (1, 3), (-1, 1)])
+        # From the inner wall: that crossing is at 0.
+        found = line(pot, (-1, 2, 0), (1, 0, 0), 3, True)
+        np.testing.assert_allclose([entry[0] for entry in found], [-1, 0, 2, 3], rtol=1e-12, atol=1e-14)
+        wedge = Prism(np.eye(4), np.array([[0, 0], [2, 0], [0, 2.0]]), (0.0, 1.0))
+        found = line(wedge, (-1, 0.5, 0.5), (1, 0, 0))
+        np.testing.assert_allclose([entry[0] for entry in found], [1, 2.5], rtol=1e-13)
+        self.assertEqual([entry[1:] for entry in found], [(1, 2), (-1, 1)])
+
+    def test_errors(self):
+        for text, word in (
+            ('type = "prism"\noutline = [[0, 0], [1, 0]]', "3 to 4096"),
+            ('type = "prism"\noutline = [[0, 0], [1, 1], [1, 0], [0, 1]]', "intersect"),
+            ('type = "prism"\noutline = [[0, 0], [1, 0], [2, 0], [1, 1e-12]]', "area"),
+            ('type = "prism"\noutline = [[0, 0], [1, 0], [0, 1]]\ny = [1, 1]', "y0 < y1"),
+            ('type = "lathe"\noutline = [[1, 0], [-1, 1]]', "at least 0"),
+            ('type = "lathe"\noutline = [[1, 0], [0, 0], [0, 1]]', "on the axis"),
+            ('type = "lathe"\noutline = [[1, 0], [2, 2], [2, 0], [1, 2]]', "intersect"),
+            ('type = "csg"\noperation = "union"\noperands = [{ type = "sphere" }, { type = "lathe", outline = [[1, 0], [1, 1]] }]', "closed"),
+        ):
+            self.refuse(looking((0, 0, 5), (0, 0, 0)) + shape(text), "scene", word)
 
 
 class Operations(unittest.TestCase):

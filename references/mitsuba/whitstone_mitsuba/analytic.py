@@ -164,11 +164,13 @@ def _points(fields: Fields, key: str) -> np.ndarray:
     return np.array(rows, dtype=float)
 
 
-def edges_meet(vertices: np.ndarray) -> bool:
-    """Whether the edges of a closed polyline in the plane, (n, 2) points, intersect anywhere but at
-    the end points of consecutive edges.
+def edges_meet(vertices: np.ndarray, closed: bool = True) -> bool:
+    """Whether the edges of a polyline in the plane, (n, 2) points, intersect anywhere but at the
+    end points of consecutive edges. A closed one returns to its first point.
     """
     a, b = vertices, np.roll(vertices, -1, axis=0)
+    if not closed:
+        a, b = a[:-1], b[:-1]
     if np.any(np.all(a == b, axis=1)):
         return True
 
@@ -184,7 +186,7 @@ def edges_meet(vertices: np.ndarray) -> bool:
         following = (number + 1) % count
         if side(a[number], b[number], b[following]) == 0 and np.dot(b[number] - a[number], b[following] - b[number]) < 0:
             return True
-        others = np.arange(number + 2, count if number > 0 else count - 1)
+        others = np.arange(number + 2, count - 1 if closed and number == 0 else count)
         if len(others) == 0:
             continue
         p, q, r, s = a[number], b[number], a[others], b[others]
@@ -196,7 +198,7 @@ def edges_meet(vertices: np.ndarray) -> bool:
         if np.any(meet):
             return True
     last = count - 1
-    return bool(side(a[last], b[last], b[0]) == 0 and np.dot(b[last] - a[last], b[0] - b[last]) < 0)
+    return closed and bool(side(a[last], b[last], b[0]) == 0 and np.dot(b[last] - a[last], b[0] - b[last]) < 0)
 
 
 def _polygon(fields: Fields, place: Any, base: Folder) -> Surface:
@@ -217,6 +219,58 @@ def _polygon(fields: Fields, place: Any, base: Folder) -> Surface:
     return found
 
 
+def _outline(fields: Fields, least: int, closed: bool, default: List[List[float]]) -> np.ndarray:
+    """The points of an outline."""
+    rows = fields.take("outline", REQUIRED)
+    good = isinstance(rows, list) and least <= len(rows) <= MAX_VERTICES
+    good = good and all(isinstance(row, list) and len(row) == 2 and all(map(is_number, row)) for row in rows)
+    if not good:
+        if rows is not None:
+            fields.error("outline", f"expected {least} to {MAX_VERTICES} points of two finite numbers each")
+        return np.array(default)
+    points = np.array(rows, dtype=float)
+    if edges_meet(points, closed):
+        fields.error("outline", "edges must not intersect except at their common points")
+        return np.array(default)
+    return points
+
+
+def _has_area(points: np.ndarray) -> bool:
+    """Whether a closed outline encloses more than rounding."""
+    q, size = points - points[0], points.max(axis=0) - points.min(axis=0)
+    following = np.roll(q, -1, axis=0)
+    twice = float((q[:, 0] * following[:, 1] - following[:, 0] * q[:, 1]).sum())
+    return abs(twice) > 1e-9 * float(size @ size)
+
+
+def _prism(fields: Fields, place: Any, base: Folder) -> Surface:
+    square = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
+    points = _outline(fields, 3, True, square)
+    if not _has_area(points):
+        fields.error("outline", "encloses no area")
+        points = np.array(square)
+    low, high = fields.vector("y", (0.0, 1.0), 2)
+    if not low < high:
+        fields.error("y", f"expected [y0, y1] with y0 < y1, found [{low}, {high}]")
+        low, high = 0.0, 1.0
+    return surfaces.Prism(place.world, points, (low, high))
+
+
+def _lathe(fields: Fields, place: Any, base: Folder) -> Surface:
+    tube = [[1.0, 0.0], [1.0, 1.0]]
+    points = _outline(fields, 2, False, tube)
+    r = points[:, 0]
+    if r.min() < 0:
+        fields.error("outline", f"expected distances from the axis of at least 0, found {r.min()}")
+    elif np.any((r[:-1] == 0) & (r[1:] == 0)):
+        fields.error("outline", "a segment lies on the axis")
+    elif r[0] == 0 and r[-1] == 0 and not _has_area(points):
+        fields.error("outline", "encloses no area with the axis")
+    else:
+        return surfaces.Lathe(place.world, points)
+    return surfaces.Lathe(place.world, np.array(tube))
+
+
 READERS: Dict[str, Callable[[Fields, Any, Folder], Surface]] = {
     "ellipsoid": _ellipsoid,
     "cylinder": cylinder,
@@ -226,9 +280,11 @@ READERS: Dict[str, Callable[[Fields, Any, Folder], Surface]] = {
     "quadric": _quadric,
     "torus": _torus,
     "polygon": _polygon,
+    "prism": _prism,
+    "lathe": _lathe,
 }
 
-_SOLIDS = ("ellipsoid", "cylinder", "cone", "paraboloid", "hyperboloid", "quadric", "torus")
+_SOLIDS = ("ellipsoid", "cylinder", "cone", "paraboloid", "hyperboloid", "quadric", "torus", "prism", "lathe")
 
 
 def _sphere_operand(fields: Fields, place: Any, base: Folder) -> Surface:
@@ -297,5 +353,8 @@ class Csg:
             surface = READERS[kind](fields, place, base)
         fields.close()
         if not surface.closed:
-            fields.error("caps", "an operand must be closed: set `caps = true`")
+            if kind == "lathe":
+                fields.error("outline", "an operand must be closed: begin and end on the axis, at r = 0")
+            else:
+                fields.error("caps", "an operand must be closed: set `caps = true`")
         return surface

@@ -169,6 +169,29 @@ def _of_round(surface: surfaces.Round, straight: bool) -> Outline:
     return outline_
 
 
+def _of_prism(prism: surfaces.Prism) -> Outline:
+    points, heights = prism.ring[:-1], prism.heights
+    every = [np.column_stack([points[:, 0], np.full(len(points), height), points[:, 1]]) for height in heights]
+    low, high = every
+    corners = [np.array([low[k], low[k + 1 - len(points)], high[k + 1 - len(points)], high[k]]) for k in range(len(points))]
+    normals = prism.normals() @ prism.inverse[:3, :3]
+    return _of_faces([(normal, _points(prism.matrix, face)) for normal, face in zip(normals, corners + every)], True)
+
+
+def _of_lathe(lathe: surfaces.Lathe) -> Outline:
+    """The flat segments, as the disks that contain them; the bounds are those of the shape."""
+    # The axis is y: the axes x, y, z of the disks are z, x, y here.
+    world = lathe.matrix[:, [2, 0, 1, 3]]
+    up, outline_ = _gradient(world, 2), lathe.outline
+    faces = []
+    for number in range(lathe.codes):
+        (r, y), (s, z) = outline_[number], outline_[number + 1]
+        if y == z:
+            faces.append(Face(number, _unit(-lathe.sense * np.sign(s - r) * up), _circle(world, y, max(r, s))))
+    rings = np.concatenate([_circle(world, y, max(r, 1e-9)) for r, y in outline_])
+    return Outline(rings.min(axis=0), rings.max(axis=0), lambda: lathe.closed, faces)
+
+
 def _operands(solid: Solid, sign: float) -> List[Tuple[np.ndarray, np.ndarray]]:
     """Normals and vertices of the flat faces of the operands of a csg."""
     found: List[Tuple[np.ndarray, np.ndarray]] = []
@@ -180,6 +203,10 @@ def _operands(solid: Solid, sign: float) -> List[Tuple[np.ndarray, np.ndarray]]:
             found += [(side * face.normal, face.corners) for face in _of_box(operand.matrix).faces]
         elif isinstance(operand, surfaces.Round):
             found += [(side * face.normal, face.corners) for face in _of_round(operand, False).faces]
+        elif isinstance(operand, surfaces.Prism):
+            found += [(side * face.normal, face.corners) for face in _of_prism(operand).faces]
+        elif isinstance(operand, surfaces.Lathe):
+            found += [(side * face.normal, face.corners) for face in _of_lathe(operand).faces]
     return found
 
 
@@ -199,6 +226,10 @@ def outline(kind: str, world: np.ndarray, what: Any, how: Any) -> Optional[Outli
         return _of_faces([(np.linalg.inv(world[:3, :3]).T @ what.normal, _points(world, what.vertices))], False)
     if isinstance(what, surfaces.Round):
         return _of_round(what, kind == "cylinder")
+    if isinstance(what, surfaces.Prism):
+        return _of_prism(what)
+    if isinstance(what, surfaces.Lathe):
+        return _of_lathe(what)
     if isinstance(what, Solid):
         flat = _operands(what, 1.0)
         found = _of_faces(flat, True) if flat else None
@@ -514,10 +545,30 @@ def _change(kind: str, world: np.ndarray, outline_: Outline, moves: Sequence[Tup
             inner[:3, :3] = np.diag(0.5 * (ends[:, 1] - ends[:, 0]))
             inner[:3, 3] = 0.5 * (ends[:, 1] + ends[:, 0])
         return Change(world @ inner @ np.linalg.inv(world), caps=None if kind == "box" else ends[2].tolist())
+    if kind in ("prism", "lathe"):
+        return Change(_fitted(moves))
     for node, by in moves:
         assert node.normal is not None, "the other shapes have flat faces only"
         inner[:3, 3] += by * node.normal
     return Change(inner)
+
+
+def _fitted(moves: Sequence[Tuple[Node, float]]) -> np.ndarray:
+    """The smallest affine map that moves flat faces by these distances, by least squares."""
+    faces = [(face, by) for node, by in moves for face in node.parts.values()]
+    every = np.concatenate([face.corners for face, _ in faces])
+    middle = every.mean(axis=0)
+    size = float(np.ptp(every, axis=0).max())
+    rows, distances = [], []
+    for face, by in faces:
+        for corner in face.corners:
+            rows.append(np.outer(face.normal, [*((corner - middle) / size), 1.0]).ravel())
+            distances.append(by)
+    found = np.linalg.lstsq(np.array(rows), np.array(distances), rcond=1e-9)[0].reshape(3, 4)
+    inner = np.eye(4)
+    inner[:3, :3] += found[:, :3] / size
+    inner[:3, 3] = found[:, 3] - found[:, :3] @ middle / size
+    return inner
 
 
 def _displaced(mesh: Tuple[np.ndarray, np.ndarray], moves: Sequence[Tuple[Node, float]]) -> np.ndarray:

@@ -1,5 +1,5 @@
 """Shapes that the driver intersects itself, in float64: clipped quadrics, torus, flat shapes,
-closed meshes (model §9).
+prisms, lathes, closed meshes (model §9).
 
 Rays are given in world space. Each surface transforms them to its object space with the inverse of
 its matrix, which preserves the ray parameter t. It returns all its crossings along the whole line,
@@ -489,6 +489,179 @@ class Polygon(Surface):
         ones = np.ones(len(code))
         n = self.outward((self.normal[0] * ones, self.normal[1] * ones, self.normal[2] * ones))
         return Points(n, n, p[(self.axis + 1) % 3], p[(self.axis + 2) % 3], np.zeros(len(code), dtype=np.int64))
+
+
+def _lengths(points: np.ndarray) -> np.ndarray:
+    """The length of a path up to each of its points."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+
+
+class Prism(Surface):
+    """A polygon in the plane (x, z), swept along y between two heights. The sides have the codes of
+    their edges; the caps follow.
+    """
+
+    def __init__(self, matrix: np.ndarray, points: np.ndarray, heights: Sequence[float]) -> None:
+        Surface.__init__(self, matrix)
+        self.ring = np.concatenate([points, points[:1]])
+        self.heights, self.sides = heights, len(points)
+        self.codes = self.sides + 2
+        x, z = (self.ring - self.ring[0]).T
+        self.sense = float(np.sign((x[:-1] * z[1:] - x[1:] * z[:-1]).sum()))
+        along = np.diff(self.ring, axis=0)
+        size = np.linalg.norm(along, axis=1)[:, None]
+        # Out of the polygon, in x and z.
+        self.out = self.sense * np.column_stack([along[:, 1], -along[:, 0]]) / size
+        self.before = _lengths(self.ring)
+
+    def normals(self) -> np.ndarray:
+        """The outward normal of each part."""
+        rows = np.zeros((self.codes, 3))
+        rows[: self.sides, [0, 2]] = self.out
+        rows[self.sides :, 1] = -1, 1
+        return rows
+
+    def own_bounds(self) -> Tuple[np.ndarray, float]:
+        low, high = self.ring.min(axis=0), self.ring.max(axis=0)
+        middle = 0.5 * (low + high)
+        widest = float(np.linalg.norm(self.ring - middle, axis=1).max())
+        centre = np.array([middle[0], 0.5 * (self.heights[0] + self.heights[1]), middle[1]])
+        return centre, float(np.hypot(widest, 0.5 * (self.heights[1] - self.heights[0])))
+
+    def crossings(self, o: Vector, d: Vector, start: Start) -> Crossings:
+        o, d = self.local(o), self.local(d, False)
+        middle = _middle(o, d, start.code >= 0)
+        o = tuple(o[axis] + middle * d[axis] for axis in range(3))
+        (low, high), count = self.heights, len(middle)
+        shape = (count, self.codes)
+        t, step = np.full(shape, np.inf), np.zeros(shape, dtype=np.int64)
+        # The side of the line, seen along the axis, that each corner is on.
+        sides = [d[0] * (z - o[2]) - d[2] * (x - o[0]) for x, z in self.ring]
+        for edge in range(self.sides):
+            a, b = sides[edge], sides[edge + 1]
+            out = self.out[edge]
+            slope = out[0] * d[0] + out[1] * d[2]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                at = (out[0] * (self.ring[edge, 0] - o[0]) + out[1] * (self.ring[edge, 1] - o[2])) / slope
+            at = np.where(start.code == edge, 0.0, at)
+            with np.errstate(invalid="ignore"):
+                y = o[1] + at * d[1]
+            there = ((a >= 0) != (b >= 0)) & (low <= y) & (y <= high)
+            t[:, edge] = np.where(there, at + middle, np.inf)
+            step[:, edge] = np.where(there, np.where((a >= 0) == (self.sense > 0), 1, -1), 0)
+        for number, (height, sign) in enumerate(((low, -1.0), (high, 1.0))):
+            code = self.sides + number
+            with np.errstate(divide="ignore", invalid="ignore"):
+                at = np.where(start.code == code, 0.0, (height - o[1]) / d[1])
+                inside = self._encloses(o[0] + at * d[0], o[2] + at * d[2])
+            there = inside & np.isfinite(at) & (d[1] != 0)
+            t[:, code] = np.where(there, at + middle, np.inf)
+            step[:, code] = np.where(there, np.where(sign * d[1] < 0, 1, -1), 0)
+        return Crossings(t, step, np.broadcast_to(np.arange(self.codes), shape))
+
+    def _encloses(self, x: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """Whether the outline encloses points: a half-line along x crosses it an odd number of times.
+        """
+        inside = np.zeros(len(x), dtype=bool)
+        for first, second in zip(self.ring[:-1], self.ring[1:]):
+            if first[1] == second[1]:
+                continue
+            low, high = (first, second) if first[1] < second[1] else (second, first)
+            at = low[0] + (z - low[1]) / (high[1] - low[1]) * (high[0] - low[0])
+            inside ^= (low[1] <= z) & (z < high[1]) & (x < at)
+        return inside
+
+    def points(self, p: Vector, code: np.ndarray) -> Points:
+        x, y, z = self.local(p)
+        side, edge = code < self.sides, np.minimum(code, self.sides - 1)
+        normals = self.normals()[code]
+        n = self.outward((normals[:, 0], normals[:, 1], normals[:, 2]))
+        begin = self.ring[edge]
+        along = self.before[edge] + np.hypot(x - begin[:, 0], z - begin[:, 1])
+        low, high = self.heights
+        u = np.where(side, along / self.before[-1], z)
+        return Points(n, n, u, np.where(side, (y - low) / (high - low), x), code)
+
+
+class Lathe(Surface):
+    """A polyline (r, y) turned about the y axis. The codes are the numbers of the segments."""
+
+    def __init__(self, matrix: np.ndarray, points: np.ndarray) -> None:
+        Surface.__init__(self, matrix)
+        self.outline, self.codes = points, len(points) - 1
+        self.closed = bool(points[0, 0] == 0 and points[-1, 0] == 0)
+        self.along = np.diff(points, axis=0) / np.linalg.norm(np.diff(points, axis=0), axis=1)[:, None]
+        self.before = _lengths(points)
+        r, y = points[:, 0], points[:, 1] - points[0, 1]
+        area = (r[:-1] * y[1:] - r[1:] * y[:-1]).sum()
+        # 1 if the normals are (dy, -dr) in the plane (r, y), else -1.
+        self.sense = -1.0 if self.closed and area < 0 else 1.0
+
+    def own_bounds(self) -> Tuple[np.ndarray, float]:
+        low, high = float(self.outline[:, 1].min()), float(self.outline[:, 1].max())
+        return np.array([0.0, 0.5 * (low + high), 0.0]), float(np.hypot(self.outline[:, 0].max(), 0.5 * (high - low)))
+
+    def crossings(self, o: Vector, d: Vector, start: Start) -> Crossings:
+        o, d = self.local(o), self.local(d, False)
+        middle = _middle(o, d, start.code >= 0)
+        o = tuple(o[axis] + middle * d[axis] for axis in range(3))
+        t, step, code = [], [], []
+        for number in range(self.codes):
+            here = start.code == number
+            flat = self.outline[number, 1] == self.outline[number + 1, 1]
+            for at, way in (self._flat if flat else self._cone)(number, o, d, here, start.outward):
+                there = np.isfinite(at)
+                t.append(np.where(there, at + middle, np.inf))
+                step.append(np.where(there, way, 0))
+                code.append(np.full(len(middle), number))
+        return Crossings(np.column_stack(t), np.column_stack(step), np.column_stack(code))
+
+    def _flat(self, number: int, o: Vector, d: Vector, here: np.ndarray, outward: np.ndarray) -> List[Tuple[np.ndarray, np.ndarray]]:
+        (r, y), (s, _) = self.outline[number], self.outline[number + 1]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at = np.where(here, 0.0, (y - o[1]) / d[1])
+            x, z = o[0] + at * d[0], o[2] + at * d[2]
+            out = np.sqrt(x * x + z * z)
+            there = here | (min(r, s) <= out) & (out < max(r, s))
+        up = -self.sense * self.along[number, 0] * d[1]
+        return [(np.where(there & (d[1] != 0), at, np.inf), np.where(up < 0, 1, -1))]
+
+    def _cone(self, number: int, o: Vector, d: Vector, here: np.ndarray, outward: np.ndarray) -> List[Tuple[np.ndarray, np.ndarray]]:
+        """Roots of f = dy² (x² + z²) - (dy r + dr (y - y_k))², which grows away from the axis."""
+        (r, y), (dr, dy) = self.outline[number], self.along[number]
+        turned = self.sense * dy < 0
+        radius, rise = dy * r + dr * (o[1] - y), dr * d[1]
+        c2 = dy * dy * (d[0] * d[0] + d[2] * d[2]) - rise * rise
+        c1 = dy * dy * (o[0] * d[0] + o[2] * d[2]) - radius * rise
+        c0 = np.where(here, 0.0, dy * dy * (o[0] * o[0] + o[2] * o[2]) - radius * radius)
+        away = outward ^ turned
+        c1 = np.where(here, np.where(away, np.maximum(c1, 0.0), np.minimum(c1, 0.0)), c1)
+        inner = c1 * c1 - c2 * c0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            q = -(c1 + np.where(c1 < 0, -1.0, 1.0) * np.sqrt(np.maximum(inner, 0.0)))
+            # f grows at one of them and falls at the other.
+            grows, falls = np.where(c1 < 0, q / c2, c0 / q), np.where(c1 < 0, c0 / q, q / c2)
+        grows, falls = (np.where((inner > 0) & np.isfinite(root), root, np.inf) for root in (grows, falls))
+        low, high = sorted((y, self.outline[number + 1, 1]))
+        found = []
+        for root, starts, way in ((grows, here & away, -1), (falls, here & ~away, 1)):
+            with np.errstate(invalid="ignore"):
+                height = o[1] + root * d[1]
+            root = np.where((low <= height) & (height < high), root, np.inf)
+            # One root is the start.
+            found.append((np.where(starts, 0.0, root), np.full(len(root), -way if turned else way)))
+        return found
+
+    def points(self, p: Vector, code: np.ndarray) -> Points:
+        x, y, z = self.local(p)
+        out = np.sqrt(x * x + z * z)
+        begin, along = self.outline[code], self.along[code]
+        size = np.diff(self.before)[code]
+        share = np.clip((out - begin[:, 0]) * along[:, 0] + (y - begin[:, 1]) * along[:, 1], 0.0, size)
+        divisor = np.where(out > 0, out, 1.0)
+        side = self.sense * along[:, 1] / divisor
+        n = self.outward((side * x, -self.sense * along[:, 0], side * z))
+        return Points(n, n, turn(z, x), (self.before[code] + share) / self.before[-1], code)
 
 
 class ClosedMesh(Surface):

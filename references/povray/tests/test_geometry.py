@@ -123,6 +123,41 @@ class Shapes(Case):
         for keys in ("minor_radius = 1\n", "transform = { scale = [1, 2, 1] }\n"):
             self.refuse(film() + DOWN + '[[shape]]\ntype = "torus"\n' + keys, "scene", "minor_radius" if "minor" in keys else "similarity")
 
+    def test_prism(self):
+        # The letter U from above, where (u, v) = (z, x); z points down on the screen.
+        letter = "outline = [[-0.9, -0.9], [0.9, -0.9], [0.9, 0.9], [0.3, 0.9], [0.3, 0], [-0.3, 0], [-0.3, 0.9], [-0.9, 0.9]]\ny = [-0.2, 0.3]\n"
+        turned = "transform = { rotate = { axis = [1, 0, 0], degrees = 90 } }\n"
+        points = [(-0.6, -0.5), (0.6, -0.5), (0, -0.5), (0.05, 0.5), (-0.05, 0.5), (0.95, 0.5)]
+        self.check('type = "prism"\n' + letter + turned, points, [0.25, 1, 0, 0.25, 1, 0], "[1, 1]")
+        # The side z = 0.5 of a square: u from 1/2 to 3/4, towards -x; v up.
+        square = 'type = "prism"\noutline = [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]\ny = [-0.5, 0.5]\n'
+        self.check(square, [(0.25, -0.25), (-0.25, -0.25), (0.25, 0.25), (0.55, 0)], [1, 0.25, 0.25, 0], "[8, 2]")
+        for keys, word in (
+            ("outline = [[0, 0], [1, 0]]\n", "3 to 4096"),
+            ("outline = [[0, 0], [1, 0], [0, 1], [0, 0]]\n", "equal"),
+            ("outline = [[0, 0], [1, 0], [2, 0]]\n", "area"),
+            ("outline = [[0, 0], [1, 0], [0, 1]]\ny = [1, 0]\n", "ascending"),
+        ):
+            self.refuse(film() + DOWN + '[[shape]]\ntype = "prism"\n' + keys, "scene", word)
+
+    def test_lathe(self):
+        # A tube: phi from z to x, and v up.
+        tube = 'type = "lathe"\noutline = [[0.5, -0.8], [0.5, 0.8]]\n'
+        self.check(tube, [(0.25, 0.4), (-0.25, 0.4), (0.25, -0.4), (0.55, 0), (0, 0.85)], [0.25, 1, 1, 0, 0], "[4, 2]")
+        # The upper disk of a drum, whose outline is 2.6 m long, and a disk with a hole.
+        turned = "transform = { rotate = { axis = [1, 0, 0], degrees = 90 } }\n"
+        drum = 'type = "lathe"\noutline = [[0, -0.5], [0.8, -0.5], [0.8, 0.5], [0, 0.5]]\n'
+        self.check(drum + turned, [(0.5, 0), (0, 0.3), (0.1, 0), (0.85, 0)], [1, 0.25, 1, 0], "[1, 13]")
+        ring = 'type = "lathe"\noutline = [[0.3, 0], [0.8, 0]]\n'
+        self.check(ring + turned, [(0.2, 0), (0.35, 0), (0, 0.75), (0.85, 0)], [0, 1, 0.25, 0], "[1, 2]")
+        for keys, word in (
+            ("outline = [[1, 0]]\n", "2 to 4096"),
+            ("outline = [[1, 0], [-1, 1]]\n", "at least 0"),
+            ("outline = [[1, 0], [0, 0], [0, 1]]\n", "on the axis"),
+            ("outline = [[0, 0], [1, 0], [0, 1e-12]]\n", "area"),
+        ):
+            self.refuse(film() + DOWN + '[[shape]]\ntype = "lathe"\n' + keys, "scene", word)
+
     def test_polygon(self):
         # An L-shaped polygon; u = x and v = y.
         corners = "vertices = [[-0.9, -0.9, 0], [0.9, -0.9, 0], [0.9, 0, 0], [0, 0, 0], [0, 0.9, 0], [-0.9, 0.9, 0]]\n"

@@ -531,7 +531,8 @@ def _moves(shape: Placed, faces: List[_Face]) -> Optional[Moves]:
     outline, matrix = shape.outlined, shape.matrix
     if not any(face.moves for face in faces):
         return STAYS
-    if outline.ends is None and outline.round is None:
+    stretches = outline.ends is not None and all(face.form != "plane" or face.end for face in faces)
+    if not stretches and outline.round is None:
         face = faces[0]
         if len({(other.component, other.against) for other in faces}) > 1:
             return None

@@ -70,7 +70,7 @@ impl Surface for Polygon {
 /// Whether an edge crosses the half-line from (x, y) towards increasing x. A vertex at the same
 /// height counts as above it. Where the half-line only touches a vertex, both edges or none count
 /// as crossings.
-fn crosses(p: [&Interval; 2], q: [&Interval; 2], x: &Interval, y: &Interval) -> Decided<bool> {
+pub(super) fn crosses(p: [&Interval; 2], q: [&Interval; 2], x: &Interval, y: &Interval) -> Decided<bool> {
     let above = |v: &Interval| Ok((v - y).sign()? != Ordering::Less);
     let (p_above, q_above) = (above(p[1])?, above(q[1])?);
     if p_above == q_above {

@@ -9,6 +9,8 @@
 
 use crate::interval::{Decided, Undecided};
 use crate::root::Root;
+use crate::shapes::lathe::Lathe;
+use crate::shapes::prism::Prism;
 use crate::shapes::{csg, mesh};
 use crate::vector::Line;
 use serde::Deserialize;
@@ -49,6 +51,8 @@ enum Faces {
     Flat(Vec<f64>),
     Plane,
     Ball(Ball),
+    /// Segments of an outline; only flat ones have a largest coordinate.
+    Segments(Vec<Option<f64>>),
     /// The side, if the shape is a cylinder, and the largest coordinates of both caps.
     Turned(Option<Side>, [f64; 2]),
     /// The faces of each CSG operand; curved ones are not covered.
@@ -165,6 +169,25 @@ impl Faces {
                 let of = |corners: &[[f64; 3]; 3]| largest(corners.map(world));
                 Self::Flat(triangles.iter().map(of).collect())
             }
+            "prism" => {
+                let shape: Prism = decode(&plugin.table)?;
+                let at = |[x, z]: [f64; 2], y: f64| world([x, y, z]);
+                let sides = shape
+                    .edges()
+                    .map(|(p, q)| largest([p, q].into_iter().flat_map(|p| shape.y.map(|y| at(p, y)))));
+                let cap = |y: f64| largest(shape.outline.iter().map(|p| at(*p, y)));
+                Self::Flat(sides.chain(shape.y.map(cap)).collect())
+            }
+            "lathe" => {
+                let shape: Lathe = decode(&plugin.table)?;
+                let segment = |ends: &[[f64; 2]]| {
+                    let ([r, y], [s, z]) = (ends[0], ends[1]);
+                    let r = r.max(s);
+                    let around = [[r, 0.0], [0.0, r], [-r, 0.0], [0.0, -r]];
+                    (y == z).then(|| largest(around.map(|[x, z]| world([x, y, z]))))
+                };
+                Self::Segments(shape.outline.windows(2).map(segment).collect())
+            }
             "sphere" | "cylinder" | "cone" | "paraboloid" | "hyperboloid" | "polygon" => {
                 Self::of_keys(&plugin.name, decode(&plugin.table)?, map)
             }
@@ -222,6 +245,7 @@ impl Faces {
     fn form(&self, primitive: u32) -> Form {
         match self {
             Self::Flat(all) => Form::Flat(all[primitive as usize]),
+            Self::Segments(all) => all[primitive as usize].map_or(Form::Uncovered, Form::Flat),
             Self::Plane => Form::Flat(0.0),
             Self::Ball(ball) => Form::Ball(*ball),
             Self::Turned(side, caps) => match primitive {
@@ -288,7 +312,8 @@ impl Standing {
     ) -> Result<Self, SceneErrors> {
         let caps = || decode::<Keys>(&plugin.table).map(|keys| keys.caps != Some(false));
         let closed = match &*plugin.name {
-            "sphere" | "box" | "ellipsoid" | "torus" | "csg" | "fractal" => Some(true),
+            "sphere" | "box" | "ellipsoid" | "torus" | "csg" | "fractal" | "prism" => Some(true),
+            "lathe" => Some(decode::<Lathe>(&plugin.table)?.is_closed()),
             "cylinder" | "cone" | "paraboloid" | "hyperboloid" => Some(caps()?),
             "mesh" => Some(is_closed(triangles)),
             "plane" | "rectangle" | "disk" | "triangle" | "polygon" | "heightfield" => Some(false),

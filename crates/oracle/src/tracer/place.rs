@@ -4,7 +4,9 @@ use super::mapping::around;
 use super::unknown_part;
 use crate::shapes::csg;
 use crate::shapes::heightfield::Heightfield;
+use crate::shapes::lathe::Lathe;
 use crate::shapes::mesh::{self, Mesh};
+use crate::shapes::prism::Prism;
 use serde::Deserialize;
 use std::f64::consts::{PI, TAU};
 use whitstone_core::config::decode;
@@ -35,6 +37,10 @@ pub(super) enum Coordinates {
     Quadric([DVec3; 2]),
     /// The axes of its plane.
     Polygon([usize; 2]),
+    /// The points (x, z) and both heights.
+    Prism(Vec<DVec2>, [f64; 2]),
+    /// The points (r, y).
+    Lathe(Vec<DVec2>),
     Triangles(Box<Mesh>),
     /// The two surface parameters.
     Parameters,
@@ -104,6 +110,14 @@ impl Coordinates {
                 Self::Polygon(axes(
                     &vertices.into_iter().map(DVec3::from_array).collect::<Vec<_>>(),
                 ))
+            }
+            "prism" => {
+                let Prism { outline, y } = decode(keys)?;
+                Self::Prism(outline.into_iter().map(DVec2::from_array).collect(), y)
+            }
+            "lathe" => {
+                let points = decode::<Lathe>(keys)?.outline;
+                Self::Lathe(points.into_iter().map(DVec2::from_array).collect())
             }
             "sphere" | "ellipsoid" | "cylinder" | "cone" | "paraboloid" | "hyperboloid" | "torus"
             | "quadric" => Self::of_keys(&plugin.name, decode(keys)?),
@@ -188,6 +202,20 @@ impl Coordinates {
             }
             Self::Quadric([min, max]) => ((p - *min) / (*max - *min)).truncate(),
             Self::Polygon([b, c]) => DVec2::new(p[*b], p[*c]),
+            Self::Prism(points, [low, high]) => {
+                let edge = primitive as usize;
+                if edge >= points.len() {
+                    return DVec2::new(p.z, p.x);
+                }
+                let ring: Vec<DVec2> = points.iter().chain(points.first()).copied().collect();
+                let on = DVec2::new(p.x, p.z);
+                DVec2::new(share_of_length(&ring, edge, on), (p.y - low) / (high - low))
+            }
+            Self::Lathe(points) => {
+                let on = DVec2::new(p.x.hypot(p.z), p.y);
+                let share = share_of_length(points, primitive as usize, on);
+                DVec2::new(around(p.z, p.x) / TAU, share)
+            }
             Self::Triangles(mesh) => {
                 let Some(uvs) = mesh.uvs[primitive as usize] else {
                     return DVec2::ZERO;
@@ -320,6 +348,12 @@ fn barycentric(corners: &[[f64; 3]; 3], p: DVec3) -> [f64; 3] {
     let n = (b - a).cross(c - a);
     let part = |q: DVec3, r: DVec3| n.dot((q - p).cross(r - p)) / n.length_squared();
     [part(b, c), part(c, a), part(a, b)]
+}
+
+/// The length of a path up to a point on one of its segments, over its whole length.
+fn share_of_length(path: &[DVec2], segment: usize, on: DVec2) -> f64 {
+    let length = |path: &[DVec2]| -> f64 { path.windows(2).map(|ends| ends[0].distance(ends[1])).sum() };
+    (length(&path[..=segment]) + path[segment].distance(on)) / length(path)
 }
 
 /// The two axes after the one along which the normal of a polygon is largest.

@@ -136,6 +136,14 @@ const SHAPES: [(&str, Option<&str>); 27] = [
     ("type = 'paraboloid'", Some("[[shape]] without triangles")),
     ("type = 'hyperboloid'", Some("[[shape]] without triangles")),
     (
+        "type = 'prism'\noutline = [[0, 0], [1, 0], [0, 1]]",
+        Some("[[shape]] without triangles"),
+    ),
+    (
+        "type = 'lathe'\noutline = [[1, 0], [0.5, 1]]",
+        Some("[[shape]] without triangles"),
+    ),
+    (
         "type = 'quadric'\ncoefficients = [1, 1, 1, 0, 0, 0, 0, 0, 0, -1]",
         Some("[[shape]] without triangles"),
     ),
