@@ -106,8 +106,9 @@ const GAUSS_3: [(f64, f64); 3] = [
 
 /// Azimuths of half vectors in the check of the albedo.
 const AZIMUTHS: u32 = 32;
-/// Least number of steps of θ_h in this check, and of a row.
-const STEPS: (usize, usize) = (32, 2);
+/// Least number of steps of θ_h in this check, in all and from row to row.
+const LEAST_STEPS: usize = 32;
+const LEAST_STEPS_OF_ROW: usize = 2;
 /// Largest albedo that passes this check: the quadrature is accurate to about 6e-4.
 const LARGEST_ALBEDO: f64 = 1.001;
 
@@ -122,7 +123,10 @@ struct Brdf {
 
 impl Brdf {
     fn new(rows: &Rows, spacing: Spacing) -> Result<Self, SceneErrors> {
-        let size = [rows.get_ref().len(), rows.get_ref().first().map_or(0, |row| row.get_ref().len())];
+        let size = [
+            rows.get_ref().len(),
+            rows.get_ref().first().map_or(0, |row| row.get_ref().len()),
+        ];
         let allowed = 2..=LONGEST;
         if !allowed.contains(&size[0]) {
             let message = format!("expected 2 to {LONGEST} rows, found {}", size[0]);
@@ -142,7 +146,11 @@ impl Brdf {
         }
         let values = rows.get_ref().iter().flat_map(|row| row.get_ref());
         let values = values.map(|value| value.get()).collect();
-        errors.into_result(Self { size, spacing, values })
+        errors.into_result(Self {
+            size,
+            spacing,
+            values,
+        })
     }
 
     /// The BRDF at these angles in radians.
@@ -201,7 +209,7 @@ impl Brdf {
     /// Albedo for light at the angle `theta_v` to the normal, by the quadrature of the model.
     fn albedo(&self, theta_v: f64) -> Rgb {
         let intervals = self.size[0] - 1;
-        let steps = intervals * STEPS.1.max(STEPS.0.div_ceil(intervals));
+        let steps = intervals * LEAST_STEPS_OF_ROW.max(LEAST_STEPS.div_ceil(intervals));
         let (sin_v, cos_v) = theta_v.sin_cos();
         let cosines: Vec<f64> = (0..AZIMUTHS)
             .map(|k| ((f64::from(k) + 0.5) * (PI / f64::from(AZIMUTHS))).cos())
@@ -298,7 +306,9 @@ impl Material for Tabulated {
 mod tests {
     use super::*;
     use std::f64::consts::FRAC_1_PI;
+    use toml::de::DeTable;
     use whitstone_core::IncidentLight;
+    use whitstone_core::config::decode;
     use whitstone_testkit::build;
 
     whitstone_testkit::material_laws!(
@@ -315,7 +325,7 @@ mod tests {
     }
 
     fn brdf(text: &str) -> Brdf {
-        let config: Config = toml::from_str(text).unwrap();
+        let config: Config = decode(&DeTable::parse(text).unwrap()).unwrap();
         Brdf::new(&config.values, config.spacing).unwrap()
     }
 
@@ -323,7 +333,11 @@ mod tests {
     /// across it.
     fn vectors(theta_h: f64, theta_d: f64, flat: bool) -> (DVec3, DVec3) {
         let h = DVec3::new(theta_h.sin(), 0.0, theta_h.cos());
-        let across = if flat { DVec3::new(theta_h.cos(), 0.0, -theta_h.sin()) } else { DVec3::Y };
+        let across = if flat {
+            DVec3::new(theta_h.cos(), 0.0, -theta_h.sin())
+        } else {
+            DVec3::Y
+        };
         let (sin, cos) = theta_d.sin_cos();
         (cos * h + sin * across, cos * h - sin * across)
     }
@@ -333,7 +347,10 @@ mod tests {
 
     #[test]
     fn entries_are_at_the_angles_of_the_model() {
-        for (spacing, angles) in [("even", [0.0, 30.0, 60.0, 90.0]), ("square_root", [0.0, 10.0, 40.0, 90.0])] {
+        for (spacing, angles) in [
+            ("even", [0.0, 30.0, 60.0, 90.0]),
+            ("square_root", [0.0, 10.0, 40.0, 90.0]),
+        ] {
             let found = brdf(&format!("{TABLE}spacing = \"{spacing}\""));
             for (i, degrees) in angles.into_iter().enumerate() {
                 for j in 0..3 {
@@ -356,8 +373,14 @@ mod tests {
         for flat in [true, false] {
             // A third of the way from row 0 to row 1, and half of that from column 0 to column 1.
             let (l, v) = vectors(10_f64.to_radians(), 22.5_f64.to_radians(), flat);
-            let lights = [IncidentLight { direction: l, irradiance: Rgb::splat(2.0) }];
-            let light = LightSamples { ambient: Rgb::BLACK, lights: &lights };
+            let lights = [IncidentLight {
+                direction: l,
+                irradiance: Rgb::splat(2.0),
+            }];
+            let light = LightSamples {
+                ambient: Rgb::BLACK,
+                lights: &lights,
+            };
             let found = material.local_illumination(&point, v, &light);
             let f = |a: f64| (2.0 * (a + 0.2) + (0.02 + 0.08)) / 6.0;
             let expected = [f(0.1), 0.5 * f(0.2), 0.25 * f(0.3)].map(|f| f * 2.0 * l.z);
@@ -376,7 +399,10 @@ mod tests {
                 let (l, v) = vectors(theta_h, theta_d, true);
                 let expected = 0.1 * (theta_h + theta_d) / FRAC_PI_2;
                 let value = found.between(DVec3::Z, l, v).g;
-                assert!((value / expected - 1.0).abs() < 1e-6, "{theta_h} {theta_d}: {value} {expected}");
+                assert!(
+                    (value / expected - 1.0).abs() < 1e-6,
+                    "{theta_h} {theta_d}: {value} {expected}"
+                );
             }
         }
     }
@@ -403,14 +429,21 @@ mod tests {
         }
         // f = θ_h 2/pi: 2 pi times the integral of 2/pi θ sin(4 θ) to pi/4, which is pi/16.
         for columns in 2..5 {
-            let found = brdf(&format!("values = [{:?}, {:?}]", vec![0; columns], vec![1; columns]));
+            let found = brdf(&format!(
+                "values = [{:?}, {:?}]",
+                vec![0; columns],
+                vec![1; columns]
+            ));
             assert!((found.normal_albedo().g - FRAC_PI_4).abs() < 1e-12);
         }
         // In the other spacing, the same function of θ_d.
         let found = brdf("values = [[0, 1], [0, 1], [0, 1]]\nspacing = \"square_root\"");
         assert!((found.normal_albedo().g - FRAC_PI_4).abs() < 1e-12);
         let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
-        let light = LightSamples { ambient: Rgb::new(1.0, 2.0, 3.0), lights: &[] };
+        let light = LightSamples {
+            ambient: Rgb::new(1.0, 2.0, 3.0),
+            lights: &[],
+        };
         let material = material("values = [[0.2, 0.2], [0.2, 0.2]]\ntint = 0.5");
         let shown = material.local_illumination(&point, DVec3::Z, &light);
         for (a, b) in shown.to_array().into_iter().zip([1.0, 2.0, 3.0]) {
@@ -424,10 +457,16 @@ mod tests {
     fn the_check_measures_the_albedo() {
         for (rows, spacing) in [(2, "even"), (2, "square_root"), (10, "square_root"), (91, "even")] {
             let row = format!("[{FRAC_1_PI:?}, {FRAC_1_PI:?}]");
-            let found = brdf(&format!("values = [{}]\nspacing = \"{spacing}\"", vec![row; rows].join(", ")));
+            let found = brdf(&format!(
+                "values = [{}]\nspacing = \"{spacing}\"",
+                vec![row; rows].join(", ")
+            ));
             for degrees in (0..=80).step_by(10) {
                 let albedo = found.albedo(f64::from(degrees).to_radians()).g;
-                assert!((albedo - 1.0).abs() < 6e-4, "{rows} {spacing} {degrees}: {albedo}");
+                assert!(
+                    (albedo - 1.0).abs() < 6e-4,
+                    "{rows} {spacing} {degrees}: {albedo}"
+                );
             }
         }
         let peak = brdf(&format!("values = [[9, 9], {}]", vec!["[0, 0]"; 90].join(", ")));
@@ -448,7 +487,12 @@ mod tests {
                 }
             }
             let expected = sum * (PI / f64::from(PARTS * PARTS));
-            for (a, b) in found.albedo(theta_v).to_array().into_iter().zip(expected.to_array()) {
+            for (a, b) in found
+                .albedo(theta_v)
+                .to_array()
+                .into_iter()
+                .zip(expected.to_array())
+            {
                 assert!((a / b - 1.0).abs() < 1e-3, "{theta_v}: {a} {b}");
             }
         }
@@ -465,17 +509,45 @@ mod tests {
     #[test]
     fn bad_tables_are_refused_at_their_places() {
         for (text, place, why) in [
-            ("values = [[0, 0]]", "[[0, 0]]", "expected 2 to 1024 rows, found 1"),
+            (
+                "values = [[0, 0]]",
+                "[[0, 0]]",
+                "expected 2 to 1024 rows, found 1",
+            ),
             ("values = []", "[]", "expected 2 to 1024 rows, found 0"),
-            ("values = [[1], [2]]", "[1]", "expected 2 to 1024 entries, found 1"),
-            ("values = [[0, 0], [0, 0], [1, 2, 3]]", "[1, 2, 3]", "expected 2 entries as in the first row, found 3"),
+            (
+                "values = [[1], [2]]",
+                "[1]",
+                "expected 2 to 1024 entries, found 1",
+            ),
+            (
+                "values = [[0, 0], [0, 0], [1, 2, 3]]",
+                "[1, 2, 3]",
+                "expected 2 entries as in the first row, found 3",
+            ),
             ("values = [[0, 0], [0, -0.5]]", "-0.5", "at least 0, found -0.5"),
-            ("values = [[0, 0], [[1, 1, inf], 0]]", "inf", "expected a finite number of at least 0"),
-            ("values = [[0, 0], [[1, 1], 0]]", "[1, 1]", "an array of 3 numbers, found 2"),
+            (
+                "values = [[0, 0], [[1, 1, inf], 0]]",
+                "inf",
+                "expected a finite number of at least 0",
+            ),
+            (
+                "values = [[0, 0], [[1, 1], 0]]",
+                "[1, 1]",
+                "an array of 3 numbers, found 2",
+            ),
             ("values = [[0, 0], [\"x\", 0]]", "\"x\"", "expected a colour"),
             ("values = [[0, 0], 7]", "7", "expected an array"),
-            ("values = [[0, 0], [0, 0]]\nspacing = \"odd\"", "\"odd\"", "unknown value"),
-            ("values = [[0, 0], [0, 0]]\ntint = 2", "2", "expected a tint from 0 to 1, found 2"),
+            (
+                "values = [[0, 0], [0, 0]]\nspacing = \"odd\"",
+                "\"odd\"",
+                "unknown value",
+            ),
+            (
+                "values = [[0, 0], [0, 0]]\ntint = 2",
+                "2",
+                "expected a tint from 0 to 1, found 2",
+            ),
         ] {
             let found = faults(text);
             assert_eq!(found.len(), 1, "{text}: {found:?}");
@@ -492,7 +564,10 @@ mod tests {
         let constant = |value: f64| format!("values = [[{value:?}, {value:?}], [{value:?}, {value:?}]]");
         material(&constant(limit - 2e-4));
         let found = faults(&constant(limit + 2e-4));
-        assert!(found[0].0.starts_with("[[") && found[0].1.contains("an albedo of 1.0"), "{found:?}");
+        assert!(
+            found[0].0.starts_with("[[") && found[0].1.contains("an albedo of 1.0"),
+            "{found:?}"
+        );
         // Only at grazing incidence, and only in one channel.
         let grazing = "values = [[0, 0, [0, 4, 0]], [0, 0, [0, 4, 0]]]";
         let found = faults(grazing);
@@ -502,6 +577,9 @@ mod tests {
     #[test]
     fn flags_are_exact() {
         assert_eq!(material("values = [[0, 0], [0, 0]]").flags(), BsdfFlags::NOTHING);
-        assert_eq!(material("values = [[0, 0], [0, [0, 0, 0.1]]]").flags(), BsdfFlags::LOCAL);
+        assert_eq!(
+            material("values = [[0, 0], [0, [0, 0, 0.1]]]").flags(),
+            BsdfFlags::LOCAL
+        );
     }
 }

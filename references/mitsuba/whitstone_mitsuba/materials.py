@@ -207,7 +207,10 @@ def _phong(fields: Fields, textures: Textures, kind: str, default: float = 0.5) 
 def _tabulated(fields: Fields, textures: Textures) -> Material:
     table = tabulated.read(fields)
     tint = textures.value(fields, "tint", 1.0, 0.0, 1.0)
-    ambient = Product.of([tint, Constant(tuple(float(part) for part in table.normal_albedo()))])
+    albedo = Constant(tuple(float(part) for part in table.normal_albedo()))
+    ambient = Product.of([tint, albedo])
+    if isinstance(tint, Constant):
+        ambient = Constant(tuple(a * b for a, b in zip(tint.value, albedo.value)))
     return Material("tabulated", ambient, (), True, textures={"tint": tint}, table=table)
 
 

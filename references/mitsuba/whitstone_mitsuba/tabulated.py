@@ -131,7 +131,7 @@ class Tabulated(mi.BSDF):
         cosine = wo.z * side
         m = wo + v
         length = dr.norm(m)
-        theta_h = dr.select(length > 0, dr.atan2(dr.norm(mi.Point2f(m.x, m.y)), m.z * side), 0)
+        theta_h = dr.select(length > 0, dr.atan2(dr.norm(mi.Vector2f(m.x, m.y)), m.z * side), 0)
         theta_d = dr.atan2(dr.norm(wo - v), length)
         share = theta_h * (1 / RIGHT)
         x = dr.minimum((dr.sqrt(share) if self.square_root else share) * self.last[0], self.last[0])

@@ -1,8 +1,8 @@
 //! Parses the tables of materials.
 
 use super::medium::Medium;
-use super::{Highlight, Interface, Kind, lobe};
 use super::tabulated::Brdf;
+use super::{Highlight, Interface, Kind, lobe};
 use crate::tracer::light::{Faces, Sky};
 use crate::tracer::tangent::Tangent;
 use crate::tracer::texture::{Texture, table};
@@ -214,7 +214,7 @@ impl Source<'_, '_> {
             "tabulated" => {
                 let given: Tabulated = decode(&plugin.table)?;
                 let rows = given.values.iter();
-                let rows = rows.map(|row| row.iter().map(|value| value.get()).collect());
+                let rows = rows.map(|row| row.iter().map(|value| value.get()).collect::<Vec<_>>());
                 let square_root = given.spacing.as_deref() == Some("square_root");
                 let brdf = Brdf::new(rows.collect(), square_root);
                 let brdf = brdf.ok_or_else(|| unknown(plugin, "table of the material"))?;

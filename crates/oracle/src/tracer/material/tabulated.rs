@@ -20,7 +20,11 @@ impl Brdf {
         if rows.len() < 2 || columns < 2 || rows.iter().any(|row| row.len() != columns) {
             return None;
         }
-        let mut brdf = Self { rows, square_root, albedo: Rgb::splat(0.0) };
+        let mut brdf = Self {
+            rows,
+            square_root,
+            albedo: Rgb::splat(0.0),
+        };
         brdf.albedo = brdf.integrated();
         Some(brdf)
     }
@@ -32,7 +36,11 @@ impl Brdf {
     /// The BRDF for light from `l`, seen from `v`.
     pub(super) fn at(&self, n: DVec3, l: DVec3, v: DVec3) -> Rgb {
         let m = l + v;
-        let theta_h = if m == DVec3::ZERO { 0.0 } else { f64::atan2(n.cross(m).length(), n.dot(m)) };
+        let theta_h = if m == DVec3::ZERO {
+            0.0
+        } else {
+            f64::atan2(n.cross(m).length(), n.dot(m))
+        };
         self.value(theta_h, f64::atan2((l - v).length(), m.length()))
     }
 
@@ -51,8 +59,10 @@ impl Brdf {
             [(low as usize, low + 1.0 - x), (low as usize + 1, x - low)]
         };
         let last = self.rows[0].len() - 1;
-        let [across, down] =
-            [pair(theta_d / (PI / 2.0) * last as f64, last), pair(self.row(theta_h), self.rows.len() - 1)];
+        let [across, down] = [
+            pair(theta_d / (PI / 2.0) * last as f64, last),
+            pair(self.row(theta_h), self.rows.len() - 1),
+        ];
         let mut sum = Rgb::splat(0.0);
         for (i, of_row) in down {
             for (j, of_entry) in across {
@@ -102,7 +112,9 @@ mod tests {
     use super::*;
 
     fn brdf(rows: &[&[f64]], square_root: bool) -> Brdf {
-        let rows = rows.iter().map(|row| row.iter().map(|x| Rgb::splat(*x)).collect());
+        let rows = rows
+            .iter()
+            .map(|row| row.iter().map(|x| Rgb::splat(*x)).collect());
         Brdf::new(rows.collect(), square_root).expect("a table")
     }
 
