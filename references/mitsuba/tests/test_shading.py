@@ -366,10 +366,10 @@ class Lobes(Case):
         ambient = '[[light]]\ntype = "ambient"\nradiance = [1, 2, 3]\n'
         constant = 'type = "tabulated", values = [[0.2, 0.2], [0.2, 0.2], [0.2, 0.2]], spacing = "{}", tint = 0.5'
         # 2 pi times the integral of 2/pi theta sin(4 theta) from 0 to pi/4, which is pi/16.
-        ramp = 'type = "tabulated", values = [[0, 1], [0, 1]], spacing = "{}", tint = 0.8'
+        ramp = 'type = "tabulated", values = [[0, 0.5], [0, 0.5]], spacing = "{}", tint = 0.8'
         for spacing in ("even", "square_root"):
             self.near(self.value(HEAD + ambient + material(constant.format(spacing))), [0.1 * math.pi * n for n in (1, 2, 3)])
-            self.near(self.value(HEAD + ambient + material(ramp.format(spacing))), [0.8 * math.pi / 4 * n for n in (1, 2, 3)])
+            self.near(self.value(HEAD + ambient + material(ramp.format(spacing))), [0.4 * math.pi / 4 * n for n in (1, 2, 3)])
 
     def test_tabulated_albedo(self):
         for rows in (2, 5, 40):
