@@ -192,7 +192,7 @@ impl Brdf {
         kinks.sort_by(f64::total_cmp);
         let mut sum = Rgb::BLACK;
         for ends in kinks.windows(2) {
-            const PARTS: u32 = 8;
+            const PARTS: u32 = 32;
             let width = (ends[1] - ends[0]) / f64::from(PARTS);
             for part in 0..PARTS {
                 for (at, weight) in GAUSS_3 {
@@ -313,12 +313,19 @@ mod tests {
 
     whitstone_testkit::material_laws!(
         Tabulated: material_laws + energy_laws + reciprocity_laws,
-        "values = [[0.3, 0.2], [0.1, 0.25]]",
         "values = [[0.0..0.3, [0.3, 0.0..0.2, 0.1], 0], [0.0..0.3, 0.1, 0.0..0.3]]\ntint = [0.0..1, 1, 0.0..1]",
         "spacing = \"square_root\"\nvalues = [[1, 1, 1.5, 3], [0.25, 0.2, 0.3, 0.5], [0.05, 0.0..0.1, 0.1, 0.1], [0, 0, 0, 0]]",
-        "values = [[0.3, 0.2], [0.1, 0.25]]\ntint = 0",
-        "values = [[0, 0], [0, 0]]",
     );
+
+    #[test]
+    fn black_tables_and_tints_obey_the_laws_too() {
+        for text in [
+            "values = [[0.3, 0.2], [0.1, 0.25]]\ntint = 0",
+            "values = [[0, 0], [0, 0]]",
+        ] {
+            whitstone_testkit::material_laws(&*material(text));
+        }
+    }
 
     fn material(text: &str) -> Arc<dyn Material> {
         build::<Materials, Tabulated>(text, ()).unwrap()
