@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 use whitstone_core::{DVec3, Rgb};
 
 /// Steps of Simpson's rule between two kinks of the table.
-const STEPS: u32 = 64;
+const STEPS: u32 = 512;
 
 pub(super) struct Brdf {
     rows: Vec<Vec<Rgb>>,
