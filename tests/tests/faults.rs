@@ -274,6 +274,14 @@ const FAULTS: [Fault; 38] = [
     },
     Fault {
         reference: Renderer::MITSUBA,
+        name: "an entry of a BRDF's table 5% larger",
+        scene: "scenes/materials/tabulated.toml",
+        overrides: || set("shape.cloth.material.values.1.1=0.063"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        reference: Renderer::MITSUBA,
         name: "a lobe of exponent 61 for 60",
         scene: "scenes/materials/glossy.toml",
         overrides: || set("shape.brushed.material.exponent=61"),

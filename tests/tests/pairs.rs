@@ -76,10 +76,14 @@ const SHAPES: [(&str, &str); 16] = [
 ];
 
 /// The rest of a material's table; others have none.
-const MATERIALS: [(&str, &str); 15] = [
+const MATERIALS: [(&str, &str); 16] = [
     ("matte", "reflectance = [0.7, 0.6, 0.4]"),
     ("phong", "k_d = 0.4, k_s = 0.3, exponent = 12"),
     ("blinn_phong", "k_d = 0.4, k_s = 0.3, exponent = 20"),
+    (
+        "tabulated",
+        "values = [[1.2, 0.9, 1.5], [[0.1, 0.2, 0.1], 0.2, 0.3], [0.05, 0.1, 0.2]], spacing = \"square_root\"",
+    ),
     (
         "whitted",
         "k_d = 0.3, k_s = 0.2, k_refl = 0.2, k_refr = 0.4, interior_ior = 1.3",

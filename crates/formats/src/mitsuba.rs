@@ -120,6 +120,7 @@ const FEATURES: &[Feature] = features! {
     Dropped "[material] texture of a highlight or reflection": "There is no reflection.";
     Approximated "[material] coloured weight": "The mean of its channels.";
     Approximated "[material] glossy": "roughconductor of the same width.";
+    Dropped "[material] tabulated": "It is replaced by diffuse grey.";
     Dropped "[material] priority": "Mitsuba's bodies must not overlap.";
     Approximated "[material] reflection_map": "Its material, which traces reflections.";
     Approximated "[material] two_sided that lets light through": "The front on both sides.";

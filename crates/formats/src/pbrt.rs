@@ -124,6 +124,7 @@ const FEATURES: &[Feature] = features! {
     Approximated "[material] coloured weight": "The mean of its channels.";
     Dropped "[material] tint": "Metals and panes have no tint.";
     Dropped "[material] absorption": "Glass is clear.";
+    Dropped "[material] tabulated": "It is replaced by diffuse grey.";
     Dropped "[material] priority": "pbrt's bodies must not overlap.";
     Approximated "[material] reflection_map": "Its material, which traces reflections.";
     Dropped "[material] two_sided": "The front on both sides.";

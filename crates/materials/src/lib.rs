@@ -43,6 +43,8 @@ pub mod normal_map;
 pub mod phong;
 #[cfg(feature = "reflection_map")]
 pub mod reflection_map;
+#[cfg(feature = "tabulated")]
+pub mod tabulated;
 #[cfg(feature = "thin_dielectric")]
 pub mod thin_dielectric;
 #[cfg(feature = "two_sided")]
@@ -80,6 +82,8 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     registry.add::<Materials, phong::Phong>(from)?;
     #[cfg(feature = "reflection_map")]
     registry.add::<Materials, reflection_map::ReflectionMap>(from)?;
+    #[cfg(feature = "tabulated")]
+    registry.add::<Materials, tabulated::Tabulated>(from)?;
     #[cfg(feature = "thin_dielectric")]
     registry.add::<Materials, thin_dielectric::ThinDielectric>(from)?;
     #[cfg(feature = "two_sided")]

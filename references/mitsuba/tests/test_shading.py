@@ -8,7 +8,7 @@ import unittest
 import numpy as np
 
 from support import DOWN, FLOOR, Case, film
-from whitstone_mitsuba import lights, mappings, sky, textures
+from whitstone_mitsuba import lights, mappings, sky, tabulated, textures
 from whitstone_mitsuba.runtime import mi
 
 HEAD = film() + DOWN
@@ -344,6 +344,47 @@ class Lobes(Case):
         under = FLOOR.replace("degrees = -90", "degrees = 90")
         text = 'material = { type = "phong", k_d = 0.1, k_s = 0.2, exponent = 10 }\n'
         self.near(self.value(HEAD + POINT + under + text), self.value(HEAD + POINT + FLOOR + text))
+
+    # theta_h and theta_d are both half of acos(0.8).
+    def test_tabulated(self):
+        share = math.acos(0.8) / 2 / (math.pi / 2)
+        for spacing, x in (("even", 3 * share), ("square_root", 3 * math.sqrt(share))):
+            i, s = int(x), x - int(x)
+            rows = [[0.2, [0.1, 0.15, 0.3]], [0.05, 0.1], [0.02, 0.01], [0, 0]]
+            f = [
+                (1 - s) * ((1 - share) * low[0] + share * (low[1][channel] if isinstance(low[1], list) else low[1]))
+                + s * ((1 - share) * high[0] + share * high[1])
+                for channel, (low, high) in enumerate([(rows[i], rows[i + 1])] * 3)
+            ]
+            text = f'type = "tabulated", values = {rows}, spacing = "{spacing}", tint = [1, 0.5, 0.25]'
+            expected = [f[0] * 0.8, 0.5 * f[1] * 0.8 * 2, 0.25 * f[2] * 0.8 * 3]
+            self.near(self.value(HEAD + POINT + material(text)), expected)
+            under = FLOOR.replace("degrees = -90", "degrees = 90")
+            self.near(self.value(HEAD + POINT + under + f"material = {{ {text} }}\n"), expected)
+
+    def test_tabulated_ambient(self):
+        ambient = '[[light]]\ntype = "ambient"\nradiance = [1, 2, 3]\n'
+        constant = 'type = "tabulated", values = [[0.2, 0.2], [0.2, 0.2], [0.2, 0.2]], spacing = "{}", tint = 0.5'
+        # 2 pi times the integral of 2/pi theta sin(4 theta) from 0 to pi/4, which is pi/16.
+        ramp = 'type = "tabulated", values = [[0, 0.5], [0, 0.5]], spacing = "{}", tint = 0.8'
+        for spacing in ("even", "square_root"):
+            self.near(self.value(HEAD + ambient + material(constant.format(spacing))), [0.1 * math.pi * n for n in (1, 2, 3)])
+            self.near(self.value(HEAD + ambient + material(ramp.format(spacing))), [0.4 * math.pi / 4 * n for n in (1, 2, 3)])
+
+    def test_tabulated_albedo(self):
+        for rows in (2, 5, 40):
+            for square_root in (False, True):
+                table = tabulated.Table(np.full((rows, 3, 3), 1 / math.pi), square_root)
+                for degrees in range(0, 90, 10):
+                    self.near(table.albedo(math.radians(degrees)), [1.0] * 3, rel=6e-4)
+
+    def test_bad_tables(self):
+        for values in ("[[0, 0]]", "[]", "[[0], [0]]", "[[0, 0], [0, 0, 0]]", "[[0, 0], [0, -1]]", "[[0, 0], [0, [1, 1]]]", "[[0, 0], 0]", "3"):
+            self.refuse(HEAD + material(f'type = "tabulated", values = {values}'), "scene", "material.values", "rows of equal length")
+        self.refuse(HEAD + material('type = "tabulated", values = [[0.32, 0.32], [0.32, 0.32]]'), "scene", "material.values", "albedo of 1.005")
+        self.refuse(HEAD + material('type = "tabulated", values = [[0, 0], [0, 0]], spacing = "odd"'), "scene", "spacing")
+        self.refuse(HEAD + material('type = "tabulated", values = [[0, 0], [0, 0]], tint = 2'), "scene", "tint")
+        self.refuse(HEAD + material('type = "tabulated"'), "scene", "material.values", "required")
 
     def test_default_material(self):
         self.near(self.value(HEAD + POINT + FLOOR), self.value(HEAD + POINT + material('type = "matte", reflectance = 0.5')))

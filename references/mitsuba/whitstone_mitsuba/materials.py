@@ -2,7 +2,7 @@
 
 Matte, mirror, conductor, dielectric and thin_dielectric are Mitsuba's own BSDFs. The Phong family
 and the constant k_refl / k_refr of the lectures are one Python BSDF, `PhongFamily`: it is hosted by
-Mitsuba's geometry and frames, but its formulas are ours. Ambient terms have no twin in Mitsuba; the
+Mitsuba's geometry and frames, but its formulas are ours. So is the BSDF of `tabulated`. Ambient terms have no twin in Mitsuba; the
 driver computes them from the reflectance texture. Composite materials have no BSDF: see
 `shaders.py`.
 """
@@ -14,7 +14,8 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Any, Dict, List, Optional, Sequence, Set, Tuple
 
-from .compounds import leaves
+from . import tabulated
+from .compounds import Product, leaves
 from .fields import REQUIRED, Fields, Vector, nearest
 from .lights import direction_map
 from .runtime import dr, mi
@@ -130,10 +131,12 @@ class Material:
     spread: int = 1
     # The map that reflections are looked up in; None if they are traced.
     directions: Any = None
+    # The BRDF of a tabulated material.
+    table: Any = None
 
     def hosted(self) -> Optional[Tuple[str, str]]:
         """(plugin type, reason) if the twin is not native."""
-        if self.type in ("phong", "blinn_phong", "whitted"):
+        if self.type in ("phong", "blinn_phong", "whitted", "tabulated"):
             return self.type, "its reflection formula is a Python BSDF, which Mitsuba lacks"
         if self.type in COMPOSITES:
             return self.type, "the driver combines the BSDFs of its parts, which Mitsuba evaluates"
@@ -158,6 +161,8 @@ class Material:
             ior = self.numbers
             plugin = {"type": "thindielectric", "int_ior": ior["interior_ior"], "ext_ior": ior["exterior_ior"]}
             return mi.load_dict({**plugin, "specular_transmittance": built["tint"]})
+        if self.type == "tabulated":
+            return tabulated.Tabulated(self.table, built["tint"])
         if self.type in COMPOSITES:
             # The BSDF of Mitsuba's shape; it is never evaluated.
             return mi.load_dict({"type": "diffuse"})
@@ -197,6 +202,16 @@ def _phong(fields: Fields, textures: Textures, kind: str, default: float = 0.5) 
     k_a = textures.value(fields, "k_a", None, 0.0, math.inf) if fields.has("k_a") else k_d
     fields.take("k_a")
     return Material(kind, k_a, (), True, textures={"k_d": k_d, "k_s": k_s}, numbers={"exponent": exponent})
+
+
+def _tabulated(fields: Fields, textures: Textures) -> Material:
+    table = tabulated.read(fields)
+    tint = textures.value(fields, "tint", 1.0, 0.0, 1.0)
+    albedo = Constant(tuple(float(part) for part in table.normal_albedo()))
+    ambient = Product.of([tint, albedo])
+    if isinstance(tint, Constant):
+        ambient = Constant(tuple(a * b for a, b in zip(tint.value, albedo.value)))
+    return Material("tabulated", ambient, (), True, textures={"tint": tint}, table=table)
 
 
 def _media(fields: Fields) -> Tuple[Dict[str, float], Vector, Vector]:
@@ -396,6 +411,7 @@ READERS = {
     "mirror": _mirror,
     "glossy": _glossy,
     "dielectric": _dielectric,
+    "tabulated": _tabulated,
 }
 
 

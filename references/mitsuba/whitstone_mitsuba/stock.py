@@ -38,7 +38,7 @@ from .settings import Setting
 from .textures import Constant
 
 # Materials that are lit by the lights only, and those that only reflect or refract rays.
-LIT = ("matte", "phong", "blinn_phong", "whitted")
+LIT = ("matte", "phong", "blinn_phong", "whitted", "tabulated")
 SPECULAR = ("mirror", "conductor", "dielectric", "thin_dielectric")
 
 # Camera rays per pixel of `volpathmis`, as a multiple of the repeats. A path survives a medium or

@@ -3,6 +3,7 @@
 pub(super) mod bodies;
 pub(super) mod medium;
 mod read;
+mod tabulated;
 
 use super::camera::lens;
 use super::footprint::{APART, Differential, bounded, slope};
@@ -14,6 +15,7 @@ use bodies::Face;
 use medium::{Medium, MediumState};
 use read::Source;
 use std::f64::consts::PI;
+use tabulated::Brdf;
 use whitstone_core::config::{Color, PluginRef};
 use whitstone_core::{DVec2, DVec3, Rgb, SceneErrors};
 use whitstone_scene::Description;
@@ -70,6 +72,8 @@ enum Kind {
         /// Only for `whitted`.
         specular_rays: Option<Box<([Texture; 2], Interface)>>,
     },
+    /// A BRDF and its tint.
+    Tabulated(Brdf, Texture),
     Mirror(Texture),
     /// Directions about +z, equally weighted.
     Glossy(Texture, Vec<DVec3>),
@@ -359,6 +363,7 @@ impl At<'_> {
         match self.kind {
             Kind::Matte(reflectance) => reflectance.at(&self.spot) * radiance,
             Kind::Gloss { k, .. } => k[2].at(&self.spot) * radiance,
+            Kind::Tabulated(brdf, tint) => tint.at(&self.spot) * brdf.albedo() * radiance,
             Kind::Emissive(_, Some(inner)) | Kind::Mapped(_, inner) => self.with(inner).ambient(radiance),
             _ => {
                 let blended = self.blended(&|at| at.ambient(radiance));
@@ -386,6 +391,9 @@ impl At<'_> {
                     },
                 };
                 k[0].at(&self.spot) * cosine + k[1].at(&self.spot) * base.max(0.0).powf(*exponent)
+            }
+            Kind::Tabulated(brdf, tint) => {
+                tint.at(&self.spot) * brdf.at(self.n, l, self.viewer) * Rgb::splat(cosine)
             }
             Kind::Emissive(_, Some(inner)) | Kind::Mapped(_, inner) => self.with(inner).eval(l),
             _ => {
@@ -419,6 +427,7 @@ impl At<'_> {
         };
         match self.kind {
             Kind::Matte(_)
+            | Kind::Tabulated(..)
             | Kind::Gloss {
                 specular_rays: None, ..
             }

@@ -21,7 +21,7 @@ pub(super) struct Stock;
 const REPEATS: u32 = 64;
 
 /// Materials that lights illuminate directly, and those that only reflect and refract.
-const LIT: [&str; 4] = ["matte", "phong", "blinn_phong", "whitted"];
+const LIT: [&str; 5] = ["matte", "phong", "blinn_phong", "whitted", "tabulated"];
 const SPECULAR: [&str; 5] = ["mirror", "conductor", "dielectric", "thin_dielectric", "glossy"];
 
 impl Reference for Stock {

@@ -7,7 +7,7 @@ use std::f64::consts::PI;
 use toml::{Table, Value};
 
 /// Materials that lights light.
-pub(super) const LIT: [&str; 4] = ["matte", "phong", "blinn_phong", "whitted"];
+pub(super) const LIT: [&str; 5] = ["matte", "phong", "blinn_phong", "whitted", "tabulated"];
 
 /// Materials that reflect or pass rays.
 pub(super) const TRACED: [&str; 6] = [
@@ -100,6 +100,10 @@ impl<'a> Exporter<'a> {
                 )
             }
             "phong" | "blinn_phong" | "whitted" => self.phong(material, sides, name),
+            "tabulated" => {
+                self.note("[material] tabulated", name);
+                sided(Node::new("bsdf", "diffuse"), sides)
+            }
             "mirror" => {
                 let reflectance = self.look(material, "reflectance", 1.0, sides, name);
                 sided(mirror(reflectance), sides)

@@ -207,6 +207,10 @@ impl<'a> Exporter<'a> {
                 self.note("[material] mask in another material", place);
                 self.inner(material, "material", place)
             }
+            "tabulated" => {
+                self.note("[material] tabulated", place);
+                diffuse(&Pattern::Color([0.5; 3]))
+            }
             // Its radiance is the area light of the shape.
             "emissive" => self.inner(material, "material", place),
             _ => {

@@ -1,6 +1,7 @@
 //! Parses the tables of materials.
 
 use super::medium::Medium;
+use super::tabulated::Brdf;
 use super::{Highlight, Interface, Kind, lobe};
 use crate::tracer::light::{Faces, Sky};
 use crate::tracer::tangent::Tangent;
@@ -23,6 +24,14 @@ struct Glossy {
     reflectance: Option<TextureRef>,
     exponent: Option<f64>,
     samples: Option<u32>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Tabulated {
+    values: Vec<Vec<Color>>,
+    spacing: Option<String>,
+    tint: Option<TextureRef>,
 }
 
 #[derive(Deserialize)]
@@ -201,6 +210,15 @@ impl Source<'_, '_> {
                 let glossy: Glossy = decode(&plugin.table)?;
                 let lobe = lobe(glossy.samples.unwrap_or(4), glossy.exponent.unwrap_or(100.0));
                 Kind::Glossy(self.texture(glossy.reflectance, 1.0)?, lobe)
+            }
+            "tabulated" => {
+                let given: Tabulated = decode(&plugin.table)?;
+                let rows = given.values.iter();
+                let rows = rows.map(|row| row.iter().map(|value| value.get()).collect::<Vec<_>>());
+                let square_root = given.spacing.as_deref() == Some("square_root");
+                let brdf = Brdf::new(rows.collect(), square_root);
+                let brdf = brdf.ok_or_else(|| unknown(plugin, "table of the material"))?;
+                Kind::Tabulated(brdf, self.texture(given.tint, 1.0)?)
             }
             "mirror" => Kind::Mirror(self.texture(decode::<Matte>(&plugin.table)?.reflectance, 1.0)?),
             "dielectric" => {
