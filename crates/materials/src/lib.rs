@@ -37,8 +37,12 @@ pub mod mix;
 pub mod normal_map;
 #[cfg(feature = "phong")]
 pub mod phong;
+#[cfg(feature = "plastic")]
+pub mod plastic;
 #[cfg(feature = "reflection_map")]
 pub mod reflection_map;
+#[cfg(feature = "rough")]
+pub mod rough;
 #[cfg(feature = "thin_dielectric")]
 pub mod thin_dielectric;
 #[cfg(feature = "two_sided")]
@@ -74,8 +78,12 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     registry.add::<Materials, normal_map::NormalMap>(from)?;
     #[cfg(feature = "phong")]
     registry.add::<Materials, phong::Phong>(from)?;
+    #[cfg(feature = "plastic")]
+    registry.add::<Materials, plastic::Plastic>(from)?;
     #[cfg(feature = "reflection_map")]
     registry.add::<Materials, reflection_map::ReflectionMap>(from)?;
+    #[cfg(feature = "rough")]
+    registry.add::<Materials, rough::Rough>(from)?;
     #[cfg(feature = "thin_dielectric")]
     registry.add::<Materials, thin_dielectric::ThinDielectric>(from)?;
     #[cfg(feature = "two_sided")]

@@ -331,7 +331,7 @@ fn materials() {
         "conductor",
         "conductor",
         "conductor",
-        "glossy",
+        "rough",
         "whitted",
         "matte",
         "mask",
