@@ -163,7 +163,9 @@ fn ball(material: &str, depth: u32) -> Pipeline {
 #[test]
 fn a_rough_mirror_is_glossy_to_the_bit() {
     let lobe = "samples = 3, exponent = 50";
-    let glossy = room(&format!("type = \"glossy\", {lobe}, reflectance = [0.9, 0.7, 0.5]"));
+    let glossy = room(&format!(
+        "type = \"glossy\", {lobe}, reflectance = [0.9, 0.7, 0.5]"
+    ));
     let rough = room(&format!(
         "type = \"rough\", {lobe}, material = {{ type = \"mirror\", reflectance = [0.9, 0.7, 0.5] }}"
     ));
@@ -221,14 +223,19 @@ fn rays_through_rough_glass_are_counted_and_named() {
 #[test]
 fn rough_glass_has_events_of_its_own() {
     let material = "type = \"rough\", samples = 2, exponent = 1e4, material = { type = \"dielectric\" }";
-    let text = ["T", "G", "S"].map(|event| format!("{event} = \"E .* {event} .*\"")).join("\n");
+    let text = ["T", "G", "S"]
+        .map(|event| format!("{event} = \"E .* {event} .*\""))
+        .join("\n");
     let scene = format!(
         "[film.paths]\n{text}\n[integrator]\ntype = \"whitted\"\nmax_depth = 2\n\
          [[shape]]\ntype = \"sphere\"\ncenter = [0, 0.5, 0]\nmaterial = {{ {material} }}\n"
     );
     let film = built(&scene).render(whitstone::render::RenderOptions::default());
     let lit = |name: &str| {
-        let found = film.layers.iter().find(|(layer, _)| *layer == format!("path.{name}.G"));
+        let found = film
+            .layers
+            .iter()
+            .find(|(layer, _)| *layer == format!("path.{name}.G"));
         found.unwrap().1.iter().filter(|value| **value > 0.0).count()
     };
     assert!(lit("T") > 100 && lit("G") > 100, "{} {}", lit("T"), lit("G"));

@@ -210,7 +210,9 @@ mod tests {
                 .collect();
             let of = |ambient: f64, lights: &[IncidentLight]| {
                 let ambient = Rgb::splat(ambient);
-                material.local_illumination(&point, view, &LightSamples { ambient, lights }).g
+                material
+                    .local_illumination(&point, view, &LightSamples { ambient, lights })
+                    .g
             };
             let mut branches = SpecularRays::default();
             material.specular_rays(&point, view, &mut branches);
@@ -218,7 +220,10 @@ mod tests {
             let expected = 0.25 * (1.0 - reflected);
             assert!((of(1.0, &[]) - expected).abs() < 1e-15);
             let found = of(0.0, &lights);
-            assert!((found - expected).abs() < 1e-5 * expected, "{interior}: {found} {expected}");
+            assert!(
+                (found - expected).abs() < 1e-5 * expected,
+                "{interior}: {found} {expected}"
+            );
         }
     }
 

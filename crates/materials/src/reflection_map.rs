@@ -279,7 +279,9 @@ mod tests {
         let glossy = built("radiance = \"directions\"\nmaterial = \"glossy\"").unwrap();
         let mut context = TestContext::default();
         let traced = build_in::<Materials, Glossy>("exponent = 20\nsamples = 3", (), &mut context).unwrap();
-        let lobe = traced.glossy_lobe(&point, view, SpecularRayKind::Reflection).unwrap();
+        let lobe = traced
+            .glossy_lobe(&point, view, SpecularRayKind::Reflection)
+            .unwrap();
         let all: Vec<DVec3> = lobe.directions(DVec3::new(0.6, 0.8, 0.0)).collect();
         assert_eq!(all.len(), 9);
         let kept = all.iter().filter(|d| d.y > 0.0);
@@ -290,7 +292,11 @@ mod tests {
             "{found} instead of {expected}"
         );
         assert_eq!(glossy.reflections(), 1);
-        assert!(glossy.glossy_lobe(&point, view, SpecularRayKind::Reflection).is_none());
+        assert!(
+            glossy
+                .glossy_lobe(&point, view, SpecularRayKind::Reflection)
+                .is_none()
+        );
     }
 
     #[test]

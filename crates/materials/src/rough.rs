@@ -315,8 +315,7 @@ mod tests {
         let brushed = build_in::<Materials, Rough>("material = \"steel\"", (), &mut context).unwrap();
         let expected = rays(&*brushed, &point, view, true);
         let masked = build_in::<Materials, Mask>("material = \"brushed\"", (), &mut context).unwrap();
-        let mixed =
-            build_in::<Materials, Mix>("a = \"matte\"\nb = \"brushed\"", (), &mut context).unwrap();
+        let mixed = build_in::<Materials, Mix>("a = \"matte\"\nb = \"brushed\"", (), &mut context).unwrap();
         for material in [&masked, &mixed] {
             material_laws(&**material);
             let found = rays(&**material, &point, view, true);
@@ -324,8 +323,9 @@ mod tests {
             assert!(found.iter().zip(&expected).all(|(a, b)| a.0 == b.0));
             assert_eq!(material.transmissions(), 1);
         }
-        let sides = build_in::<Materials, TwoSided>("front = \"frosted\"\nback = \"brushed\"", (), &mut context)
-            .unwrap();
+        let sides =
+            build_in::<Materials, TwoSided>("front = \"frosted\"\nback = \"brushed\"", (), &mut context)
+                .unwrap();
         sided_material_laws(&*sides);
         assert_eq!((sides.reflections(), sides.transmissions()), (16, 4));
         assert_eq!(rays(&*sides, &point, view, false).len(), 4);
@@ -334,18 +334,25 @@ mod tests {
         material_laws(&*mapped);
         assert_eq!((mapped.reflections(), mapped.transmissions()), (1, 4));
         assert_eq!(rays(&*mapped, &point, view, false).len(), 4);
-        let bumpy = build_in::<Materials, Bump>("height = 1\nmaterial = \"frosted\"", (), &mut context).unwrap();
+        let bumpy =
+            build_in::<Materials, Bump>("height = 1\nmaterial = \"frosted\"", (), &mut context).unwrap();
         assert_eq!(rays(&*bumpy, &point, view, false).len(), 4);
         // A ray would continue both undeviated and around its direction.
         for text in ["material = \"etched\"", "material = \"frosted\""] {
-            assert!(build_in::<Materials, Mask>(text, (), &mut context).is_err(), "{text}");
+            assert!(
+                build_in::<Materials, Mask>(text, (), &mut context).is_err(),
+                "{text}"
+            );
         }
         for text in [
             "a = \"etched\"\nb = \"pane\"",
             "a = \"pane\"\nb = \"frosted\"",
             "a = \"brushed\"\nb = \"white\"",
         ] {
-            assert!(build_in::<Materials, Mix>(text, (), &mut context).is_err(), "{text}");
+            assert!(
+                build_in::<Materials, Mix>(text, (), &mut context).is_err(),
+                "{text}"
+            );
         }
     }
 

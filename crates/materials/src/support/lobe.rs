@@ -49,7 +49,11 @@ impl Lobe {
     ) -> Option<GlossyLobe<'_>> {
         let n = point.n_towards(view);
         (self.0.len() > 1).then_some(GlossyLobe {
-            n: if kind == SpecularRayKind::Reflection { n } else { -n },
+            n: if kind == SpecularRayKind::Reflection {
+                n
+            } else {
+                -n
+            },
             lobe: &self.0,
         })
     }

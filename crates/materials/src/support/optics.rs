@@ -265,7 +265,11 @@ impl Interface {
             b * integral / (2.0 * square)
         };
         let denser = polarised_s + polarised_p;
-        if self.n_i < self.n_t { denser } else { denser * u * u }
+        if self.n_i < self.n_t {
+            denser
+        } else {
+            denser * u * u
+        }
     }
 }
 

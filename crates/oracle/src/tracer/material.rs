@@ -367,9 +367,9 @@ impl At<'_> {
     pub(super) fn ambient(&self, radiance: Rgb) -> Rgb {
         match self.kind {
             Kind::Matte(reflectance) => reflectance.at(&self.spot) * radiance,
-            Kind::Plastic { reflectance, index, .. } => {
-                reflectance.at(&self.spot) * radiance * (1.0 - fresnel(self.n.dot(self.viewer), *index))
-            }
+            Kind::Plastic {
+                reflectance, index, ..
+            } => reflectance.at(&self.spot) * radiance * (1.0 - fresnel(self.n.dot(self.viewer), *index)),
             Kind::Gloss { k, .. } => k[2].at(&self.spot) * radiance,
             Kind::Emissive(_, Some(inner)) | Kind::Mapped(_, inner) => self.with(inner).ambient(radiance),
             _ => {

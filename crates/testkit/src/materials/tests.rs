@@ -79,7 +79,13 @@ const RIGHT: Made = Made {
     lobe: &[],
     reflections: 1,
     transmissions: 1,
-    side: |kind| if kind == SpecularRayKind::Reflection { 1.0 } else { -1.0 },
+    side: |kind| {
+        if kind == SpecularRayKind::Reflection {
+            1.0
+        } else {
+            -1.0
+        }
+    },
 };
 
 /// A glossy lobe of two directions, at a cosine of 0.8 to the mirror direction.

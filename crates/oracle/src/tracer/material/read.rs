@@ -227,7 +227,11 @@ impl Source<'_, '_> {
             }
             "rough" => {
                 let rough: Rough = decode(&plugin.table)?;
-                spread(self.boxed(&rough.material)?, rough.samples.unwrap_or(4), rough.exponent)
+                spread(
+                    self.boxed(&rough.material)?,
+                    rough.samples.unwrap_or(4),
+                    rough.exponent,
+                )
             }
             "plastic" => {
                 let plastic: Plastic = decode(&plugin.table)?;
