@@ -98,7 +98,7 @@ impl Material for Glossy {
         view: DVec3,
         kind: SpecularRayKind,
     ) -> Option<GlossyLobe<'_>> {
-        self.lobe.of(point, view, kind)
+        self.lobe.of_reflection(point, view, kind)
     }
 }
 

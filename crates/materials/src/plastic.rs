@@ -144,7 +144,7 @@ impl Material for Plastic {
         view: DVec3,
         kind: SpecularRayKind,
     ) -> Option<GlossyLobe<'_>> {
-        self.lobe.of(point, view, kind)
+        self.lobe.of_reflection(point, view, kind)
     }
 }
 

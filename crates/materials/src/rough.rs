@@ -154,7 +154,12 @@ impl Material for Rough {
         view: DVec3,
         kind: SpecularRayKind,
     ) -> Option<GlossyLobe<'_>> {
-        self.lobe.of(point, view, kind)
+        let rays = match kind {
+            SpecularRayKind::Reflection => self.reflections(),
+            SpecularRayKind::Transmission { .. } | SpecularRayKind::Null => self.transmissions(),
+        };
+        // A mask around this material has an undeviated ray of its own.
+        self.lobe.of(point, view, kind).filter(|_| rays > 1)
     }
 }
 
@@ -323,6 +328,9 @@ mod tests {
             assert!(found.iter().zip(&expected).all(|(a, b)| a.0 == b.0));
             assert_eq!(material.transmissions(), 1);
         }
+        // The holes stay sharp.
+        let holes = rays(&*masked, &point, view, false);
+        assert_eq!(holes, [(-view, Rgb::splat(0.5))]);
         let sides =
             build_in::<Materials, TwoSided>("front = \"frosted\"\nback = \"brushed\"", (), &mut context)
                 .unwrap();

@@ -168,10 +168,9 @@ fn specular_ray_laws(material: &dyn Material, point: &SurfaceInteraction, view: 
             most > 1 && !all.is_empty() && all.len() <= most,
             "a material with a lobe must declare its number of {what} rays, found {most}: {place}"
         );
-        let side = lobe.n.dot(view);
-        let right = if what == "reflection" { side } else { -side };
+        let reflects = branch.kind == SpecularRayKind::Reflection;
         assert!(
-            right >= -1e-15,
+            !plain || (lobe.n.dot(view) >= 0.0) == reflects,
             "the normal of a lobe must be on the side that the ray goes to, found {}: {place}",
             lobe.n
         );

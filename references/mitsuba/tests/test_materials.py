@@ -359,8 +359,12 @@ class Rough(Case):
         """From straight above, transmitted rays leave a plane in the lobe about -y, whose frame is
         that of the normal -y.
         """
-        text = f'{OBLIQUE.replace("origin = [5, 5, 0]", "origin = [0, 5, 0]")}{self.BALL}' + pane(1, 'type = "rough", exponent = 7, samples = 2, material = {{ type = "{}", {} }}')
-        nodes = self.nodes(text.format("dielectric", "interior_ior = 2"))
+        head = OBLIQUE.replace("origin = [5, 5, 0]", "origin = [0, 5, 0]") + self.BALL
+
+        def of(inner):
+            return self.nodes(head + pane(1, f'type = "rough", exponent = 7, samples = 2, material = {{ {inner} }}'))
+
+        nodes = of('type = "dielectric", interior_ior = 2')
         paths = [node["path"] for node in nodes]
         self.assertEqual(paths, ["", "R00", "R01", "R02", "R03", "T00", "T01", "T02", "T03"])
         a, b, n = np.array([0.8, -0.6, 0]), np.array([0.48, 0.64, 0.6]), np.array([0.0, -1, 0])
@@ -377,7 +381,7 @@ class Rough(Case):
         for node in nodes[1:5]:
             self.near(node["throughput"], [1 / 9 / 4] * 3)
         # The same directions through a pane, whose rays keep their radiance.
-        through = self.nodes(text.format("thin_dielectric", "tint = 0.5"))[5:]
+        through = of('type = "thin_dielectric", tint = 0.5')[5:]
         for node, same in zip(through, nodes[5:]):
             self.near(node["p"], same["p"], rel=1e-5, atol=1e-4)
             self.near(node["throughput"], [0.5 * 0.96 / 1.04 / 4] * 3)
@@ -387,7 +391,7 @@ class Rough(Case):
         text = 'type = "mix", weight = 0.25, a = { type = "matte", reflectance = 0.5 }, b = { type = "mirror" }'
         rough = floor(f'type = "rough", exponent = 1e4, material = {{ {text} }}')
         self.near(self.value(HEAD + SKY + ambient + rough), self.value(HEAD + SKY + ambient + floor(text)), rel=1e-5)
-        filtered = '[integrator]\ntype = "whitted"\nshadows = "filtered"\n'
+        filtered = '[integrator]\ntype = "whitted"\nshadows = "filtered"\nmax_depth = 1\n'
         side = film() + '[camera]\ntype = "perspective"\nlook_at = { origin = [3, 0.3, 0], target = [0, 0, 0] }\n'
         lamp = '[[light]]\ntype = "point"\nposition = [0, 4, 0]\nintensity = 10\n'
         glass = 'type = "thin_dielectric", tint = [0.2, 0.5, 1]'

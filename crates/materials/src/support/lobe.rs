@@ -49,13 +49,24 @@ impl Lobe {
     ) -> Option<GlossyLobe<'_>> {
         let n = point.n_towards(view);
         (self.0.len() > 1).then_some(GlossyLobe {
-            n: if kind == SpecularRayKind::Reflection {
-                n
-            } else {
-                -n
+            n: match kind {
+                SpecularRayKind::Reflection => n,
+                SpecularRayKind::Transmission { .. } | SpecularRayKind::Null => -n,
             },
             lobe: &self.0,
         })
+    }
+
+    /// [`Self::of`] for a material that spreads reflections only. A composite material may ask for
+    /// the lobe of its own undeviated ray.
+    pub(crate) fn of_reflection(
+        &self,
+        point: &SurfaceInteraction,
+        view: DVec3,
+        kind: SpecularRayKind,
+    ) -> Option<GlossyLobe<'_>> {
+        self.of(point, view, kind)
+            .filter(|_| kind == SpecularRayKind::Reflection)
     }
 }
 
