@@ -70,9 +70,9 @@ const FEATURES: &[Feature] = features! {
     Kept "bsdf dielectric": "dielectric.";
     Kept "bsdf thindielectric": "thin_dielectric.";
     Kept "bsdf conductor": "conductor, or mirror without a material.";
-    Approximated "bsdf roughconductor": "rough around the conductor: reflections in fixed directions, without highlights of point lights.";
+    Approximated "bsdf roughconductor": "glossy with the reflectance at normal incidence, which shows no highlights of point lights.";
     Approximated "bsdf roughdielectric": "dielectric: it is smooth.";
-    Approximated "bsdf plastic": "plastic, always with nonlinear = false; with another specular_reflectance than 1 it is whitted, whose reflection is that at normal incidence.";
+    Approximated "bsdf plastic": "whitted: the reflection is that at normal incidence.";
     Approximated "bsdf roughplastic": "blinn_phong: the highlight is that at normal incidence.";
     Kept "bsdf twosided": "The material itself, or two_sided.";
     Kept "bsdf mask": "mask.";
@@ -120,8 +120,6 @@ const FEATURES: &[Feature] = features! {
     Dropped "[material] texture of a highlight or reflection": "There is no reflection.";
     Approximated "[material] coloured weight": "The mean of its channels.";
     Approximated "[material] glossy": "roughconductor of the same width.";
-    Approximated "[material] plastic": "plastic, or roughplastic of the same width.";
-    Approximated "[material] rough": "roughconductor or roughdielectric of the same width around a metal, a mirror or glass; other materials stay smooth.";
     Dropped "[material] priority": "Mitsuba's bodies must not overlap.";
     Approximated "[material] reflection_map": "Its material, which traces reflections.";
     Approximated "[material] two_sided that lets light through": "The front on both sides.";

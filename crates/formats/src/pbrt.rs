@@ -75,7 +75,7 @@ const FEATURES: &[Feature] = features! {
     Approximated "Material coatedconductor": "The conductor without its coating.";
     Dropped "Material diffusetransmission": "matte: nothing is transmitted.";
     Dropped "roughness of dielectric": "It is smooth.";
-    Approximated "roughness of conductor": "rough around the conductor: reflections in fixed directions, without highlights of point lights.";
+    Approximated "roughness of conductor": "glossy with the reflectance at normal incidence, which shows no highlights of point lights.";
     Approximated "texture of roughness": "The roughness is 0.1 everywhere.";
     Approximated "texture of the reflectance of a conductor": "mirror: the reflectance is the same at all angles.";
     Approximated "displacement of a material": "bump: its slope is a difference over 0.002, in metres and in (u, v).";
@@ -116,8 +116,6 @@ const FEATURES: &[Feature] = features! {
     Dropped "[[shape]] of another type": "pbrt has no such shape.";
     Approximated "[material] mirror": "A conductor with this reflectance at normal incidence.";
     Approximated "[material] glossy": "A rough conductor of the same width.";
-    Approximated "[material] plastic": "coateddiffuse: its base has the reflectance, and light that stays in the coat is lost.";
-    Approximated "[material] rough": "A conductor or dielectric with roughness of the same width; other materials stay smooth.";
     Approximated "[material] phong, blinn_phong, whitted": "diffuse with pi k_d, mixed with a conductor of k_refl; no highlight.";
     Dropped "[material] k_refr": "Nothing is transmitted.";
     Approximated "[material] texture of k_d": "It is the albedo, without the factor pi.";

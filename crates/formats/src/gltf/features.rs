@@ -55,8 +55,6 @@ pub(crate) const FEATURES: &[Feature] = features! {
     Approximated "[[light]] image of a spot": "Other programs see the light without it; it is kept for Whitstone.";
     Approximated "[material] phong, blinn_phong, whitted": "The base colour is pi k_d, at most 1, plus k_refl; the exponent becomes a roughness; it is kept for Whitstone.";
     Approximated "[material] glossy": "A metal of the same width of reflection; it is kept for Whitstone.";
-    Approximated "[material] rough": "Its material with a roughness of the same width; it is kept for Whitstone.";
-    Approximated "[material] plastic": "A dielectric surface with this base colour and index; it is kept for Whitstone.";
     Approximated "[material] conductor": "A metal with the reflectance at normal incidence; it is kept for Whitstone.";
     Approximated "[material] priority": "Other programs do not order overlapping bodies; it is kept for Whitstone.";
     Approximated "[material] mix": "One material with parameters in between; it is kept for Whitstone.";

@@ -5,7 +5,6 @@ use super::translate::{Fields, Translator};
 use super::xml::Data;
 use crate::document::{color, typed};
 use crate::files::shorten;
-use crate::table::as_color;
 use std::collections::HashSet;
 use std::f64::consts::PI;
 use toml::{Table, Value};
@@ -172,20 +171,42 @@ impl<'a> Translator<'a> {
             "conductor" => {
                 let metal = self.metal(&mut fields);
                 let tint = self.texture_or_color(&mut fields, "specular_reflectance", [1.0; 3], look);
-                self.sided(conductor(metal, tint), look)
+                let table = match metal {
+                    Metal::None => typed("mirror", [("reflectance", tint)]),
+                    Metal::Named(name) => typed(
+                        "conductor",
+                        [("metal", Value::String(name.into())), ("tint", tint)],
+                    ),
+                    Metal::Index(eta, k) => typed(
+                        "conductor",
+                        [("eta", color(eta)), ("k", color(k)), ("tint", tint)],
+                    ),
+                };
+                self.sided(table, look)
             }
             "roughconductor" => {
                 self.note("bsdf roughconductor", at);
                 let metal = self.metal(&mut fields);
                 let exponent = self.roughness(&mut fields);
                 let tint = self.texture_or_color(&mut fields, "specular_reflectance", [1.0; 3], look);
+                let reflectance = match metal {
+                    Metal::None => [1.0; 3],
+                    Metal::Index(eta, k) => normal_reflectance(eta, k),
+                    Metal::Named(name) => {
+                        let (_, eta, k) = METALS
+                            .iter()
+                            .find(|(known, _, _)| *known == name)
+                            .unwrap_or(&METALS[0]);
+                        normal_reflectance(*eta, *k)
+                    }
+                };
                 // The lobe is about the reflected direction, not about the normal.
                 let exponent = (exponent / 4.0).max(1.0);
                 let table = typed(
-                    "rough",
+                    "glossy",
                     [
+                        ("reflectance", product(reflectance, tint)),
                         ("exponent", Value::Float(exponent)),
-                        ("material", Value::Table(conductor(metal, tint))),
                     ],
                 );
                 self.sided(table, look)
@@ -413,20 +434,9 @@ impl<'a> Translator<'a> {
         );
         fields.take("nonlinear");
         let (interior, exterior) = self.iors(fields, "polypropylene");
+        let reflected = ((interior - exterior) / (interior + exterior)).powi(2);
         let diffuse = self.texture_or_color(fields, "diffuse_reflectance", [0.5; 3], look);
         let specular = self.texture_or_color(fields, "specular_reflectance", [1.0; 3], look);
-        if !rough && as_color(&specular) == Some([1.0; 3]) {
-            let table = typed(
-                "plastic",
-                [
-                    ("reflectance", diffuse),
-                    ("interior_ior", Value::Float(interior)),
-                    ("exterior_ior", Value::Float(exterior)),
-                ],
-            );
-            return self.sided(table, look);
-        }
-        let reflected = ((interior - exterior) / (interior + exterior)).powi(2);
         let passed = 1.0 - reflected;
         let mut table = typed(
             "whitted",
@@ -493,21 +503,6 @@ impl<'a> Translator<'a> {
             }
         }
         false
-    }
-}
-
-/// A smooth metal.
-fn conductor(metal: Metal, tint: Value) -> Table {
-    match metal {
-        Metal::None => typed("mirror", [("reflectance", tint)]),
-        Metal::Named(name) => typed(
-            "conductor",
-            [("metal", Value::String(name.into())), ("tint", tint)],
-        ),
-        Metal::Index(eta, k) => typed(
-            "conductor",
-            [("eta", color(eta)), ("k", color(k)), ("tint", tint)],
-        ),
     }
 }
 

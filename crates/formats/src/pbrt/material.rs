@@ -6,7 +6,7 @@ use super::spectrum;
 use super::texture::Pattern;
 use super::token::At;
 use crate::document::{color, typed};
-use crate::mitsuba::material::product;
+use crate::mitsuba::material::{normal_reflectance, product};
 use std::f64::consts::PI;
 use toml::{Table, Value};
 
@@ -305,26 +305,30 @@ impl Importer<'_> {
             },
             metal => metal,
         };
-        let smooth = match metal {
-            Metal::Reflectance(value) => {
-                self.note("texture of the reflectance of a conductor", at);
-                typed("mirror", [("reflectance", value)])
-            }
-            Metal::Named(name) => typed("conductor", [("metal", Value::String(name.into()))]),
-            Metal::Index(eta, k) => typed("conductor", [("eta", color(eta)), ("k", color(k))]),
-        };
         if alpha < SMOOTH {
-            return smooth;
+            return match metal {
+                Metal::Reflectance(value) => {
+                    self.note("texture of the reflectance of a conductor", at);
+                    typed("mirror", [("reflectance", value)])
+                }
+                Metal::Named(name) => typed("conductor", [("metal", Value::String(name.into()))]),
+                Metal::Index(eta, k) => typed("conductor", [("eta", color(eta)), ("k", color(k))]),
+            };
         }
         self.note("roughness of conductor", at);
+        let reflectance = match metal {
+            Metal::Reflectance(value) => value,
+            Metal::Named(name) => color(normal_reflectance(
+                spectrum::metal_color(name, false),
+                spectrum::metal_color(name, true),
+            )),
+            Metal::Index(eta, k) => color(normal_reflectance(eta, k)),
+        };
         // The lobe is about the reflected direction, not about the normal.
         let exponent = (lobe(alpha) / 4.0).max(1.0);
         typed(
-            "rough",
-            [
-                ("exponent", Value::Float(exponent)),
-                ("material", Value::Table(smooth)),
-            ],
+            "glossy",
+            [("reflectance", reflectance), ("exponent", Value::Float(exponent))],
         )
     }
 

@@ -331,7 +331,7 @@ fn materials() {
         "conductor",
         "conductor",
         "conductor",
-        "rough",
+        "glossy",
         "whitted",
         "matte",
         "mask",

@@ -168,27 +168,6 @@ impl<'a> Exporter<'a> {
                 let base = self.tint(material, "reflectance", 1.0, place);
                 Look::new(base, 1.0, roughness(exponent))
             }
-            "rough" => {
-                self.note("[material] rough", place);
-                let exponent = table::number(material, "exponent").unwrap_or(100.0);
-                let inner = material.get("material");
-                let look = inner.map_or(grey, |inner| self.look(inner, place, depth + 1));
-                Look {
-                    roughness: look.roughness.max(roughness(exponent)),
-                    ..look
-                }
-            }
-            "plastic" => {
-                self.note("[material] plastic", place);
-                let blurred = table::number(material, "samples").unwrap_or(1.0) > 1.0;
-                let exponent = table::number(material, "exponent").unwrap_or(100.0);
-                let rough = if blurred { roughness(exponent) } else { 0.0 };
-                let base = self.tint(material, "reflectance", 0.5, place);
-                Look {
-                    ior: Some(relative_ior(material)),
-                    ..Look::new(base, 0.0, rough)
-                }
-            }
             "conductor" => {
                 self.note("[material] conductor", place);
                 let named = table::text(material, "metal");

@@ -204,8 +204,6 @@ const TABLES: [&str; 42] = [
     "[[shape]]\ntype = 'box'\nmaterial = { type = 'whitted', k_refr = 0.5, interior_ior = 1.1 }",
     "[[shape]]\ntype = 'box'\nmaterial = { type = 'mirror', reflectance = 0.9 }",
     "[[shape]]\ntype = 'box'\nmaterial = { type = 'glossy', exponent = 30 }",
-    "[[shape]]\ntype = 'box'\nmaterial = { type = 'rough', samples = 2, material = { type = 'conductor', metal = 'Au' } }",
-    "[[shape]]\ntype = 'box'\nmaterial = { type = 'plastic', reflectance = [0.1, 0.2, 0.3], interior_ior = 1.7, samples = 2 }",
     "[[shape]]\ntype = 'box'\nmaterial = { type = 'conductor', metal = 'Au' }",
     "[[shape]]\ntype = 'box'\nmaterial = { type = 'conductor', eta = 1, k = [2, 3, 4], tint = 0.5 }",
     "[[shape]]\ntype = 'box'\nmaterial = { type = 'dielectric', absorption = [0, 1, 2], priority = 3 }",

@@ -7,14 +7,12 @@ use std::f64::consts::PI;
 use toml::{Table, Value};
 
 /// Materials that lights light.
-pub(super) const LIT: [&str; 5] = ["matte", "phong", "blinn_phong", "whitted", "plastic"];
+pub(super) const LIT: [&str; 4] = ["matte", "phong", "blinn_phong", "whitted"];
 
 /// Materials that reflect or pass rays.
-pub(super) const TRACED: [&str; 8] = [
+pub(super) const TRACED: [&str; 6] = [
     "mirror",
     "glossy",
-    "rough",
-    "plastic",
     "conductor",
     "dielectric",
     "thin_dielectric",
@@ -109,34 +107,15 @@ impl<'a> Exporter<'a> {
             "glossy" => {
                 self.note("[material] glossy", name);
                 let reflectance = self.look(material, "reflectance", 1.0, sides, name);
+                let exponent = table::number(material, "exponent").unwrap_or(100.0);
+                // The lobe is about the reflected direction: its exponent is a quarter of that
+                // about the normal.
+                let alpha = (2.0 / (4.0 * exponent + 2.0)).sqrt();
                 let node = Node::new("bsdf", "roughconductor")
                     .with("material", Item::Text("none".into()))
-                    .with("alpha", Item::Float(alpha(material)))
+                    .with("alpha", Item::Float(alpha))
                     .with("specular_reflectance", reflectance);
                 sided(node, sides)
-            }
-            "plastic" => {
-                self.note("[material] plastic", name);
-                let reflectance = self.look(material, "reflectance", 0.5, sides, name);
-                let blurred = table::number(material, "samples").unwrap_or(1.0) > 1.0;
-                let kind = if blurred { "roughplastic" } else { "plastic" };
-                let mut node = Node::new("bsdf", kind)
-                    .with("int_ior", ior("interior_ior", 1.5))
-                    .with("ext_ior", ior("exterior_ior", 1.0))
-                    .with("diffuse_reflectance", reflectance);
-                if blurred {
-                    node.push("alpha", Item::Float(alpha(material)));
-                }
-                sided(node, sides)
-            }
-            "rough" => {
-                self.note("[material] rough", name);
-                let Some(inner) = material.get("material") else {
-                    return Node::new("bsdf", "diffuse");
-                };
-                let mut node = self.bsdf(inner, sides, name);
-                roughen(&mut node, alpha(material));
-                node
             }
             "conductor" => {
                 let named = table::text(material, "metal");
@@ -327,28 +306,6 @@ impl<'a> Exporter<'a> {
             }
         }
         false
-    }
-}
-
-/// The roughness of a material whose lobe is about the reflected direction: the exponent of that
-/// about the normal is four times as large.
-fn alpha(material: &Table) -> f64 {
-    let exponent = table::number(material, "exponent").unwrap_or(100.0);
-    (2.0 / (4.0 * exponent + 2.0)).sqrt()
-}
-
-/// Makes a BSDF and those in it rough, where Mitsuba has a rough variant.
-fn roughen(node: &mut Node, alpha: f64) {
-    if matches!(node.plugin.as_str(), "conductor" | "dielectric") {
-        node.plugin = format!("rough{}", node.plugin);
-        node.push("alpha", Item::Float(alpha));
-    }
-    for (_, item) in &mut node.children {
-        if let Item::Node(inner) = item
-            && inner.family == "bsdf"
-        {
-            roughen(inner, alpha);
-        }
     }
 }
 

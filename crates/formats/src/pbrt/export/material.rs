@@ -104,38 +104,15 @@ impl<'a> Exporter<'a> {
             "glossy" => {
                 self.note("[material] glossy", place);
                 let reflectance = self.look(material, "reflectance", 1.0, place);
+                let exponent = table::number(material, "exponent").unwrap_or(100.0);
+                // The lobe is about the reflected direction: its exponent is a quarter of that
+                // about the normal.
+                let alpha = (2.0 / (4.0 * exponent + 2.0)).sqrt();
                 format!(
-                    "\"string type\" \"conductor\" {} {}",
+                    "\"string type\" \"conductor\" {} {} \"bool remaproughness\" false",
                     parameter("reflectance", &reflectance, false),
-                    roughness(material)
+                    floats("roughness", &[alpha])
                 )
-            }
-            "plastic" => {
-                self.note("[material] plastic", place);
-                let reflectance = self.look(material, "reflectance", 0.5, place);
-                let blurred = table::number(material, "samples").unwrap_or(1.0) > 1.0;
-                format!(
-                    "\"string type\" \"coateddiffuse\" {} {} {}",
-                    parameter("reflectance", &reflectance, false),
-                    floats("eta", &[relative_ior(material)]),
-                    if blurred {
-                        roughness(material)
-                    } else {
-                        floats("roughness", &[0.0])
-                    }
-                )
-            }
-            "rough" => {
-                self.note("[material] rough", place);
-                let inner = self.inner(material, "material", place);
-                let known = ["conductor", "dielectric"]
-                    .iter()
-                    .any(|kind| inner.starts_with(&format!("\"string type\" \"{kind}\"")));
-                if known && !inner.contains("roughness\"") {
-                    format!("{inner} {}", roughness(material))
-                } else {
-                    inner
-                }
             }
             "conductor" => {
                 if self.constant(material, "tint", 1.0, place) != [1.0; 3] {
@@ -590,14 +567,6 @@ fn diffuse(reflectance: &Pattern) -> String {
 }
 
 /// The index of refraction of the inside relative to the outside.
-/// The roughness of a material whose lobe is about the reflected direction: the exponent of that
-/// about the normal is four times as large.
-fn roughness(material: &Table) -> String {
-    let exponent = table::number(material, "exponent").unwrap_or(100.0);
-    let alpha = (2.0 / (4.0 * exponent + 2.0)).sqrt();
-    format!("{} \"bool remaproughness\" false", floats("roughness", &[alpha]))
-}
-
 fn relative_ior(material: &Table) -> f64 {
     let ior = |key: &str, default: f64| table::number(material, key).unwrap_or(default);
     ior("interior_ior", 1.5) / ior("exterior_ior", 1.0)
