@@ -290,6 +290,22 @@ const FAULTS: [Fault; 38] = [
     },
     Fault {
         reference: Renderer::MITSUBA,
+        name: "rough glass of exponent 408 for 400",
+        scene: "scenes/materials/rough.toml",
+        overrides: || set("shape.ground.material.exponent=408"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        reference: Renderer::MITSUBA,
+        name: "a coat of index 1.505 for 1.5",
+        scene: "scenes/materials/plastic.toml",
+        overrides: || set("shape.smooth.material.interior_ior=1.505"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        reference: Renderer::MITSUBA,
         name: "an area light with 25 points for 16",
         scene: "scenes/lights/area.toml",
         overrides: || set("light[0].samples=5"),

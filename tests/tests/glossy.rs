@@ -1,5 +1,5 @@
-//! Reflections in several directions, beside those of mirrors and beside what can be said of whole
-//! scenes.
+//! Reflections and transmissions in several directions, compared with those of mirrors and of smooth
+//! glass, and with what can be said of whole scenes.
 
 use std::path::Path;
 use whitstone::core::{Rgb, Scratch};
@@ -150,6 +150,98 @@ fn rays_are_counted_and_threads_do_not_matter() {
     assert_eq!(paths[1..], expected);
 }
 
+/// Rough glass: a ball over a floor, from outside and from inside.
+fn ball(material: &str, depth: u32) -> Pipeline {
+    built(&format!(
+        "[integrator]\ntype = \"whitted\"\nmax_depth = {depth}\n[[shape]]\ntype = \"plane\"\n\
+         transform = {{ rotate = {{ axis = [1, 0, 0], degrees = -90 }} }}\n\
+         material = {{ type = \"matte\", reflectance = {{ type = \"checker\", scale = 2 }} }}\n\
+         [[shape]]\ntype = \"sphere\"\ncenter = [0, 0.65, 0]\nradius = 0.6\nmaterial = {{ {material} }}\n"
+    ))
+}
+
+#[test]
+fn a_rough_mirror_is_glossy_to_the_bit() {
+    let lobe = "samples = 3, exponent = 50";
+    let glossy = room(&format!(
+        "type = \"glossy\", {lobe}, reflectance = [0.9, 0.7, 0.5]"
+    ));
+    let rough = room(&format!(
+        "type = \"rough\", {lobe}, material = {{ type = \"mirror\", reflectance = [0.9, 0.7, 0.5] }}"
+    ));
+    assert_eq!(bits(&rough, 2), bits(&glossy, 1));
+}
+
+/// The same as smooth glass with one direction and, up to rounding, with a very narrow lobe; the
+/// wider the lobe, the farther from it.
+#[test]
+fn rough_glass_tends_to_smooth_glass() {
+    let glass = "type = \"dielectric\", absorption = [0.3, 0.1, 0.5]";
+    let smooth = ball(glass, 4);
+    let rough = |lobe: &str| ball(&format!("type = \"rough\", {lobe}, material = {{ {glass} }}"), 4);
+    assert_eq!(bits(&rough("samples = 1"), 2), bits(&smooth, 1));
+    let smooth = pixels(&smooth);
+    let off = |lobe: &str| {
+        let found = pixels(&rough(lobe));
+        let off = |(a, b): (&Rgb, &Rgb)| (*a + *b * -1.0).map(f64::abs).max_component();
+        found.iter().zip(&smooth).map(off).sum::<f64>() / smooth.len() as f64
+    };
+    let mut last = f64::INFINITY;
+    for exponent in ["1e2", "1e4", "1e6"] {
+        let mean = off(&format!("samples = 2, exponent = {exponent}"));
+        assert!(mean < 0.6 * last, "{exponent}: {mean} after {last}");
+        last = mean;
+    }
+    assert!(off("samples = 2, exponent = 1e30") < 1e-12);
+}
+
+/// Both branches are spread, reflections first.
+#[test]
+fn rays_through_rough_glass_are_counted_and_named() {
+    let single = ball(
+        "type = \"rough\", samples = 2, exponent = 1e4, material = { type = \"dielectric\" }",
+        1,
+    );
+    assert!(single.scene.requires_scalar_tracing());
+    let mut scratch = Scratch::recording();
+    let ray = single.camera_ray([20, 14], 0);
+    single.integrator.radiance(&single.scene, &ray, &mut scratch);
+    assert_eq!(scratch.counters.closest, 9);
+    let nodes = scratch.record.unwrap();
+    let paths: Vec<&str> = nodes.iter().map(|node| node.path.as_str()).collect();
+    let expected = ["", "R00", "R01", "R02", "R03", "T00", "T01", "T02", "T03"];
+    assert_eq!(paths, expected);
+    // All of the weight is kept: R and (1 - R)/1.5².
+    let sum = |letter: char| -> f64 {
+        let rays = nodes.iter().filter(|node| node.path.starts_with(letter));
+        rays.map(|node| node.throughput.g).sum()
+    };
+    assert!((sum('R') + 2.25 * sum('T') - 1.0).abs() < 1e-14);
+}
+
+/// What passes rough glass is an event T, also where it is spread, and its reflections are G.
+#[test]
+fn rough_glass_has_events_of_its_own() {
+    let material = "type = \"rough\", samples = 2, exponent = 1e4, material = { type = \"dielectric\" }";
+    let text = ["T", "G", "S"]
+        .map(|event| format!("{event} = \"E .* {event} .*\""))
+        .join("\n");
+    let scene = format!(
+        "[film.paths]\n{text}\n[integrator]\ntype = \"whitted\"\nmax_depth = 2\n\
+         [[shape]]\ntype = \"sphere\"\ncenter = [0, 0.5, 0]\nmaterial = {{ {material} }}\n"
+    );
+    let film = built(&scene).render(whitstone::render::RenderOptions::default());
+    let lit = |name: &str| {
+        let found = film
+            .layers
+            .iter()
+            .find(|(layer, _)| *layer == format!("path.{name}.G"));
+        found.unwrap().1.iter().filter(|value| **value > 0.0).count()
+    };
+    assert!(lit("T") > 100 && lit("G") > 100, "{} {}", lit("T"), lit("G"));
+    assert_eq!(lit("S"), 0);
+}
+
 /// What may become too many rays is refused; a limit of depth or of contribution, or fewer
 /// directions, make it right.
 #[test]
@@ -177,6 +269,33 @@ fn the_bounds_are_those_of_the_message() {
         assert_eq!(build(rules, samples).is_ok(), right, "{rules}, {samples}");
     }
     assert!(Path::new(&root().join("scenes/materials/glossy.toml")).is_file());
+}
+
+/// Rough glass has twice as many rays per bounce as there are directions: 8^8 is 2^24, 32^5 2^25.
+#[test]
+fn rough_glass_counts_both_of_its_branches() {
+    let build = |inner: &str, depth: u32, samples: u32| {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scene.toml");
+        let text = format!(
+            "{HEAD}[integrator]\ntype = \"whitted\"\nmax_depth = {depth}\n[[shape]]\ntype = \"sphere\"\n\
+             material = {{ type = \"rough\", samples = {samples}, material = {{ type = \"{inner}\" }} }}\n"
+        );
+        std::fs::write(&path, text).unwrap();
+        load(&path, &[], &whitstone::registry()).map(|_| ())
+    };
+    for (inner, depth, samples, right) in [
+        ("dielectric", 8, 2, true),
+        ("dielectric", 9, 2, false),
+        ("dielectric", 4, 4, true),
+        ("dielectric", 5, 4, false),
+        ("mirror", 6, 4, true),
+        ("mirror", 7, 4, false),
+        ("matte", 100_000, 8, true),
+    ] {
+        let found = build(inner, depth, samples).is_ok();
+        assert_eq!(found, right, "{inner}, {depth}, {samples}");
+    }
 }
 
 #[test]

@@ -76,7 +76,7 @@ const SHAPES: [(&str, &str); 16] = [
 ];
 
 /// The rest of a material's table; others have none.
-const MATERIALS: [(&str, &str); 16] = [
+const MATERIALS: [(&str, &str); 18] = [
     ("matte", "reflectance = [0.7, 0.6, 0.4]"),
     ("phong", "k_d = 0.4, k_s = 0.3, exponent = 12"),
     ("blinn_phong", "k_d = 0.4, k_s = 0.3, exponent = 20"),
@@ -90,6 +90,11 @@ const MATERIALS: [(&str, &str); 16] = [
     ),
     ("mirror", "reflectance = 0.9"),
     ("glossy", "exponent = 200, samples = 2"),
+    (
+        "rough",
+        "exponent = 200, samples = 2, material = { type = \"conductor\", metal = \"Cu\" }",
+    ),
+    ("plastic", "reflectance = [0.7, 0.2, 0.1], interior_ior = 1.7"),
     ("conductor", "metal = \"Cu\""),
     ("dielectric", "absorption = [0.4, 0.1, 0.2]"),
     ("thin_dielectric", "tint = [0.9, 0.8, 0.7]"),

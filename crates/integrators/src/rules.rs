@@ -137,8 +137,8 @@ impl Rules {
                 child.inside = face.map_or(path.inside, |face| face.inside(branch.kind));
                 if path.depth < limits.max_depth {
                     child.differential = path.differential.map(|differential| {
-                        // All directions of a glossy reflection use the differentials of the mirror
-                        // direction.
+                        // All directions of a lobe use the differentials of the specular ray that
+                        // is spread.
                         let mut own = branches.iter().filter(|own| own.kind == branch.kind);
                         let direction = own.next().map_or(branch.direction, |own| own.direction);
                         let branch = (branch.kind.into(), direction);

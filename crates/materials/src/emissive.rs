@@ -14,7 +14,8 @@ use whitstone_core::config::{MaterialRef, TextureRef};
 use whitstone_core::stream::{Colors, SampleStreams, SurfaceStream};
 use whitstone_core::{
     BsdfFlags, ColorSource, Context, DVec3, GlossyLobe, LightSamples, Material, Materials, Plugin, Rgb,
-    SceneErrors, SpecularRayStreams, SpecularRays, SurfaceAttributes, SurfaceInteraction, Transmittance,
+    SceneErrors, SpecularRayKind, SpecularRayStreams, SpecularRays, SurfaceAttributes, SurfaceInteraction,
+    Transmittance,
 };
 
 /// A surface that emits light by itself, on top of any other material.
@@ -123,8 +124,17 @@ impl Material for Emissive {
         self.under.reflections()
     }
 
-    fn glossy_lobe(&self, point: &SurfaceInteraction, view: DVec3) -> Option<GlossyLobe<'_>> {
-        self.under.glossy_lobe(point, view)
+    fn transmissions(&self) -> u32 {
+        self.under.transmissions()
+    }
+
+    fn glossy_lobe(
+        &self,
+        point: &SurfaceInteraction,
+        view: DVec3,
+        kind: SpecularRayKind,
+    ) -> Option<GlossyLobe<'_>> {
+        self.under.glossy_lobe(point, view, kind)
     }
 }
 

@@ -12,13 +12,13 @@
 //!   mirror.
 //! - Example: `scenes/materials/glossy.toml`.
 
+use crate::support::lobe::{Exponent, Lobe, Samples};
 use crate::support::optics::reflect;
 use crate::support::reflectance::reflectance;
 use schemars::JsonSchema;
 use serde::Deserialize;
-use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 use std::sync::Arc;
-use whitstone_core::config::{IntegerIn, Positive, TextureRef};
+use whitstone_core::config::TextureRef;
 use whitstone_core::{
     BsdfFlags, ColorSource, Context, DVec3, GlossyLobe, Material, Materials, Plugin, SceneErrors,
     SpecularRay, SpecularRayKind, SpecularRays, SurfaceAttributes, SurfaceInteraction,
@@ -37,33 +37,22 @@ pub struct Config {
     /// Factor on the reflected radiance, from 0 to 1; a texture or a colour.
     #[serde(default = "one")]
     reflectance: TextureRef,
-    /// Exponent of the cosine of the angle to the mirror direction, greater than 0; larger values
-    /// are sharper. Half of the light is within 7 degrees for 100, and within 2 degrees for 1000.
-    #[serde(default = "hundred")]
-    exponent: Positive,
+    #[serde(default)]
+    exponent: Exponent,
     /// The directions form a grid of n x n, which is mapped to the lobe; this is n, 1 to 8. 1 is a
     /// perfect mirror.
-    #[serde(default = "four")]
-    samples: IntegerIn<1, 8>,
+    #[serde(default = "Samples::of::<4>")]
+    samples: Samples,
 }
 
 fn one() -> TextureRef {
     TextureRef::grey(1.0)
 }
 
-fn hundred() -> Positive {
-    Positive::new(100.0).expect("it is positive")
-}
-
-fn four() -> IntegerIn<1, 8> {
-    IntegerIn::new(4).expect("4 is in range")
-}
-
 /// The `glossy` material; see the module documentation.
 pub struct Glossy {
     reflectance: ColorSource,
-    /// `samples`² unit vectors around +z.
-    lobe: Vec<DVec3>,
+    lobe: Lobe,
 }
 
 impl Plugin<Materials> for Glossy {
@@ -73,34 +62,8 @@ impl Plugin<Materials> for Glossy {
     fn build(config: Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Material>, SceneErrors> {
         Ok(Arc::new(Self {
             reflectance: reflectance(&config.reflectance, context)?,
-            lobe: lobe(config.samples.get(), config.exponent.get()),
+            lobe: Lobe::new(config.exponent, config.samples),
         }))
-    }
-}
-
-/// The middle direction of each of n x n parts of a lobe around +z.
-fn lobe(n: u32, exponent: f64) -> Vec<DVec3> {
-    let middle = |index: u32| (2.0 * f64::from(index) + 1.0 - f64::from(n)) / f64::from(n);
-    let at = |index: u32| {
-        let (s, phi) = on_disk(middle(index % n), middle(index / n));
-        // cos^(exponent + 1) is the weight outside of a cone. Near 1, this form keeps the sine
-        // accurate.
-        let log_cos = libm::log1p(-s * s) / (exponent + 1.0);
-        let sin = (-libm::expm1(2.0 * log_cos)).sqrt().copysign(s);
-        DVec3::new(sin * libm::cos(phi), sin * libm::sin(phi), libm::exp(log_cos))
-    };
-    (0..n * n).map(at).collect()
-}
-
-/// The concentric map from the square to the disk: the radius, which may be negative, and the
-/// angle.
-fn on_disk(p: f64, q: f64) -> (f64, f64) {
-    if p.abs() > q.abs() {
-        (p, FRAC_PI_4 * (q / p))
-    } else if q == 0.0 {
-        (0.0, 0.0)
-    } else {
-        (q, FRAC_PI_2 - FRAC_PI_4 * (p / q))
     }
 }
 
@@ -126,14 +89,16 @@ impl Material for Glossy {
     }
 
     fn reflections(&self) -> u32 {
-        self.lobe.len() as u32
+        self.lobe.rays()
     }
 
-    fn glossy_lobe(&self, point: &SurfaceInteraction, view: DVec3) -> Option<GlossyLobe<'_>> {
-        (self.lobe.len() > 1).then(|| GlossyLobe {
-            n: point.n_towards(view),
-            lobe: &self.lobe,
-        })
+    fn glossy_lobe(
+        &self,
+        point: &SurfaceInteraction,
+        view: DVec3,
+        kind: SpecularRayKind,
+    ) -> Option<GlossyLobe<'_>> {
+        self.lobe.of_reflection(point, view, kind)
     }
 }
 
@@ -168,29 +133,8 @@ mod tests {
         let mut branches = SpecularRays::default();
         material.specular_rays(point, view, &mut branches);
         let mirrored = branches.iter().next().unwrap().direction;
-        let spread = material.glossy_lobe(point, view);
+        let spread = material.glossy_lobe(point, view, SpecularRayKind::Reflection);
         spread.map_or_else(|| vec![mirrored], |spread| spread.directions(mirrored).collect())
-    }
-
-    /// For each ring of the concentric map, the weight of the lobe inside equals the disk area
-    /// inside.
-    #[test]
-    fn parts_are_of_equal_share() {
-        for exponent in [0.5, 20.0, 1e5] {
-            for n in 1..=8 {
-                for (index, q) in lobe(n, exponent).into_iter().enumerate() {
-                    let middle = |index: usize| (2.0 * index as f64 + 1.0) / f64::from(n) - 1.0;
-                    let (i, j) = (index % n as usize, index / n as usize);
-                    let ring = middle(i).abs().max(middle(j).abs());
-                    let inside = 1.0 - q.z.powf(exponent + 1.0);
-                    assert!((inside - ring * ring).abs() < 1e-9, "{exponent} {n} {index}: {q}");
-                    assert!((q.length() - 1.0).abs() < 1e-15);
-                }
-            }
-        }
-        // The mean cosine of the lobe is (e + 1)/(e + 2), up to the error of the midpoint rule.
-        let mean = lobe(8, 20.0).iter().map(|q| q.z).sum::<f64>() / 64.0;
-        assert!((mean - 21.0 / 22.0).abs() < 1e-2, "{mean}");
     }
 
     #[test]
@@ -199,7 +143,12 @@ mod tests {
         let view = DVec3::new(0.6, 0.8, 0.0);
         let mirrored = DVec3::new(-0.6, 0.8, 0.0);
         assert_eq!(glossy("samples = 1").reflections(), 1);
-        assert!(glossy("samples = 1").glossy_lobe(&point, view).is_none());
+        let smooth = glossy("samples = 1");
+        assert!(
+            smooth
+                .glossy_lobe(&point, view, SpecularRayKind::Reflection)
+                .is_none()
+        );
         let mut last = 2.0;
         for exponent in ["1", "1e2", "1e4", "1e6", "1e12", "1e300"] {
             let material = glossy(&format!("exponent = {exponent}"));

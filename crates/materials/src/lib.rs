@@ -41,8 +41,12 @@ pub mod mix;
 pub mod normal_map;
 #[cfg(feature = "phong")]
 pub mod phong;
+#[cfg(feature = "plastic")]
+pub mod plastic;
 #[cfg(feature = "reflection_map")]
 pub mod reflection_map;
+#[cfg(feature = "rough")]
+pub mod rough;
 #[cfg(feature = "tabulated")]
 pub mod tabulated;
 #[cfg(feature = "thin_dielectric")]
@@ -80,8 +84,12 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     registry.add::<Materials, normal_map::NormalMap>(from)?;
     #[cfg(feature = "phong")]
     registry.add::<Materials, phong::Phong>(from)?;
+    #[cfg(feature = "plastic")]
+    registry.add::<Materials, plastic::Plastic>(from)?;
     #[cfg(feature = "reflection_map")]
     registry.add::<Materials, reflection_map::ReflectionMap>(from)?;
+    #[cfg(feature = "rough")]
+    registry.add::<Materials, rough::Rough>(from)?;
     #[cfg(feature = "tabulated")]
     registry.add::<Materials, tabulated::Tabulated>(from)?;
     #[cfg(feature = "thin_dielectric")]

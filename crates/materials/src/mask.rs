@@ -48,7 +48,7 @@ impl Plugin<Materials> for Mask {
         let opacity = errors.take(share(&config.opacity, "an opacity", context));
         let inner = errors.take(context.material(&config.material));
         if let Some(inner) = &inner
-            && inner.flags().intersects(BsdfFlags::TRANSMISSION)
+            && (inner.flags().intersects(BsdfFlags::TRANSMISSION) || inner.transmissions() > 1)
         {
             let message = "a refracting material cannot have holes: a ray would continue in two directions";
             errors
@@ -116,8 +116,17 @@ impl Material for Mask {
         self.inner.reflections()
     }
 
-    fn glossy_lobe(&self, point: &SurfaceInteraction, view: DVec3) -> Option<GlossyLobe<'_>> {
-        self.inner.glossy_lobe(point, view)
+    fn transmissions(&self) -> u32 {
+        self.inner.transmissions()
+    }
+
+    fn glossy_lobe(
+        &self,
+        point: &SurfaceInteraction,
+        view: DVec3,
+        kind: SpecularRayKind,
+    ) -> Option<GlossyLobe<'_>> {
+        self.inner.glossy_lobe(point, view, kind)
     }
 }
 

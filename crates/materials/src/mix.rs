@@ -15,7 +15,8 @@ use std::sync::Arc;
 use whitstone_core::config::{MaterialRef, TextureRef};
 use whitstone_core::{
     BsdfFlags, ColorSource, Context, DVec3, GlossyLobe, LightSamples, Material, Materials, Plugin, Rgb,
-    SceneError, SceneErrors, SpecularRays, SurfaceAttributes, SurfaceInteraction, Transmittance,
+    SceneError, SceneErrors, SpecularRayKind, SpecularRays, SurfaceAttributes, SurfaceInteraction,
+    Transmittance,
 };
 
 /// A linear blend of two materials.
@@ -66,10 +67,12 @@ impl Plugin<Materials> for Mix {
 /// Checks that branches of the same kind have the same direction.
 fn one_direction(a: &dyn Material, b: &dyn Material) -> Result<(), &'static str> {
     let spread = a.reflections() > 1 || b.reflections() > 1;
+    let spread_through = a.transmissions() > 1 || b.transmissions() > 1;
     let (a, b) = (a.flags(), b.flags());
     let through = BsdfFlags::TRANSMISSION | BsdfFlags::NULL;
     let either = a | b;
-    if a.intersects(through) && b.intersects(through) && either.contains(BsdfFlags::TRANSMISSION) {
+    let refracts = either.contains(BsdfFlags::TRANSMISSION) || spread_through;
+    if a.intersects(through) && b.intersects(through) && refracts {
         return Err(
             "both materials transmit rays, and one of them refracts: a ray would continue in two directions",
         );
@@ -149,11 +152,21 @@ impl Material for Mix {
         self.a.reflections().max(self.b.reflections())
     }
 
-    fn glossy_lobe(&self, point: &SurfaceInteraction, view: DVec3) -> Option<GlossyLobe<'_>> {
-        // If either has a glossy reflection, at most one of them reflects.
+    fn transmissions(&self) -> u32 {
+        self.a.transmissions().max(self.b.transmissions())
+    }
+
+    fn glossy_lobe(
+        &self,
+        point: &SurfaceInteraction,
+        view: DVec3,
+        kind: SpecularRayKind,
+    ) -> Option<GlossyLobe<'_>> {
+        // If either spreads its reflection, at most one of them reflects. The same holds for
+        // transmissions, because a material that spreads them refracts.
         self.a
-            .glossy_lobe(point, view)
-            .or_else(|| self.b.glossy_lobe(point, view))
+            .glossy_lobe(point, view, kind)
+            .or_else(|| self.b.glossy_lobe(point, view, kind))
     }
 }
 

@@ -18,8 +18,8 @@ use whitstone_core::config::{MaterialRef, TextureRef};
 use whitstone_core::direction_map::{DirectionMap, Faces};
 use whitstone_core::stream::{Colors, SampleStreams, SurfaceStream};
 use whitstone_core::{
-    BsdfFlags, Context, DVec3, LightSamples, Material, Materials, Plugin, Rgb, SceneErrors, SpecularRayKind,
-    SpecularRayStreams, SpecularRays, SurfaceAttributes, SurfaceInteraction, Transmittance,
+    BsdfFlags, Context, DVec3, GlossyLobe, LightSamples, Material, Materials, Plugin, Rgb, SceneErrors,
+    SpecularRayKind, SpecularRayStreams, SpecularRays, SurfaceAttributes, SurfaceInteraction, Transmittance,
 };
 
 /// Reflections that are looked up in a map by their direction, not traced.
@@ -107,7 +107,7 @@ impl Material for ReflectionMap {
                 true => self.map.value(direction),
                 false => Rgb::BLACK,
             };
-            let radiance = match self.inner.glossy_lobe(point, view) {
+            let radiance = match self.inner.glossy_lobe(point, view, branch.kind) {
                 None => seen(branch.direction),
                 Some(lobe) => {
                     let all = lobe.directions(branch.direction);
@@ -142,6 +142,23 @@ impl Material for ReflectionMap {
     fn specular_rays_stream(&self, points: &SurfaceStream, out: &mut SpecularRayStreams) {
         self.inner.specular_rays_stream(points, out);
         out.reflection.weight.fill(points.len, Rgb::BLACK);
+    }
+
+    fn transmissions(&self) -> u32 {
+        self.inner.transmissions()
+    }
+
+    fn glossy_lobe(
+        &self,
+        point: &SurfaceInteraction,
+        view: DVec3,
+        kind: SpecularRayKind,
+    ) -> Option<GlossyLobe<'_>> {
+        match kind {
+            // They are looked up.
+            SpecularRayKind::Reflection => None,
+            _ => self.inner.glossy_lobe(point, view, kind),
+        }
     }
 }
 
@@ -262,7 +279,9 @@ mod tests {
         let glossy = built("radiance = \"directions\"\nmaterial = \"glossy\"").unwrap();
         let mut context = TestContext::default();
         let traced = build_in::<Materials, Glossy>("exponent = 20\nsamples = 3", (), &mut context).unwrap();
-        let lobe = traced.glossy_lobe(&point, view).unwrap();
+        let lobe = traced
+            .glossy_lobe(&point, view, SpecularRayKind::Reflection)
+            .unwrap();
         let all: Vec<DVec3> = lobe.directions(DVec3::new(0.6, 0.8, 0.0)).collect();
         assert_eq!(all.len(), 9);
         let kept = all.iter().filter(|d| d.y > 0.0);
@@ -273,7 +292,11 @@ mod tests {
             "{found} instead of {expected}"
         );
         assert_eq!(glossy.reflections(), 1);
-        assert!(glossy.glossy_lobe(&point, view).is_none());
+        assert!(
+            glossy
+                .glossy_lobe(&point, view, SpecularRayKind::Reflection)
+                .is_none()
+        );
     }
 
     #[test]

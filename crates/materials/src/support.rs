@@ -1,7 +1,8 @@
-//! Shared by the materials: optics, highlights, reflectances.
+//! Shared by the materials: optics, highlights, lobes, reflectances.
 
 pub(crate) mod body;
 pub(crate) mod detail;
 pub(crate) mod gloss;
+pub(crate) mod lobe;
 pub(crate) mod optics;
 pub(crate) mod reflectance;

@@ -175,8 +175,8 @@ impl Brdf {
     fn between(&self, n: DVec3, l: DVec3, v: DVec3) -> Rgb {
         let m = l + v;
         // Without a half vector, where both arguments are 0, the angle is 0.
-        let theta_h = n.cross(m).length().atan2(n.dot(m));
-        let theta_d = (l - v).length().atan2(m.length());
+        let theta_h = libm::atan2(n.cross(m).length(), n.dot(m));
+        let theta_d = libm::atan2((l - v).length(), m.length());
         self.at(theta_h, theta_d)
     }
 
@@ -198,7 +198,7 @@ impl Brdf {
                 for (at, weight) in GAUSS_3 {
                     let share = ends[0] + (f64::from(part) + at) * width;
                     let theta = self.spacing.angle(share);
-                    let factor = TAU * (4.0 * theta).sin() * self.spacing.slope(share) * width * weight;
+                    let factor = TAU * libm::sin(4.0 * theta) * self.spacing.slope(share) * width * weight;
                     sum += self.at(theta, theta) * factor;
                 }
             }
@@ -210,23 +210,23 @@ impl Brdf {
     fn albedo(&self, theta_v: f64) -> Rgb {
         let intervals = self.size[0] - 1;
         let steps = intervals * LEAST_STEPS_OF_ROW.max(LEAST_STEPS.div_ceil(intervals));
-        let (sin_v, cos_v) = theta_v.sin_cos();
+        let (sin_v, cos_v) = libm::sincos(theta_v);
         let cosines: Vec<f64> = (0..AZIMUTHS)
-            .map(|k| ((f64::from(k) + 0.5) * (PI / f64::from(AZIMUTHS))).cos())
+            .map(|k| libm::cos((f64::from(k) + 0.5) * (PI / f64::from(AZIMUTHS))))
             .collect();
         let mut sum = Rgb::BLACK;
         for step in 0..steps {
             for (at, weight) in GAUSS_2 {
                 let share = (step as f64 + at) / steps as f64;
                 let theta_h = self.spacing.angle(share);
-                let (sin_h, cos_h) = theta_h.sin_cos();
+                let (sin_h, cos_h) = libm::sincos(theta_h);
                 let area = sin_h * self.spacing.slope(share) * (weight / steps as f64);
                 for cosine in &cosines {
                     let across = (sin_v * sin_h * cosine + cos_v * cos_h).clamp(0.0, 1.0);
                     let facing = (2.0 * across * cos_h - cos_v).max(0.0);
                     let factor = area * facing * 4.0 * across * (TAU / f64::from(AZIMUTHS));
                     if factor > 0.0 {
-                        sum += self.at(theta_h, across.acos()) * factor;
+                        sum += self.at(theta_h, libm::acos(across)) * factor;
                     }
                 }
             }

@@ -19,7 +19,7 @@ use whitstone_core::stream::{GROUP, SurfaceStream, groups};
 use whitstone_core::{
     BsdfFlags, ColorSource, Context, DVec3, Material, Materials, Plugin, Rgb, SceneErrors, SpecularRay,
     SpecularRayKind, SpecularRayStreams, SpecularRays, SurfaceAttributes, SurfaceInteraction, Transmittance,
-    simd, simd::select,
+    simd,
 };
 
 /// A dielectric pane of zero thickness, with all reflections between its two faces.
@@ -71,13 +71,9 @@ impl ThinDielectric {
     /// Reflectance and transmittance of the whole pane, both faces included.
     #[inline(always)]
     fn shares(&self, n: DVec3, view: DVec3) -> (f64, f64) {
-        let crossing = self.face.cross(n, view);
-        let fresnel = self.face.fresnel(&crossing);
+        let fresnel = self.face.shares(n, view);
         let whole = 1.0 + fresnel.reflected;
-        (
-            select(crossing.total, 1.0, 2.0 * fresnel.reflected / whole),
-            select(crossing.total, 0.0, fresnel.transmitted / whole),
-        )
+        (2.0 * fresnel.reflected / whole, fresnel.transmitted / whole)
     }
 }
 

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use whitstone_core::config::MaterialRef;
 use whitstone_core::{
     BsdfFlags, Context, DVec3, GlossyLobe, LightSamples, Material, Materials, Plugin, Rgb, SceneErrors,
-    SpecularRays, SurfaceAttributes, SurfaceInteraction, Transmittance,
+    SpecularRayKind, SpecularRays, SurfaceAttributes, SurfaceInteraction, Transmittance,
 };
 
 /// Different materials on the outside and the inside.
@@ -91,8 +91,17 @@ impl Material for TwoSided {
         self.front.reflections().max(self.back.reflections())
     }
 
-    fn glossy_lobe(&self, point: &SurfaceInteraction, view: DVec3) -> Option<GlossyLobe<'_>> {
-        self.seen(point, view).glossy_lobe(point, view)
+    fn transmissions(&self) -> u32 {
+        self.front.transmissions().max(self.back.transmissions())
+    }
+
+    fn glossy_lobe(
+        &self,
+        point: &SurfaceInteraction,
+        view: DVec3,
+        kind: SpecularRayKind,
+    ) -> Option<GlossyLobe<'_>> {
+        self.seen(point, view).glossy_lobe(point, view, kind)
     }
 }
 

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use whitstone_core::{Integrator, Material, NestedDielectrics, SceneError, SceneErrors, SourceSpan};
 use whitstone_scene::Plan;
 
-/// Maximum number of rays into which one camera ray may branch by glossy reflection.
+/// Maximum number of rays into which one camera ray may branch by lobes.
 const MAX_REFLECTIONS: f64 = (1 << 24) as f64;
 
 /// Checks the prioritised dielectrics: their number is limited, and they must not be in groups.
@@ -33,8 +33,8 @@ pub(crate) fn prioritized(plan: &Plan<'_, '_>, materials: &[Arc<dyn Material>], 
     }
 }
 
-/// Checks that the number of glossy reflection rays stays limited. `materials` are those of all
-/// shapes, if there are no errors.
+/// Checks that the number of rays by lobes (glossy reflection, rough glass) stays limited.
+/// `materials` are those of all shapes, if there are no errors.
 pub(crate) fn glossy_rays(
     plan: &Plan<'_, '_>,
     materials: &[Arc<dyn Material>],
@@ -46,12 +46,17 @@ pub(crate) fn glossy_rays(
     }
     let mut reported: Vec<SourceSpan> = Vec::new();
     for (shape, material) in plan.appearances.all.iter().zip(materials) {
-        let Some((place, _)) = shape.material.as_ref().filter(|_| material.reflections() > 1) else {
+        let spread = [material.reflections(), material.transmissions()];
+        // The most rays into which one specular ray is split, each with this share of its weight.
+        let shares = spread[0].max(spread[1]);
+        let Some((place, _)) = shape.material.as_ref().filter(|_| shares > 1) else {
             continue;
         };
-        let directions = material.reflections();
-        let bounces = integrator.max_split_depth(directions);
-        let rays = |bounces: u32| libm::pow(f64::from(directions), f64::from(bounces));
+        // At a bounce, both a reflection and a transmission may be spread.
+        let directions: u32 = spread.into_iter().filter(|rays| *rays > 1).sum();
+        let bounces = integrator.max_split_depth(shares);
+        let power = |base: u32, bounces: u32| libm::pow(f64::from(base), f64::from(bounces));
+        let rays = |bounces: u32| power(directions, bounces);
         if rays(bounces) <= MAX_REFLECTIONS || reported.contains(place) {
             continue;
         }
@@ -63,7 +68,7 @@ pub(crate) fn glossy_rays(
             .take_while(|bounces| rays(*bounces) <= MAX_REFLECTIONS)
             .count() as u32;
         // The smallest power of ten for which one more bounce is skipped.
-        let power = libm::log10(rays(most + 1)).floor();
+        let power = libm::log10(power(shares, most + 1)).floor();
         let help = format!(
             "set `max_depth` of the integrator to at most {most} or its `min_contribution` to at least 1e-{power}, or reduce `samples`"
         );

@@ -154,7 +154,7 @@ impl Lathe {
             center,
             radius: (0.5 + 1e-9) * bounds.extent().length() + rounding,
             own_center: DVec3::new(0.0, 0.0, 0.5 * (low + high)),
-            own_radius: (0.5 * (high - low)).hypot(widest),
+            own_radius: libm::hypot(0.5 * (high - low), widest),
         }
     }
 

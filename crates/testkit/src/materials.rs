@@ -155,18 +155,24 @@ fn specular_ray_laws(material: &dyn Material, point: &SurfaceInteraction, view: 
         found,
         "specular rays must be deterministic"
     );
-    let Some(lobe) = material.glossy_lobe(point, view) else {
-        return;
-    };
-    for branch in found
-        .iter()
-        .filter(|branch| branch.kind == SpecularRayKind::Reflection)
-    {
+    for branch in &found {
+        let Some(lobe) = material.glossy_lobe(point, view, branch.kind) else {
+            continue;
+        };
         let all: Vec<DVec3> = lobe.directions(branch.direction).collect();
-        let most = material.reflections() as usize;
+        let (what, most) = match branch.kind {
+            SpecularRayKind::Reflection => ("reflection", material.reflections() as usize),
+            _ => ("transmission", material.transmissions() as usize),
+        };
         assert!(
             most > 1 && !all.is_empty() && all.len() <= most,
-            "a glossy material must declare its number of reflection rays, found {most}: {place}"
+            "a material with a lobe must declare its number of {what} rays, found {most}: {place}"
+        );
+        let reflects = branch.kind == SpecularRayKind::Reflection;
+        assert!(
+            !plain || (lobe.n.dot(view) >= 0.0) == reflects,
+            "the normal of a lobe must be on the side that the ray goes to, found {}: {place}",
+            lobe.n
         );
         for direction in all {
             let length = direction.length();

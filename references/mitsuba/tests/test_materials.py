@@ -8,6 +8,7 @@ import numpy as np
 from support import DOWN, FLOOR, Case, film
 from whitstone_mitsuba.materials import METALS
 from whitstone_mitsuba.runtime import mi
+from whitstone_mitsuba.shaders import diffuse_transmittance
 
 HEAD = film() + DOWN
 SKY = '[[light]]\ntype = "background"\nradiance = [1, 2, 4]\n'
@@ -338,6 +339,135 @@ class Glossy(Case):
         rules = '[integrator]\ntype = "whitted"\nmax_depth = {}\n'
         self.refuse(HEAD + rules.format(7) + floor('type = "glossy"'), "scene", "16^7")
         self.value(HEAD + rules.format("9\nmin_contribution = 1e-7") + SKY + floor('type = "glossy"'))
+
+
+class Rough(Case):
+    BALL = Glossy.BALL
+
+    def test_a_rough_metal_is_a_weighted_glossy_mirror(self):
+        lobe = "exponent = 7, samples = 2"
+        glossy = self.nodes(OBLIQUE + floor(f'type = "glossy", {lobe}') + self.BALL)
+        rough = self.nodes(OBLIQUE + floor(f'type = "rough", {lobe}, material = {{ type = "conductor", eta = [0.2, 1, 3], k = [4, 2, 0] }}') + self.BALL)
+        smooth = self.nodes(OBLIQUE + floor('type = "conductor", eta = [0.2, 1, 3], k = [4, 2, 0]') + self.BALL)
+        self.assertEqual([node["path"] for node in rough], [node["path"] for node in glossy])
+        self.assertEqual(len(rough), 5)
+        for found, expected in zip(rough[1:], glossy[1:]):
+            self.near(found["p"], expected["p"], rel=1e-5, atol=1e-4)
+            self.near(found["throughput"], np.array(smooth[1]["throughput"]) / 4)
+
+    def test_glass_spreads_both_rays(self):
+        """From straight above, transmitted rays leave a plane in the lobe about -y, whose frame is
+        that of the normal -y.
+        """
+        head = OBLIQUE.replace("origin = [5, 5, 0]", "origin = [0, 5, 0]") + self.BALL
+
+        def of(inner):
+            return self.nodes(head + pane(1, f'type = "rough", exponent = 7, samples = 2, material = {{ {inner} }}'))
+
+        nodes = of('type = "dielectric", interior_ior = 2')
+        paths = [node["path"] for node in nodes]
+        self.assertEqual(paths, ["", "R00", "R01", "R02", "R03", "T00", "T01", "T02", "T03"])
+        a, b, n = np.array([0.8, -0.6, 0]), np.array([0.48, 0.64, 0.6]), np.array([0.0, -1, 0])
+        m = b + n
+        x = a - 2 * a.dot(m) / m.dot(m) * m
+        y = np.cross(n, x)
+        cosine = 0.75 ** (1 / 8)
+        sine = math.sqrt((1 - cosine**2) / 2)
+        expected = [sine * (i * x + j * y) + cosine * n for j in (-1, 1) for i in (-1, 1)]
+        for node, direction in zip(nodes[5:], expected):
+            way = np.array(node["p"]) - [0, 1, 0]
+            self.near(way / np.linalg.norm(way), direction, rel=1e-5, atol=1e-5)
+            self.near(node["throughput"], [8 / 9 / 4 / 4] * 3)
+        for node in nodes[1:5]:
+            self.near(node["throughput"], [1 / 9 / 4] * 3)
+        # The same directions through a pane, whose rays keep their radiance.
+        through = of('type = "thin_dielectric", tint = 0.5')[5:]
+        for node, same in zip(through, nodes[5:]):
+            self.near(node["p"], same["p"], rel=1e-5, atol=1e-4)
+            self.near(node["throughput"], [0.5 * 0.96 / 1.04 / 4] * 3)
+
+    def test_other_terms_are_those_of_the_material(self):
+        ambient = '[[light]]\ntype = "ambient"\nradiance = 4\n'
+        text = 'type = "mix", weight = 0.25, a = { type = "matte", reflectance = 0.5 }, b = { type = "mirror" }'
+        rough = floor(f'type = "rough", exponent = 1e4, material = {{ {text} }}')
+        self.near(self.value(HEAD + SKY + ambient + rough), self.value(HEAD + SKY + ambient + floor(text)), rel=1e-5)
+        filtered = '[integrator]\ntype = "whitted"\nshadows = "filtered"\nmax_depth = 1\n'
+        side = film() + '[camera]\ntype = "perspective"\nlook_at = { origin = [3, 0.3, 0], target = [0, 0, 0] }\n'
+        lamp = '[[light]]\ntype = "point"\nposition = [0, 4, 0]\nintensity = 10\n'
+        glass = 'type = "thin_dielectric", tint = [0.2, 0.5, 1]'
+        smooth, rough = (self.value(side + filtered + lamp + FLOOR + pane(1, text)) for text in (glass, f'type = "rough", material = {{ {glass} }}'))
+        self.near(rough, smooth)
+
+    def test_one_sample_is_the_material(self):
+        for inner in ('type = "dielectric"', 'type = "thin_dielectric"', 'type = "mirror"'):
+            rough = self.nodes(OBLIQUE + SKY + pane(1, f'type = "rough", samples = 1, material = {{ {inner} }}'))
+            self.assertEqual(rough, self.nodes(OBLIQUE + SKY + pane(1, inner)))
+
+    def test_what_cannot_be_rough(self):
+        text = 'type = "rough", material = {{ {} }}'
+        self.refuse(HEAD + floor(text.format('type = "glossy"')), "scene", "material")
+        self.refuse(HEAD + floor(text.format(text.format('type = "mirror"'))), "scene", "material")
+        self.refuse(HEAD + floor(text.format('type = "mask", material = { type = "mirror" }')), "scene", "holes")
+        self.refuse(HEAD + floor(text.format('type = "dielectric", priority = 1')), "scene", "priority")
+        self.refuse(HEAD + floor('type = "rough"'), "scene", "material")
+        self.refuse(HEAD + floor('type = "mask", material = { type = "rough", material = { type = "thin_dielectric" } }'), "scene", "holes")
+        rules = '[integrator]\ntype = "whitted"\nmax_depth = {}\n'
+        glass = floor(text.format('type = "dielectric"').replace("material =", "samples = 2, material =", 1))
+        self.refuse(HEAD + rules.format(9) + glass, "scene", "8^9")
+
+
+class Plastic(Case):
+    def fresnel(self, cosine, index):
+        behind = math.sqrt(1 - (1 - cosine**2) / index**2)
+        s, p = (cosine - index * behind) / (cosine + index * behind), (index * cosine - behind) / (index * cosine + behind)
+        return (s * s + p * p) / 2
+
+    def test_the_diffuse_reflectance(self):
+        # Walsh's closed form.
+        for m in (1.2, 1.5, 2.0, 3.0):
+            walsh = (
+                0.5 + (m - 1) * (3 * m + 1) / (6 * (m + 1) ** 2)
+                + m * m * (m * m - 1) ** 2 / (m * m + 1) ** 3 * math.log((m - 1) / (m + 1))
+                - 2 * m**3 * (m * m + 2 * m - 1) / ((m * m + 1) * (m**4 - 1))
+                + 8 * m**4 * (m**4 + 1) / ((m * m + 1) * (m**4 - 1) ** 2) * math.log(m)
+            )  # fmt: skip
+            self.near(diffuse_transmittance(m), 1 - walsh, rel=1e-13)
+            self.near(diffuse_transmittance(1 / m), (1 - walsh) / m**2, rel=1e-13)
+        self.near(diffuse_transmittance(1.0), 1, rel=1e-13)
+        self.near(diffuse_transmittance(1e4) * 3e4 / 16, 1, rel=1e-2)
+
+    def test_light_on_the_base(self):
+        for index, outside in ((1.5, 1.0), (2.4, 1.0), (1.3, 1.5), (1.0, 1.0)):
+            text = f'type = "plastic", reflectance = [0.8, 0.4, 0.1], interior_ior = {index}, exterior_ior = {outside}'
+            lamp = '[[light]]\ntype = "directional"\ndirection = [0.3, -0.954, 0]\nirradiance = 3\n'
+            m, cosine = index / outside, 0.954 / math.hypot(0.3, 0.954)
+            passed = (1 - self.fresnel(1, m)) * (1 - self.fresnel(cosine, m)) if m != 1 else 1.0
+            expected = np.array([0.8, 0.4, 0.1]) * 3 * cosine * passed / diffuse_transmittance(m) / math.pi
+            self.near(self.value(HEAD + lamp + floor(text)), expected, rel=1e-5)
+            under = floor(text).replace("degrees = -90", "degrees = 90")
+            self.near(self.value(HEAD + lamp + under), expected, rel=1e-5)
+            ambient = '[[light]]\ntype = "ambient"\nradiance = 4\n'
+            self.near(self.value(HEAD + ambient + floor(text)), np.array([0.8, 0.4, 0.1]) * 4 * (1 - self.fresnel(1, m) if m != 1 else 1), rel=1e-5)
+
+    def test_the_coat_reflects(self):
+        nodes = self.nodes(OBLIQUE + SKY + floor('type = "plastic"') + Glossy.BALL)
+        self.assertEqual([node["path"] for node in nodes], ["", "R"])
+        self.near(nodes[1]["throughput"], [self.fresnel(math.sqrt(0.5), 1.5)] * 3, rel=1e-5)
+        spread = self.nodes(OBLIQUE + SKY + floor('type = "plastic", samples = 2, exponent = 7') + Glossy.BALL)
+        glossy = self.nodes(OBLIQUE + SKY + floor('type = "glossy", samples = 2, exponent = 7') + Glossy.BALL)
+        self.assertEqual([node["path"] for node in spread], ["", "R00", "R01", "R02", "R03"])
+        for a, b in zip(spread[1:], glossy[1:]):
+            self.near(a["p"], b["p"], rel=1e-5, atol=1e-4)
+            self.near(a["throughput"], np.array(nodes[1]["throughput"]) / 4)
+
+    def test_textures_of_the_base(self):
+        lamp = '[[light]]\ntype = "directional"\ndirection = [0.3, -0.954, 0]\nirradiance = 3\n'
+        half = self.value(HEAD + lamp + floor('type = "plastic", reflectance = { type = "noise", a = 0.5, b = 0.5 }'))
+        self.near(half, self.value(HEAD + lamp + floor('type = "plastic"')), rel=1e-5)
+
+    def test_bad_numbers(self):
+        for keys in ("reflectance = 1.5", "interior_ior = 0", "exterior_ior = -1", "samples = 9", "exponent = 0"):
+            self.refuse(HEAD + floor(f'type = "plastic", {keys}'), "scene", keys.split()[0])
 
 
 class ReplacedMaterials(Case):

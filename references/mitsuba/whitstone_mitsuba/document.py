@@ -215,12 +215,13 @@ def _only_triangles(tables: Any, camera: Optional[cameras.Camera], errors: List[
 
 
 def _check_ray_count(integrator: Integrator, all_materials: List[materials.Material], shape_list: List[shapes.Shape], errors: List[str]) -> None:
-    """Checks that glossy reflections in glossy surfaces do not produce too many rays."""
+    """Checks that surfaces which spread their branches do not produce too many rays."""
     for number in sorted({shape.material for shape in shape_list}):
-        spread = all_materials[number].spread if number < len(all_materials) else 1
-        bounces = integrator.bounces(spread) if spread > 1 else 0
-        if spread**bounces > 2**24:
-            errors.append(f"material: glossy reflections may split a camera ray into {spread}^{bounces} rays, more than 2^24")
+        spread = [all_materials[number].rays(letter) for letter in "RT"] if number < len(all_materials) else [1]
+        bounces = integrator.bounces(max(spread)) if max(spread) > 1 else 0
+        together = sum(rays for rays in spread if rays > 1)
+        if together**bounces > 2**24:
+            errors.append(f"material: glossy surfaces may split a camera ray into {together}^{bounces} rays, more than 2^24")
 
 
 def _shared(value: Any, name: str, errors: List[str]) -> dict:

@@ -4,7 +4,7 @@ without random numbers.
 All rays of one depth are traced together (a *level*), forward until no ray is left. Then radiance
 is accumulated backward, from the deepest level to the camera, in the order of the model's
 recursion: each node adds its reflected child first (for a glossy surface all of them in order),
-then its transmitted one. No two lanes ever write to the same location, so the result is
+then its transmitted one (through rough glass all of them in order). No two lanes ever write to the same location, so the result is
 bit-identical for any number of threads and any division of the pixels into chunks. (Embree's result
 for a ray does not depend on the other rays in a packet; this was measured lane by lane.)
 
@@ -54,9 +54,11 @@ class Tracer:
         self.native_uv = False
         self.counts = Counts()
         self.levels: List[Level] = []
-        # Upper bound on the number of reflection rays per hit, and the number of lanes that stays
-        # below LANES after branching.
-        self.spread = max((material.spread for material in self.document.materials), default=1)
+        # Upper bounds on the number of branches of each kind per hit and of all that are spread, and
+        # the number of lanes that stays below LANES after branching.
+        materials = self.document.materials
+        self.rays = {letter: max((material.rays(letter) for material in materials), default=1) for letter in "RT"}
+        self.spread = max(sum(rays for rays in self.rays.values() if rays > 1), 1)
         self.lanes = LANES // self.spread
         # Whether any surface lets shadow rays pass.
         integrator = self.document.integrator
@@ -594,11 +596,11 @@ class Tracer:
         # By branch: parents, and lane indices in the concatenated parts.
         found: Dict[str, List[Tuple[np.ndarray, np.ndarray]]] = {}
         offset = 0
-        # Reflections before transmissions; those of a glossy surface in order.
-        for letter, which in [("R", which) for which in range(self.spread)] + [("T", 0)]:
+        # Reflections before transmissions; those that are spread in order.
+        for letter, which in [(letter, which) for letter in "RT" for which in range(self.rays[letter])]:
             for number, lanes in groups.items():
                 material = self.document.materials[number]
-                if letter not in material.branches or which >= (material.spread if letter == "R" else 1):
+                if letter not in material.branches or which >= material.rays(letter):
                     continue
                 rays, weight, keep = self._branch(level, number, letter, which, pad(lanes))
                 kept = np.flatnonzero(keep.numpy()[: len(lanes)])
@@ -606,7 +608,7 @@ class Tracer:
                     continue
                 parts.append(rays)
                 weights.append(weight)
-                name = branch_name(letter, material.spread, which)
+                name = branch_name(letter, material.rays(letter), which)
                 found.setdefault(name, []).append((lanes[kept], kept + offset))
                 offset += dr.width(keep)
         if not parts:
@@ -639,7 +641,7 @@ class Tracer:
         return None if last else everything.gather(np.concatenate(chosen))
 
     def _branch(self, level: Level, number: int, letter: str, which: int, lanes: Any) -> Tuple[Rays, Any, Any]:
-        """One branch of one material at its lanes; `which` is the number of the reflection. Returns
+        """One branch of one material at its lanes; `which` is its number among several. Returns
         rays, weight, and the lanes to follow.
         """
         hits, rays = level.hits, level.rays

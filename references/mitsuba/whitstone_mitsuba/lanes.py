@@ -11,8 +11,8 @@ from .runtime import mi
 
 
 def branch_name(letter: str, spread: int, number: int) -> str:
-    """The name of a branch in the paths of `tree`; several reflections have a two-digit number."""
-    return f"{letter}{number:02}" if letter == "R" and spread > 1 else letter
+    """The name of a branch in the paths of `tree`; one of several has a two-digit number."""
+    return f"{letter}{number:02}" if spread > 1 else letter
 
 
 def mix(h: Any) -> Any:

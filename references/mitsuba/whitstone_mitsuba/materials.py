@@ -1,6 +1,6 @@
 """Readers of materials (model §8), and their BSDFs.
 
-Matte, mirror, conductor, dielectric and thin_dielectric are Mitsuba's own BSDFs. The Phong family
+Matte, mirror, conductor, dielectric, thin_dielectric and plastic are Mitsuba's own BSDFs. The Phong family
 and the constant k_refl / k_refr of the lectures are one Python BSDF, `PhongFamily`: it is hosted by
 Mitsuba's geometry and frames, but its formulas are ours. So is the BSDF of `tabulated`. Ambient terms have no twin in Mitsuba; the
 driver computes them from the reflectance texture. Composite materials have no BSDF: see
@@ -127,12 +127,19 @@ class Material:
     index: Tuple[Vector, Vector] = (BLACK, BLACK)
     # The priority of a dielectric; None if it has none.
     priority: Optional[int] = None
-    # Maximum number of reflection rays per hit.
+    # Maximum number of reflected rays per hit, and of transmitted ones.
     spread: int = 1
+    through: int = 1
+    # Whether it can have holes.
+    holes: bool = False
     # The map that reflections are looked up in; None if they are traced.
     directions: Any = None
     # The BRDF of a tabulated material.
     table: Any = None
+
+    def rays(self, letter: str) -> int:
+        """The maximum number of branches of a kind."""
+        return self.spread if letter == REFLECT else self.through
 
     def hosted(self) -> Optional[Tuple[str, str]]:
         """(plugin type, reason) if the twin is not native."""
@@ -140,6 +147,8 @@ class Material:
             return self.type, "its reflection formula is a Python BSDF, which Mitsuba lacks"
         if self.type in COMPOSITES:
             return self.type, "the driver combines the BSDFs of its parts, which Mitsuba evaluates"
+        if self.type == "plastic":
+            return self.type, "the driver scales the diffuse part of Mitsuba's, which approximates the diffuse Fresnel reflectance by a polynomial"
         if self.type == "glossy":
             return self.type, "the driver chooses the directions around Mitsuba's mirror direction; Mitsuba's rough metals sample theirs at random"
         if self.priority is not None:
@@ -163,6 +172,11 @@ class Material:
             return mi.load_dict({**plugin, "specular_transmittance": built["tint"]})
         if self.type == "tabulated":
             return tabulated.Tabulated(self.table, built["tint"])
+        if self.type == "plastic":
+            ior = self.numbers
+            # Its texture is the driver's: Mitsuba asks for its mean, which Python textures lack.
+            inner = {"type": "plastic", "int_ior": ior["interior_ior"], "ext_ior": ior["exterior_ior"], "diffuse_reflectance": 1.0}
+            return mi.load_dict({"type": "twosided", "inner": inner})
         if self.type in COMPOSITES:
             # The BSDF of Mitsuba's shape; it is never evaluated.
             return mi.load_dict({"type": "diffuse"})
@@ -214,12 +228,15 @@ def _tabulated(fields: Fields, textures: Textures) -> Material:
     return Material("tabulated", ambient, (), True, textures={"tint": tint}, table=table)
 
 
-def _media(fields: Fields) -> Tuple[Dict[str, float], Vector, Vector]:
-    ior = {
+def _indices(fields: Fields) -> Dict[str, float]:
+    return {
         key: fields.number(key, default, lambda value: value > 0, "an index of refraction > 0")
         for key, default in (("interior_ior", 1.5), ("exterior_ior", 1.0))
     }
-    return ior, fields.color("absorption", 0.0), fields.color("exterior_absorption", 0.0)
+
+
+def _media(fields: Fields) -> Tuple[Dict[str, float], Vector, Vector]:
+    return _indices(fields), fields.color("absorption", 0.0), fields.color("exterior_absorption", 0.0)
 
 
 def _whitted(fields: Fields, textures: Textures) -> Material:
@@ -245,12 +262,24 @@ def _mirror(fields: Fields, textures: Textures) -> Material:
     return Material("mirror", None, (REFLECT,), textures={"reflectance": textures.value(fields, "reflectance", 1.0, 0.0, 1.0)})
 
 
+def _lobe(fields: Fields, samples: int) -> Tuple[Dict[str, float], int]:
+    """The numbers of a lobe, whose `samples` have this default, and the number of its directions."""
+    exponent = fields.number("exponent", 100.0, lambda value: value > 0, "an exponent > 0")
+    n = fields.integer("samples", samples, 1, 8)
+    return {"exponent": exponent, "samples": n}, n * n
+
+
 def _glossy(fields: Fields, textures: Textures) -> Material:
     reflectance = textures.value(fields, "reflectance", 1.0, 0.0, 1.0)
-    exponent = fields.number("exponent", 100.0, lambda value: value > 0, "an exponent > 0")
-    n = fields.integer("samples", 4, 1, 8)
-    numbers = {"exponent": exponent, "samples": n}
-    return Material("glossy", None, (REFLECT,), textures={"reflectance": reflectance}, numbers=numbers, spread=n * n)
+    numbers, spread = _lobe(fields, 4)
+    return Material("glossy", None, (REFLECT,), textures={"reflectance": reflectance}, numbers=numbers, spread=spread)
+
+
+def _plastic(fields: Fields, textures: Textures) -> Material:
+    reflectance = textures.value(fields, "reflectance", 0.5, 0.0, 1.0)
+    ior = _indices(fields)
+    numbers, spread = _lobe(fields, 1)
+    return Material("plastic", reflectance, (REFLECT,), True, textures={"reflectance": reflectance}, numbers={**ior, **numbers}, spread=spread)
 
 
 def _dielectric(fields: Fields, textures: Textures) -> Material:
@@ -290,10 +319,7 @@ def _conductor(fields: Fields, textures: Textures) -> Material:
 
 
 def _thin_dielectric(fields: Fields, textures: Textures) -> Material:
-    ior = {
-        key: fields.number(key, default, lambda value: value > 0, "an index of refraction > 0")
-        for key, default in (("interior_ior", 1.5), ("exterior_ior", 1.0))
-    }
+    ior = _indices(fields)
     tint = textures.value(fields, "tint", 1.0, 0.0, 1.0)
     return Material("thin_dielectric", None, (REFLECT, TRANSMIT), textures={"tint": tint}, numbers=ior)
 
@@ -302,7 +328,8 @@ def _composite_of(kind: str, parts: Sequence[Material], **more: Any) -> Material
     """A composite material with the capabilities of all its parts."""
     branches = tuple(letter for letter in (REFLECT, TRANSMIT) if any(letter in part.branches for part in parts))
     return Material(kind, None, branches, any(part.smooth for part in parts), refracts=any(part.refracts for part in parts),
-        normal_mapped=any(part.normal_mapped for part in parts), spread=max([part.spread for part in parts], default=1), **more)
+        normal_mapped=any(part.normal_mapped for part in parts), spread=max([part.spread for part in parts], default=1),
+        through=max([part.through for part in parts], default=1), holes=any(part.holes for part in parts), **more)
 
 
 def _emissive(fields: Fields, textures: Textures, parts: List[Material]) -> Material:
@@ -321,7 +348,19 @@ def _mask(fields: Fields, textures: Textures, parts: List[Material]) -> Material
         fields.error("material", "a material that refracts cannot have holes")
     opacity = textures.value(fields, "opacity", 0.5, 0.0, 1.0)
     made = _composite_of("mask", parts, textures={"opacity": opacity})
-    return replace(made, branches=made.branches if TRANSMIT in made.branches else (*made.branches, TRANSMIT))
+    branches = made.branches if TRANSMIT in made.branches else (*made.branches, TRANSMIT)
+    return replace(made, branches=branches, holes=made.holes or opacity.range()[0] < 1)
+
+
+def _rough(fields: Fields, textures: Textures, parts: List[Material]) -> Material:
+    if parts[0].holes:
+        fields.error("material", "must not have holes, which would be blurred, too")
+    if max(parts[0].spread, parts[0].through) > 1:
+        fields.error("material", "must not spread its rays already")
+    numbers, rays = _lobe(fields, 4)
+    made = _composite_of("rough", parts, numbers=numbers)
+    spread, through = (rays if letter in made.branches else 1 for letter in (REFLECT, TRANSMIT))
+    return replace(made, spread=spread, through=through, refracts=made.refracts or through > 1)
 
 
 def _mix(fields: Fields, textures: Textures, parts: List[Material]) -> Material:
@@ -395,6 +434,7 @@ COMPOSITES: Dict[str, Tuple[Any, Tuple[str, ...], bool]] = {
     "emissive": (_emissive, ("material",), True),
     "reflection_map": (_reflection_map, ("material",), False),
     "mask": (_mask, ("material",), False),
+    "rough": (_rough, ("material",), False),
     "mix": (_mix, ("a", "b"), False),
     "two_sided": (_two_sided, ("front", "back"), False),
     "normal_map": (_normal_map, ("material",), False),
@@ -410,6 +450,7 @@ READERS = {
     "whitted": _whitted,
     "mirror": _mirror,
     "glossy": _glossy,
+    "plastic": _plastic,
     "dielectric": _dielectric,
     "tabulated": _tabulated,
 }

@@ -82,8 +82,8 @@ class Shader:
         return _black()
 
     def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Branch]:
-        """The delta branch of a kind; `number` selects one of several reflections. None if there is
-        no such branch.
+        """The delta branch of a kind; `number` selects one of several. None if there is no such
+        branch.
         """
         return None
 
@@ -182,27 +182,40 @@ def carried(q: Any, a: Any, b: Any) -> Any:
     return dr.select(length > 0, q - m * (2 * dr.dot(q, m) / length), q)
 
 
-class Glossy(Leaf):
-    """A mirror whose reflection is spread over directions."""
+def diffuse_transmittance(m: float) -> float:
+    """The model's 1 - F of plastic for n_t = m n_i, by Gauss quadrature of its definition."""
+    if m < 1:
+        return m * m * diffuse_transmittance(1 / m)
+    nodes, weights = np.polynomial.legendre.leggauss(24)
+    # Panels that shrink towards c = 0, near which R changes fast if the indices are close.
+    ends = 2.0 ** -np.arange(64)
+    starts = np.append(ends[1:], 0)
+    half = (ends - starts) / 2
+    c = ((ends + starts) / 2)[:, None] + half[:, None] * nodes
+    cos_t = np.sqrt(1 - (1 - c**2) / m**2)
+    s, p = c + m * cos_t, m * c + cos_t
+    # 1 - R without cancellation: (x + y)² - (x - y)² = 4 x y.
+    passed = 2 * m * c * cos_t * (1 / s**2 + 1 / p**2)
+    return float(np.sum(half[:, None] * weights * passed * 2 * c))
+
+
+class Plastic(Leaf):
+    """A diffuse base under a smooth coat."""
 
     def __init__(self, material: Any, bsdf: Any) -> None:
         Leaf.__init__(self, material, bsdf)
-        self.lobe = lobe(int(material.numbers["samples"]), material.numbers["exponent"])
+        self._reflectance = material.textures["reflectance"].build()
+        eta = material.numbers["interior_ior"] / material.numbers["exterior_ior"]
+        # Mitsuba divides by this approximation of 1 - F.
+        theirs = eta**2 * (1 - mi.fresnel_diffuse_reflectance(mi.Float(1 / eta)).numpy()[0])
+        self._scale = dr.opaque(mi.Float, float(theirs / diffuse_transmittance(eta)))
 
-    def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Branch]:
-        mirrored = Leaf.branch(self, letter, si)
-        if mirrored is None or number >= len(self.lobe):
-            return None
-        n = mi.Vector3f(si.sh_frame.n)
-        n = dr.select(si.wi.z < 0, -n, n)
-        r = mi.Vector3f(si.to_world(mirrored.wo))
-        axis, across = (mi.Vector3f(opaque_color(vector)) for vector in (AXIS, ACROSS))
-        x = carried(carried(across, axis, n), n, r)
-        # Already perpendicular, except for rounding next to the pole.
-        x = dr.normalize(x - dr.dot(x, r) * r)
-        y = dr.cross(r, x)
-        a, b, c = opaque_color(self.lobe[number])
-        return Branch(mirrored.weight * dr.opaque(mi.Float, 1 / len(self.lobe)), si.to_local(a * x + b * y + c * r))
+    def ambient(self, si: Any) -> Any:
+        cosine = dr.abs(mi.Frame3f.cos_theta(si.wi))
+        return Leaf.ambient(self, si) * (1 - mi.fresnel(cosine, self._eta)[0])
+
+    def local(self, si: Any, wo: Any) -> Any:
+        return self._reflectance.eval(si) * (self._scale * Leaf.local(self, si, wo))
 
 
 class Over(Shader):
@@ -234,6 +247,32 @@ class Over(Shader):
 
     def steps(self, letter: str, si: Any, steps: Steps) -> Steps:
         return self.under.steps(letter, si, steps)
+
+
+class Rough(Over):
+    """A material whose branches are spread over directions."""
+
+    def __init__(self, numbers: Any, under: Shader) -> None:
+        Over.__init__(self, under)
+        self.lobe = lobe(int(numbers["samples"]), numbers["exponent"])
+
+    def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Branch]:
+        found = None if number >= len(self.lobe) else self.under.branch(letter, si)
+        if found is None:
+            return None
+        # The normal on the side that the branch goes to.
+        n = mi.Vector3f(si.sh_frame.n)
+        n = dr.select(si.wi.z < 0, -n, n)
+        n = n if letter == "R" else -n
+        d = mi.Vector3f(si.to_world(found.wo))
+        axis, across = (mi.Vector3f(opaque_color(vector)) for vector in (AXIS, ACROSS))
+        x = carried(carried(across, axis, n), n, d)
+        # Already perpendicular, except for rounding next to the pole.
+        x = dr.normalize(x - dr.dot(x, d) * d)
+        y = dr.cross(d, x)
+        a, b, c = opaque_color(self.lobe[number])
+        weight = found.weight * dr.opaque(mi.Float, 1 / len(self.lobe))
+        return replace(found, weight=weight, wo=si.to_local(a * x + b * y + c * d))
 
 
 class Emissive(Over):
@@ -301,6 +340,8 @@ class Mask(Shader):
         opacity, branch = self._opacity(si), self.inner.branch(letter, si, number)
         if letter == "R":
             return None if branch is None else Branch(opacity * branch.weight, branch.wo)
+        if number > 0:
+            return None
         behind = 1 - opacity
         return _straight(si, behind if branch is None else behind + opacity * branch.weight)
 
@@ -617,6 +658,11 @@ class Bump(NormalMapped):
         return normal - (gradient - np.sum(gradient * normal, axis=0) * normal)
 
 
+def spread(material: Any, under: Shader) -> Shader:
+    """A shader whose branches are spread by the lobe of a material."""
+    return Rough(material.numbers, under) if material.numbers["samples"] > 1 else under
+
+
 def build(materials: Sequence[Any], bsdfs: Sequence[Any], table: Any) -> Tuple[Shader, ...]:
     """A shader for each material; parts come before the composites that use them. `table` contains
     the attributes of vertices.
@@ -640,8 +686,12 @@ def build(materials: Sequence[Any], bsdfs: Sequence[Any], table: Any) -> Tuple[S
             built.append(BumpVectors(material, table, parts[0]))
         elif material.type == "bump":
             built.append(Bump(material.textures["height"], material.numbers["scale"], material.numbers["step"], parts[0]))
+        elif material.type == "rough":
+            built.append(spread(material, parts[0]))
+        elif material.type == "plastic":
+            built.append(spread(material, Plastic(material, bsdf)))
         elif material.type == "glossy":
-            built.append(Glossy(material, bsdf))
+            built.append(spread(material, Leaf(material, bsdf)))
         else:
             built.append(Leaf(material, bsdf))
     return tuple(built)

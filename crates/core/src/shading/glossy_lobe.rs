@@ -1,21 +1,22 @@
-//! Glossy reflection by several rays.
+//! Glossy reflection and blurred transmission by several rays.
 //!
 //! Cook, Porter and Carpenter, *Distributed ray tracing*, SIGGRAPH 1984, section 4.1: a glossy
-//! reflection is traced in several directions around the mirror direction. Here the directions are
-//! fixed, the same at every point and in every renderer, so that there is no noise. The minimal
-//! rotation carries them to the mirror direction, so that they vary continuously except at one
-//! pole.
+//! reflection is traced in several directions around the mirror direction, and light through rough
+//! glass in several directions around the refracted one. Here the directions are fixed, the same at
+//! every point and in every renderer, so that there is no noise. The minimal rotation carries them
+//! to the direction that they surround, so that they vary continuously except at one pole.
 //!
 //! Only scenes with glossy materials pay for it: their rays are traced one at a time.
 
 use crate::{DVec3, PathLetter, Scene, SpecularRay, SpecularRayKind, SpecularRays, SurfaceInteraction};
 
-/// The glossy lobe of a surface: the reflection ray, split into equally weighted directions.
+/// The glossy lobe of a surface: a specular ray, split into equally weighted directions.
 #[derive(Clone, Copy, Debug)]
 pub struct GlossyLobe<'a> {
-    /// Unit normal on the viewer's side.
+    /// Unit normal on the side that the ray goes to: the viewer's for a reflection, else the other
+    /// one.
     pub n: DVec3,
-    /// Unit vectors around +z, which represents the mirror direction.
+    /// Unit vectors around +z, which represents the direction of the specular ray.
     pub lobe: &'a [DVec3],
 }
 
@@ -40,18 +41,18 @@ fn carried(q: DVec3, a: DVec3, b: DVec3) -> DVec3 {
 }
 
 impl GlossyLobe<'_> {
-    /// The directions around a mirror direction, in order.
-    pub fn directions(&self, mirrored: DVec3) -> impl DoubleEndedIterator<Item = DVec3> + ExactSizeIterator {
-        let x = carried(carried(ACROSS, AXIS, self.n), self.n, mirrored);
+    /// The directions around that of the specular ray, in order.
+    pub fn directions(&self, middle: DVec3) -> impl DoubleEndedIterator<Item = DVec3> + ExactSizeIterator {
+        let x = carried(carried(ACROSS, AXIS, self.n), self.n, middle);
         // Already perpendicular, except for rounding errors near the pole.
-        let x = (x - x.dot(mirrored) * mirrored).normalize();
-        let y = mirrored.cross(x);
-        self.lobe.iter().map(move |q| q.x * x + q.y * y + q.z * mirrored)
+        let x = (x - x.dot(middle) * middle).normalize();
+        let y = middle.cross(x);
+        self.lobe.iter().map(move |q| q.x * x + q.y * y + q.z * middle)
     }
 }
 
 impl Scene {
-    /// Calls `visit` for each specular ray of a surface in reverse order. A glossy reflection is
+    /// Calls `visit` for each specular ray of a surface in reverse order. One that is spread is
     /// visited as all its rays.
     pub fn for_each_branch_rev(
         &self,
@@ -62,16 +63,19 @@ impl Scene {
         mut visit: impl FnMut(&SpecularRay, PathLetter),
     ) {
         for branch in branches.iter().rev() {
-            let letter = PathLetter::from(branch.kind);
-            if !self.has_glossy_reflections || branch.kind != SpecularRayKind::Reflection {
-                visit(branch, letter);
+            if !self.has_glossy_rays {
+                visit(branch, PathLetter::from(branch.kind));
                 continue;
             }
             let material = &self.materials[shape as usize];
-            let Some(glossy_lobe) = material.glossy_lobe(point, view) else {
-                // Not glossy here, for example on this side of the surface: labelled as ray 0 of a
-                // glossy reflection.
-                visit(branch, PathLetter::among(material.reflections(), 0));
+            let most = match branch.kind {
+                SpecularRayKind::Reflection => material.reflections(),
+                SpecularRayKind::Transmission { .. } | SpecularRayKind::Null => material.transmissions(),
+            };
+            let Some(glossy_lobe) = material.glossy_lobe(point, view, branch.kind) else {
+                // Not spread here, for example on this side of the surface: labelled as ray 0 of
+                // several.
+                visit(branch, PathLetter::among(branch.kind, most, 0));
                 continue;
             };
             let all = glossy_lobe.directions(branch.direction);
@@ -82,7 +86,7 @@ impl Scene {
                     weight,
                     ..*branch
                 };
-                visit(&branch, PathLetter::among(material.reflections(), number as u8));
+                visit(&branch, PathLetter::among(branch.kind, most, number as u8));
             }
         }
     }

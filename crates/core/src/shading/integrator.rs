@@ -107,8 +107,8 @@ pub struct Scene {
     pub light_margin: f64,
     /// The nested dielectrics, if there are any. Rays are then traced one at a time.
     pub bodies: Option<NestedDielectrics>,
-    /// Whether some material has glossy reflections, traced by several rays.
-    pub(crate) has_glossy_reflections: bool,
+    /// Whether some material spreads its specular rays, each traced by several rays.
+    pub(crate) has_glossy_rays: bool,
     /// See [`Scene::requires_scalar_tracing`].
     requires_scalar_tracing: bool,
     /// The shape of each variant: see [`Self::set_variants`].
@@ -154,7 +154,9 @@ impl Scene {
             chosen
         };
         let bodies = NestedDielectrics::of(&materials);
-        let has_glossy_reflections = materials.iter().any(|material| material.reflections() > 1);
+        let has_glossy_rays = materials
+            .iter()
+            .any(|material| material.reflections() > 1 || material.transmissions() > 1);
         let (samplers, backgrounds) = (giving(LightFlags::SAMPLES), giving(LightFlags::BACKGROUND));
         Self {
             geometry,
@@ -166,9 +168,9 @@ impl Scene {
             backgrounds,
             ambient,
             light_margin: 0.0,
-            requires_scalar_tracing: bodies.is_some() || has_glossy_reflections,
+            requires_scalar_tracing: bodies.is_some() || has_glossy_rays,
             bodies,
-            has_glossy_reflections,
+            has_glossy_rays,
             variants: Vec::new(),
             needs,
             responses,
@@ -779,8 +781,8 @@ impl Scratch {
 /// all nodes is the radiance along the camera ray.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TreeNode {
-    /// "" for the camera ray, then a letter per branch: R for reflection, T for transmission. A ray
-    /// of a glossy reflection is R and its number in two digits.
+    /// "" for the camera ray, then a letter per branch: R for reflection, T for transmission. If the
+    /// branch is one of several (glossy reflection, rough glass), its number in two digits follows.
     pub path: String,
     /// The ray itself, in world space, with unit direction.
     pub ray: Ray,

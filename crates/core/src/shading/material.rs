@@ -115,10 +115,20 @@ pub trait Material: Send + Sync {
         1
     }
 
-    /// The glossy lobe around the mirror direction of the reflection ray; `None` for a perfect
-    /// mirror.
-    fn glossy_lobe(&self, point: &SurfaceInteraction, view: DVec3) -> Option<GlossyLobe<'_>> {
-        let _ = (point, view);
+    /// Maximum number of transmitted and undeviated rays per hit: 1 unless the material is rough
+    /// glass.
+    fn transmissions(&self) -> u32 {
+        1
+    }
+
+    /// The lobe over which the specular ray of this kind is spread; `None` if it is not.
+    fn glossy_lobe(
+        &self,
+        point: &SurfaceInteraction,
+        view: DVec3,
+        kind: SpecularRayKind,
+    ) -> Option<GlossyLobe<'_>> {
+        let _ = (point, view, kind);
         None
     }
 }

@@ -74,15 +74,17 @@ pub enum PathLetter {
     T,
     /// One ray of a glossy reflection, by its number.
     Among(u8),
+    /// One ray of a transmission that is spread, by its number.
+    Through(u8),
 }
 
 impl PathLetter {
-    /// Ray `number` of a reflection by `reflections` rays; R if there is only one.
-    pub fn among(reflections: u32, number: u8) -> Self {
-        if reflections > 1 {
-            Self::Among(number)
-        } else {
-            Self::R
+    /// Ray `number` of a specular ray that is spread over `rays` rays; R or T if there is only one.
+    pub fn among(kind: SpecularRayKind, rays: u32, number: u8) -> Self {
+        match Self::from(kind) {
+            Self::R if rays > 1 => Self::Among(number),
+            Self::T if rays > 1 => Self::Through(number),
+            letter => letter,
         }
     }
 }
@@ -93,6 +95,7 @@ impl fmt::Display for PathLetter {
             Self::R => f.write_str("R"),
             Self::T => f.write_str("T"),
             Self::Among(number) => write!(f, "R{number:02}"),
+            Self::Through(number) => write!(f, "T{number:02}"),
         }
     }
 }

@@ -93,7 +93,7 @@ impl PathSums {
         let event = match letter {
             PathLetter::R => 0,
             PathLetter::Among(_) => 1,
-            PathLetter::T => 2,
+            PathLetter::T | PathLetter::Through(_) => 2,
         };
         self.classes.states[from as usize].next[event]
     }

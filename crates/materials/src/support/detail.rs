@@ -6,8 +6,8 @@ use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::Vector3;
 use whitstone_core::{
-    BsdfFlags, ColorSource, DVec3, GlossyLobe, LightSamples, Material, Rgb, SceneErrors, SpecularRays,
-    SurfaceAttributes, SurfaceInteraction, TangentField, Transmittance,
+    BsdfFlags, ColorSource, DVec3, GlossyLobe, LightSamples, Material, Rgb, SceneErrors, SpecularRayKind,
+    SpecularRays, SurfaceAttributes, SurfaceInteraction, TangentField, Transmittance,
 };
 
 /// The key `tangent`: a direction, or "mesh".
@@ -140,7 +140,16 @@ impl<D: Detail> Material for Detailed<D> {
         self.inner.reflections()
     }
 
-    fn glossy_lobe(&self, point: &SurfaceInteraction, view: DVec3) -> Option<GlossyLobe<'_>> {
-        self.inner.glossy_lobe(&self.at(point, view), view)
+    fn transmissions(&self) -> u32 {
+        self.inner.transmissions()
+    }
+
+    fn glossy_lobe(
+        &self,
+        point: &SurfaceInteraction,
+        view: DVec3,
+        kind: SpecularRayKind,
+    ) -> Option<GlossyLobe<'_>> {
+        self.inner.glossy_lobe(&self.at(point, view), view, kind)
     }
 }

@@ -28,6 +28,20 @@
 //! - `r_p = (n_t - n_i)(n_t + n_i)(c_i - eta s)(c_i + eta s)/D_p²`, zero at Brewster's angle,
 //! - `1 - R = 2 n_i n_t c_i c_t (1/D_s² + 1/D_p²)`, from `(a + b)² - (a - b)² = 4 a b`.
 
+//!
+//! **Diffuse reflectance.** `F`, the mean of R over the hemisphere weighted by the cosine, has a
+//! closed form (Walsh 1926, cited by Duntley, *The optical properties of diffusing materials*, 1942).
+//! Its terms cancel for near indices, and `1 - F`, by which materials divide, for distant ones. With
+//! `c_i = q sinh u`, `m c_t = q cosh u`, `q² = m² - 1`, `m = n_t/n_i > 1` and `w = e^(-2u)`, the
+//! amplitudes are rational: `r_s = -w`, `r_p = (b - w)/(1 - b w)` with `b = (m² - 1)/(m² + 1)`, so
+//! that with `a = (m - 1)/(m + 1)`
+//!
+//! - `1 - F = a/(2 (1 - a)²) (integral from a to 1 of (1 - w²)²/w² (1 + (1 - b²)/(1 - b w)²) dw)`,
+//!
+//! where nothing is negative. Partial fractions integrate it. For a small b they cancel, and the
+//! series of `1/(1 - b w)²` is integrated instead. From the denser side,
+//! `1 - F(1/m) = (1 - F(m))/m²`.
+
 use whitstone_core::DVec3;
 use whitstone_core::simd::select;
 
@@ -201,6 +215,67 @@ impl Interface {
         }
     }
 }
+
+impl Interface {
+    /// Fresnel reflectance and transmittance of a ray; 1 and 0 at total internal reflection.
+    #[inline(always)]
+    pub(crate) fn shares(&self, n: DVec3, v: DVec3) -> Fresnel {
+        let crossing = self.cross(n, v);
+        let fresnel = self.fresnel(&crossing);
+        Fresnel {
+            reflected: select(crossing.total, 1.0, fresnel.reflected),
+            transmitted: select(crossing.total, 0.0, fresnel.transmitted),
+        }
+    }
+
+    /// 1 - F: the share of light that the interface transmits, if its radiance is the same from all
+    /// directions. See the module documentation.
+    pub(crate) fn diffuse_transmittance(&self) -> f64 {
+        if self.is_open() {
+            return 1.0;
+        }
+        // The indices are in units of the larger one: 1 and u = 1/m.
+        let (d, u) = (self.difference.abs(), self.n_i.min(self.n_t));
+        let (s, square) = (1.0 + u, 1.0 + u * u);
+        let (a, b) = (d / s, d * s / square);
+        // ln(1/a).
+        let log_a = libm::log1p(2.0 * u / d);
+        let polarised_s = 2.0 * u * (2.0 + u) / (3.0 * s * s);
+        let polarised_p = if b < 0.25 {
+            // a times the integral of w^j (1 - w²)², for j = -2, -1, 0, ...
+            let first = [
+                (1.0 - a).powi(3) * (3.0 + a) / 3.0,
+                a * (log_a - (1.0 - a * a) + 0.25 * (1.0 - a.powi(4))),
+            ];
+            let part = |j: i32| (1.0 - a.powi(j)) / f64::from(j);
+            let others = (0..SERIES).map(|j| a * (part(j + 1) - 2.0 * part(j + 3) + part(j + 5)));
+            let terms = first.into_iter().chain(others).zip(0..);
+            let sum: f64 = terms
+                .map(|(integral, k)| f64::from(k + 1) * b.powi(k) * integral)
+                .sum();
+            (1.0 - b) * (1.0 + b) / (2.0 * (1.0 - a) * (1.0 - a)) * sum
+        } else {
+            let log_m = if d < 0.5 { -libm::log1p(-d) } else { -libm::log(u) };
+            // 1 - b² = x².
+            let x = 2.0 * u / square;
+            let (b2, b3) = (b * b, b * b * b);
+            let integral = 2.0 * u / (b2 * s) + 2.0 * b * log_a + 2.0 * u / d
+                - 2.0 * x * x * (1.0 + b2) / b3 * log_m
+                + x * x * (x / u) * d / b3;
+            b * integral / (2.0 * square)
+        };
+        let denser = polarised_s + polarised_p;
+        if self.n_i < self.n_t {
+            denser
+        } else {
+            denser * u * u
+        }
+    }
+}
+
+/// Terms of the series for the diffuse reflectance, of which each is less than a quarter of the one
+/// before.
+const SERIES: i32 = 30;
 
 #[cfg(test)]
 mod tests;

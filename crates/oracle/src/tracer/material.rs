@@ -14,7 +14,7 @@ use super::texture::Texture;
 use bodies::Face;
 use medium::{Medium, MediumState};
 use read::Source;
-use std::f64::consts::PI;
+use std::f64::consts::{FRAC_PI_2, PI};
 use tabulated::Brdf;
 use whitstone_core::config::{Color, PluginRef};
 use whitstone_core::{DVec2, DVec3, Rgb, SceneErrors};
@@ -75,8 +75,15 @@ enum Kind {
     /// A BRDF and its tint.
     Tabulated(Brdf, Texture),
     Mirror(Texture),
-    /// Directions about +z, equally weighted.
-    Glossy(Texture, Vec<DVec3>),
+    /// The material whose rays are spread, and directions about +z, equally weighted.
+    Spread(Box<Kind>, Vec<DVec3>),
+    Plastic {
+        reflectance: Texture,
+        /// Index of refraction of the coat relative to outside.
+        index: f64,
+        /// 1 - F.
+        entered: f64,
+    },
     Dielectric(Interface),
     /// Index of refraction inside relative to outside, and the tint.
     Pane(f64, Texture),
@@ -154,6 +161,7 @@ impl Kind {
             || match self {
                 Self::Emissive(_, inner) => inner.as_ref().is_some_and(|inner| inner.contains(wanted)),
                 Self::Mask(_, inner)
+                | Self::Spread(inner, _)
                 | Self::Mapped(_, inner)
                 | Self::NormalMap { inner, .. }
                 | Self::Bump { inner, .. }
@@ -335,6 +343,7 @@ impl At<'_> {
                 w.map(|w| 1.0 - w) * of(&self.with(a)) + w * of(&self.with(b))
             }
             Kind::Mask(opacity, inner) => opacity.at(&self.spot) * of(&self.with(inner)),
+            Kind::Spread(inner, _) => of(&self.with(inner)),
             _ => of(&self.perturbed()?),
         })
     }
@@ -362,6 +371,9 @@ impl At<'_> {
     pub(super) fn ambient(&self, radiance: Rgb) -> Rgb {
         match self.kind {
             Kind::Matte(reflectance) => reflectance.at(&self.spot) * radiance,
+            Kind::Plastic {
+                reflectance, index, ..
+            } => reflectance.at(&self.spot) * radiance * (1.0 - fresnel(self.n.dot(self.viewer), *index)),
             Kind::Gloss { k, .. } => k[2].at(&self.spot) * radiance,
             Kind::Tabulated(brdf, tint) => tint.at(&self.spot) * brdf.albedo() * radiance,
             Kind::Emissive(_, Some(inner)) | Kind::Mapped(_, inner) => self.with(inner).ambient(radiance),
@@ -377,6 +389,15 @@ impl At<'_> {
         let cosine = self.n.dot(l).max(0.0);
         match self.kind {
             Kind::Matte(reflectance) => reflectance.at(&self.spot) * (cosine / PI),
+            Kind::Plastic {
+                reflectance,
+                index,
+                entered,
+            } => {
+                let passed = |direction: DVec3| 1.0 - fresnel(self.n.dot(direction), *index);
+                let both = passed(self.viewer) * passed(l) / entered;
+                reflectance.at(&self.spot) * (both * cosine / PI)
+            }
             Kind::Gloss {
                 k,
                 exponent,
@@ -433,16 +454,22 @@ impl At<'_> {
             }
             | Kind::Emissive(_, None) => Vec::new(),
             Kind::Mirror(reflectance) => vec![reflected(reflectance.at(&self.spot))],
-            Kind::Glossy(reflectance, lobe) => {
-                let weight = reflectance.at(&self.spot) * (1.0 / lobe.len() as f64);
-                let r = reflected(weight);
-                let [x, y] = self.across(r.direction);
-                let about = |q: &DVec3| SpecularRay {
-                    // `course` remains the mirror direction.
-                    direction: q.x * x + q.y * y + q.z * r.direction,
-                    ..r
-                };
-                lobe.iter().map(about).collect()
+            Kind::Spread(inner, lobe) => {
+                let mut all = Vec::new();
+                for ray in self.with(inner).specular_rays(medium) {
+                    let n = if ray.transmitted { -self.n } else { self.n };
+                    let [x, y] = across(n, ray.direction);
+                    all.extend(lobe.iter().map(|q| SpecularRay {
+                        // `course` remains the direction in the middle.
+                        direction: q.x * x + q.y * y + q.z * ray.direction,
+                        weight: ray.weight * (1.0 / lobe.len() as f64),
+                        ..ray
+                    }));
+                }
+                all
+            }
+            Kind::Plastic { index, .. } => {
+                vec![reflected(Rgb::splat(fresnel(self.n.dot(self.viewer), *index)))]
             }
             Kind::Metal { eta, k, tint } => {
                 let c = self.n.dot(self.viewer);
@@ -451,7 +478,7 @@ impl At<'_> {
                 vec![reflected(tint.at(&self.spot) * Rgb::from(r))]
             }
             Kind::Pane(eta, tint) => {
-                let r = reflectance(self.n.dot(self.viewer), *eta);
+                let r = fresnel(self.n.dot(self.viewer), *eta);
                 vec![
                     reflected(Rgb::splat(2.0 * r / (1.0 + r))),
                     straight(tint.at(&self.spot) * ((1.0 - r) / (1.0 + r))),
@@ -536,6 +563,7 @@ impl At<'_> {
             Kind::Emissive(_, Some(inner)) | Kind::Mapped(_, inner) => {
                 self.with(inner).transmittance(filtered, medium)
             }
+            Kind::Spread(inner, _) => self.with(inner).transmittance(filtered, medium),
             Kind::Sides(sides) => self.side(sides).transmittance(filtered, medium),
             Kind::Mask(opacity, inner) => {
                 let o = opacity.at(&self.spot);
@@ -566,7 +594,7 @@ impl At<'_> {
                 }
             }
             Kind::Pane(eta, tint) if filtered => {
-                let r = reflectance(self.n.dot(self.viewer), *eta);
+                let r = fresnel(self.n.dot(self.viewer), *eta);
                 (tint.at(&self.spot) * ((1.0 - r) / (1.0 + r)), None)
             }
             Kind::Gloss {
@@ -583,22 +611,10 @@ impl At<'_> {
         }
     }
 
-    /// The axes of a lobe about r: the frame of the model is rotated along the shortest path to n,
-    /// then to r.
-    fn across(&self, r: DVec3) -> [DVec3; 2] {
-        let turned = |q: DVec3, a: DVec3, b: DVec3| {
-            let m = (a + b).try_normalize();
-            m.map_or(q, |m| q - 2.0 * q.dot(m) * m)
-        };
-        let (x, z) = (DVec3::new(0.8, -0.6, 0.0), DVec3::new(0.48, 0.64, 0.6));
-        let x = turned(turned(x, z, self.n), self.n, r);
-        [x, r.cross(x)]
-    }
-
     /// The Fresnel transmittance of undeviated light.
     fn passes(&self, interface: &Interface) -> Rgb {
         let [a, b] = interface.ior;
-        let r = reflectance(self.n.dot(self.viewer).abs(), a.max(b) / a.min(b));
+        let r = fresnel(self.n.dot(self.viewer).abs(), a.max(b) / a.min(b));
         Rgb::splat(1.0 - r)
     }
 
@@ -657,8 +673,20 @@ impl At<'_> {
         }
         let cos_t = (1.0 - sine).sqrt();
         let direction = (eta * cos_i - cos_t) * self.n - eta * self.viewer;
-        Some((specular_ray(direction), reflectance(cos_i, n_t / n_i), eta))
+        Some((specular_ray(direction), fresnel(cos_i, n_t / n_i), eta))
     }
+}
+
+/// The axes of a lobe about a direction: the frame of the model is rotated along the shortest path
+/// to the normal, then to the direction.
+fn across(n: DVec3, direction: DVec3) -> [DVec3; 2] {
+    let turned = |q: DVec3, a: DVec3, b: DVec3| {
+        let m = (a + b).try_normalize();
+        m.map_or(q, |m| q - 2.0 * q.dot(m) * m)
+    };
+    let (x, z) = (DVec3::new(0.8, -0.6, 0.0), DVec3::new(0.48, 0.64, 0.6));
+    let x = turned(turned(x, z, n), n, direction);
+    [x, direction.cross(x)]
 }
 
 /// Directions through n x n strata of the lobe cos^exponent about +z.
@@ -674,7 +702,7 @@ fn lobe(n: u32, exponent: f64) -> Vec<DVec3> {
 
 /// Fresnel reflectance of a dielectric for unpolarised light. `index` is the index behind the
 /// surface relative to that in front. 1 for total internal reflection.
-fn reflectance(cosine: f64, index: f64) -> f64 {
+fn fresnel(cosine: f64, index: f64) -> f64 {
     if index == 1.0 {
         return 0.0;
     }
@@ -686,6 +714,25 @@ fn reflectance(cosine: f64, index: f64) -> f64 {
     let r_s = (cosine - index * behind) / (cosine + index * behind);
     let r_p = (index * cosine - behind) / (index * cosine + behind);
     0.5 * (r_s * r_s + r_p * r_p)
+}
+
+/// 1 - F of `plastic` for a relative index, by tanh-sinh quadrature of the definition (Takahasi and
+/// Mori 1974), whose points crowd at both ends.
+fn diffuse_transmittance(index: f64) -> f64 {
+    if index < 1.0 {
+        return index * index * diffuse_transmittance(1.0 / index);
+    }
+    const STEPS_PER_UNIT: i32 = 64;
+    let step = 1.0 / f64::from(STEPS_PER_UNIT);
+    let part = |k: i32| {
+        let t = step * f64::from(k);
+        let arc = FRAC_PI_2 * t.sinh();
+        // (1 + tanh)/2 in a form that is accurate near 0.
+        let cosine = 1.0 / (1.0 + (-2.0 * arc).exp());
+        let slope = FRAC_PI_2 * t.cosh() * 0.5 / (arc.cosh() * arc.cosh());
+        step * slope * 2.0 * cosine * (1.0 - fresnel(cosine, index))
+    };
+    (-4 * STEPS_PER_UNIT..=4 * STEPS_PER_UNIT).map(part).sum()
 }
 
 /// Fresnel reflectance of a metal with the index `eta + i k`.

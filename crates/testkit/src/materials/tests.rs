@@ -8,6 +8,9 @@ struct Made {
     branches: fn(&SurfaceInteraction, DVec3) -> Vec<SpecularRay>,
     lobe: &'static [DVec3],
     reflections: u32,
+    transmissions: u32,
+    /// The sign of the lobe's normal.
+    side: fn(SpecularRayKind) -> f64,
 }
 
 impl Material for Made {
@@ -28,9 +31,18 @@ impl Material for Made {
     fn reflections(&self) -> u32 {
         self.reflections
     }
-    fn glossy_lobe(&self, point: &SurfaceInteraction, view: DVec3) -> Option<GlossyLobe<'_>> {
-        let n = point.n_towards(view);
-        (!self.lobe.is_empty()).then_some(GlossyLobe { n, lobe: self.lobe })
+    fn transmissions(&self) -> u32 {
+        self.transmissions
+    }
+    fn glossy_lobe(
+        &self,
+        point: &SurfaceInteraction,
+        view: DVec3,
+        kind: SpecularRayKind,
+    ) -> Option<GlossyLobe<'_>> {
+        let n = (self.side)(kind) * point.n_towards(view);
+        let spread = kind == SpecularRayKind::Reflection || self.transmissions > 1;
+        (!self.lobe.is_empty() && spread).then_some(GlossyLobe { n, lobe: self.lobe })
     }
 }
 
@@ -66,6 +78,14 @@ const RIGHT: Made = Made {
     branches: |_, _| Vec::new(),
     lobe: &[],
     reflections: 1,
+    transmissions: 1,
+    side: |kind| {
+        if kind == SpecularRayKind::Reflection {
+            1.0
+        } else {
+            -1.0
+        }
+    },
 };
 
 /// A glossy lobe of two directions, at a cosine of 0.8 to the mirror direction.
@@ -93,6 +113,28 @@ fn a_correct_material_passes() {
 fn a_glossy_material_passes() {
     material_laws(&Made {
         lobes: all(),
+        ..SPREAD
+    });
+}
+
+#[test]
+fn a_material_that_spreads_both_rays_passes() {
+    material_laws(&Made {
+        lobes: all(),
+        branches: |point, view| vec![mirrored(point, view), straight(view)],
+        transmissions: 2,
+        ..SPREAD
+    });
+}
+
+#[test]
+#[should_panic(expected = "the normal of a lobe must be on the side")]
+fn a_lobe_on_the_wrong_side_is_found() {
+    material_laws(&Made {
+        lobes: all(),
+        branches: |point, view| vec![mirrored(point, view), straight(view)],
+        transmissions: 2,
+        side: |_| 1.0,
         ..SPREAD
     });
 }

@@ -389,7 +389,7 @@
   const rayName = ({ path }) => (path === "" ? "camera ray" : `ray ${path}`);
   const target = (ray) => (ray.limit ? "beyond the depth limit" : ray.shape < 0 ? "hits nothing" : `hits ${ray.name ?? `shape ${ray.shape}`}`);
   const words = (ray) => {
-    const kind = ray.path === "" ? "The camera ray" : ray.path.endsWith("T") ? "The transmitted ray" : "The reflected ray";
+    const kind = ray.path === "" ? "The camera ray" : /T\d*$/.test(ray.path) ? "The transmitted ray" : "The reflected ray";
     const hit = ray.shape < 0 ? "" : ` at (${vector(ray.position)}), ${number(ray.t)} m away, where the normal is (${vector(ray.n_s)})`;
     const adds = ray.throughput.map((value, channel) => value * ray.local[channel]);
     return `${kind} ${ray.path} goes from (${vector(ray.origin)}) along (${vector(ray.direction)}) and ${target(ray)}${hit}. There, ${vector(ray.local)} arises; with the throughput ${vector(ray.throughput)} it adds ${vector(adds)} to the pixel.`;
@@ -412,7 +412,7 @@
       const current = index === step ? " current" : "";
       // The camera ray is a point in its own picture.
       if (ray.line && ray.path !== "") {
-        const kind = ray.path.endsWith("T") ? "T" : "R";
+        const kind = /T\d*$/.test(ray.path) ? "T" : "R";
         shapes.push(line(ray.line, `outline${current}`), line(ray.line, `${kind}${current}`));
       }
       if (ray.normal && (step === null ? false : current)) shapes.push(line(ray.normal, "normal"));

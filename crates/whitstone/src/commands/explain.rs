@@ -116,6 +116,12 @@ fn reflections(pipeline: &Pipeline) -> u32 {
     all.map(|material| material.reflections()).max().unwrap_or(1)
 }
 
+/// The maximum number of transmitted rays per hit.
+fn transmissions(pipeline: &Pipeline) -> u32 {
+    let all = pipeline.scene.materials.iter();
+    all.map(|material| material.transmissions()).max().unwrap_or(1)
+}
+
 /// The memory in use while the scene renders, as far as it is reported.
 fn bytes(costs: &[Cost]) -> u64 {
     costs.iter().filter_map(|cost| cost.bytes).sum()
@@ -232,6 +238,11 @@ fn print_pipeline(pipeline: &Pipeline, names: &Names) {
         let text = format!("up to {reflections} reflection rays per hit; rays are traced one by one");
         row("reflections", &text);
     }
+    let transmissions = transmissions(pipeline);
+    if transmissions > 1 {
+        let text = format!("up to {transmissions} transmitted rays per hit; rays are traced one by one");
+        row("transmissions", &text);
+    }
     row("needs", &or_none(needs(pipeline)));
     let costs = pipeline.costs();
     println!("costs: bytes, and the expected work");
@@ -320,6 +331,7 @@ fn report(pipeline: &Pipeline, names: &Names, tree: Option<&PixelTree>, counted:
         "lights": names.lights,
         "materials": materials(pipeline),
         "reflections": reflections(pipeline),
+        "transmissions": transmissions(pipeline),
         "needs": needs(pipeline),
         "bytes": { "meshes": bytes_of(&costs, "meshes"), "film": bytes_of(&costs, "film") },
         "build_s": pipeline.build_seconds,

@@ -661,3 +661,40 @@ fn high_powers_agree_with_high_precision() {
     assert_eq!(cosine_power(DVec3::X, DVec3::Y, 1e-300), 0.0);
     assert_eq!(cosine_power(DVec3::X, DVec3::X, f64::MAX), 1.0);
 }
+
+/// n_t/n_i and 1 - F, by quadrature of the definition in mpmath with 40 digits.
+const DIFFUSE: &[[f64; 2]] = &[
+    [1.0000000000009095, 0.9999999999996968351],
+    [1.001, 0.9996696767629181838],
+    [1.05, 0.98611435097471765668],
+    [1.2, 0.95571973376460616474],
+    [1.29, 0.94048961280204961723],
+    [1.33, 0.93406915070059457224],
+    [1.5, 0.90822204065764878834],
+    [2.0, 0.83940336293039396745],
+    [10.0, 0.35982500562525113699],
+    [1000.0, 0.0052800606723963673751],
+    [1000000.0, 5.3332248092382030557e-6],
+    [0.9, 0.78775637674211036657],
+    [0.5, 0.20985084073259849186],
+    [0.1, 0.0035982500562525119125],
+];
+
+#[test]
+fn the_diffuse_reflectance_agrees_with_high_precision() {
+    for &[index, transmitted] in DIFFUSE {
+        for unit in [1.0, 0.25, 3.0] {
+            let found = Interface::new(unit, unit * index).diffuse_transmittance();
+            // The product with 3 is rounded.
+            let bound = if unit == 3.0 { 4e-15 } else { 1e-15 };
+            assert!(
+                (found / transmitted - 1.0).abs() < bound,
+                "{index} {unit}: {found} {transmitted}"
+            );
+        }
+    }
+    assert_eq!(Interface::new(1.3, 1.3).diffuse_transmittance(), 1.0);
+    // 16/(3 m) for a large m.
+    let found = Interface::new(1.0, 1e150).diffuse_transmittance();
+    assert!((found * 3e150 / 16.0 - 1.0).abs() < 1e-15, "{found}");
+}

@@ -2,7 +2,7 @@
 
 use super::medium::Medium;
 use super::tabulated::Brdf;
-use super::{Highlight, Interface, Kind, lobe};
+use super::{Highlight, Interface, Kind, diffuse_transmittance, lobe};
 use crate::tracer::light::{Faces, Sky};
 use crate::tracer::tangent::Tangent;
 use crate::tracer::texture::{Texture, table};
@@ -22,6 +22,16 @@ struct Matte {
 #[serde(deny_unknown_fields)]
 struct Glossy {
     reflectance: Option<TextureRef>,
+    exponent: Option<f64>,
+    samples: Option<u32>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Plastic {
+    reflectance: Option<TextureRef>,
+    interior_ior: Option<f64>,
+    exterior_ior: Option<f64>,
     exponent: Option<f64>,
     samples: Option<u32>,
 }
@@ -115,6 +125,14 @@ struct Mask {
     material: MaterialRef,
 }
 
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Rough {
+    material: MaterialRef,
+    exponent: Option<f64>,
+    samples: Option<u32>,
+}
+
 /// A vector, or `"mesh"`.
 #[derive(Deserialize)]
 #[serde(untagged)]
@@ -186,6 +204,11 @@ pub(super) fn body(
     Ok(glass.priority.map(|priority| (priority, medium)))
 }
 
+/// A material whose rays are spread over n x n directions.
+fn spread(inner: Box<Kind>, n: u32, exponent: Option<f64>) -> Kind {
+    Kind::Spread(inner, lobe(n, exponent.unwrap_or(100.0)))
+}
+
 /// Where materials are looked up.
 pub(super) struct Source<'a, 's> {
     pub(super) description: &'a Description<'s>,
@@ -208,8 +231,26 @@ impl Source<'_, '_> {
             "matte" => Kind::Matte(self.texture(decode::<Matte>(&plugin.table)?.reflectance, 0.5)?),
             "glossy" => {
                 let glossy: Glossy = decode(&plugin.table)?;
-                let lobe = lobe(glossy.samples.unwrap_or(4), glossy.exponent.unwrap_or(100.0));
-                Kind::Glossy(self.texture(glossy.reflectance, 1.0)?, lobe)
+                let mirror = Box::new(Kind::Mirror(self.texture(glossy.reflectance, 1.0)?));
+                spread(mirror, glossy.samples.unwrap_or(4), glossy.exponent)
+            }
+            "rough" => {
+                let rough: Rough = decode(&plugin.table)?;
+                spread(
+                    self.boxed(&rough.material)?,
+                    rough.samples.unwrap_or(4),
+                    rough.exponent,
+                )
+            }
+            "plastic" => {
+                let plastic: Plastic = decode(&plugin.table)?;
+                let index = plastic.interior_ior.unwrap_or(1.5) / plastic.exterior_ior.unwrap_or(1.0);
+                let coated = Kind::Plastic {
+                    reflectance: self.texture(plastic.reflectance, 0.5)?,
+                    index,
+                    entered: diffuse_transmittance(index),
+                };
+                spread(Box::new(coated), plastic.samples.unwrap_or(1), plastic.exponent)
             }
             "tabulated" => {
                 let given: Tabulated = decode(&plugin.table)?;
