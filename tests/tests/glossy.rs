@@ -1,5 +1,5 @@
-//! Reflections and transmissions in several directions, compared with those of mirrors and of smooth
-//! glass, and with what can be said of whole scenes.
+//! Reflections and transmissions in several directions, compared with those of mirrors and of
+//! smooth glass, and with what can be said of whole scenes.
 
 use std::path::Path;
 use whitstone::core::{Rgb, Scratch};

@@ -29,8 +29,8 @@ use whitstone_core::{
 /// A diffuse base under a dielectric coat, on both sides, such as plastic or lacquer.
 ///
 /// The coat reflects more towards grazing angles, by Fresnel's equations. Lights illuminate the
-/// base, but show no highlights on the coat: it reflects surfaces and the background. With `samples`
-/// above 1, each bounce multiplies the number of rays by samples², as for `glossy`.
+/// base, but show no highlights on the coat: it reflects surfaces and the background. With
+/// `samples` above 1, each bounce multiplies the number of rays by samples², as for `glossy`.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {

@@ -162,7 +162,8 @@ impl Lathe {
     fn crossings(&self, line: &Line) -> Crossings {
         let (o, d) = (line.origin.truncate(), line.direction.truncate());
         let (height, slope) = (line.origin.z, line.direction.z);
-        // Where the line passes the height of a point, and whether it is outside of its circle there.
+        // Where the line passes the height of a point, and whether it is outside of its circle
+        // there.
         let pass = |point: DVec2| {
             if slope == 0.0 {
                 let above = point.y > height;

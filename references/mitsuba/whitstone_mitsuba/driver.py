@@ -54,8 +54,8 @@ class Tracer:
         self.native_uv = False
         self.counts = Counts()
         self.levels: List[Level] = []
-        # Upper bounds on the number of branches of each kind per hit and of all that are spread, and
-        # the number of lanes that stays below LANES after branching.
+        # Upper bounds on the number of branches of each kind per hit and of all that are spread,
+        # and the number of lanes that stays below LANES after branching.
         materials = self.document.materials
         self.rays = {letter: max((material.rays(letter) for material in materials), default=1) for letter in "RT"}
         self.spread = max(sum(rays for rays in self.rays.values() if rays > 1), 1)

@@ -1,10 +1,10 @@
 """Readers of materials (model §8), and their BSDFs.
 
-Matte, mirror, conductor, dielectric, thin_dielectric and plastic are Mitsuba's own BSDFs. The Phong family
-and the constant k_refl / k_refr of the lectures are one Python BSDF, `PhongFamily`: it is hosted by
-Mitsuba's geometry and frames, but its formulas are ours. So is the BSDF of `tabulated`. Ambient terms have no twin in Mitsuba; the
-driver computes them from the reflectance texture. Composite materials have no BSDF: see
-`shaders.py`.
+Matte, mirror, conductor, dielectric, thin_dielectric and plastic are Mitsuba's own BSDFs. The Phong
+family and the constant k_refl / k_refr of the lectures are one Python BSDF, `PhongFamily`: it is
+hosted by Mitsuba's geometry and frames, but its formulas are ours. So is the BSDF of `tabulated`.
+Ambient terms have no twin in Mitsuba; the driver computes them from the reflectance texture.
+Composite materials have no BSDF: see `shaders.py`.
 """
 
 from __future__ import annotations

@@ -781,8 +781,9 @@ impl Scratch {
 /// all nodes is the radiance along the camera ray.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TreeNode {
-    /// "" for the camera ray, then a letter per branch: R for reflection, T for transmission. If the
-    /// branch is one of several (glossy reflection, rough glass), its number in two digits follows.
+    /// "" for the camera ray, then a letter per branch: R for reflection, T for transmission. If
+    /// the branch is one of several (glossy reflection, rough glass), its number in two digits
+    /// follows.
     pub path: String,
     /// The ray itself, in world space, with unit direction.
     pub ray: Ray,

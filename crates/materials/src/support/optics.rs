@@ -27,14 +27,13 @@
 //! - `r_s = (n_i - n_t)(n_i + n_t)/D_s²`,
 //! - `r_p = (n_t - n_i)(n_t + n_i)(c_i - eta s)(c_i + eta s)/D_p²`, zero at Brewster's angle,
 //! - `1 - R = 2 n_i n_t c_i c_t (1/D_s² + 1/D_p²)`, from `(a + b)² - (a - b)² = 4 a b`.
-
 //!
 //! **Diffuse reflectance.** `F`, the mean of R over the hemisphere weighted by the cosine, has a
-//! closed form (Walsh 1926, cited by Duntley, *The optical properties of diffusing materials*, 1942).
-//! Its terms cancel for near indices, and `1 - F`, by which materials divide, for distant ones. With
-//! `c_i = q sinh u`, `m c_t = q cosh u`, `q² = m² - 1`, `m = n_t/n_i > 1` and `w = e^(-2u)`, the
-//! amplitudes are rational: `r_s = -w`, `r_p = (b - w)/(1 - b w)` with `b = (m² - 1)/(m² + 1)`, so
-//! that with `a = (m - 1)/(m + 1)`
+//! closed form (Walsh 1926, cited by Duntley, *The optical properties of diffusing materials*,
+//! 1942). Its terms cancel for near indices, and `1 - F`, by which materials divide, for distant
+//! ones. With `c_i = q sinh u`, `m c_t = q cosh u`, `q² = m² - 1`, `m = n_t/n_i > 1` and
+//! `w = e^(-2u)`, the amplitudes are rational: `r_s = -w`, `r_p = (b - w)/(1 - b w)` with
+//! `b = (m² - 1)/(m² + 1)`, so that with `a = (m - 1)/(m + 1)`
 //!
 //! - `1 - F = a/(2 (1 - a)²) (integral from a to 1 of (1 - w²)²/w² (1 + (1 - b²)/(1 - b w)²) dw)`,
 //!

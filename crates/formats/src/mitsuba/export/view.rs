@@ -7,6 +7,7 @@ use crate::image_size::image_size;
 use std::collections::BTreeSet;
 use std::f64::consts::PI;
 use toml::{Table, Value};
+use whitstone_core::transform_steps::rotation;
 use whitstone_core::{DAffine3, DMat3, DVec3};
 
 /// Distance of the near clip plane in metres, which Mitsuba needs.
@@ -362,7 +363,7 @@ impl<'a> Exporter<'a> {
             return None;
         };
         // The model has -z in the middle of the image, Mitsuba at its borders.
-        let turn = DAffine3::from_rotation_y(PI);
+        let turn = DAffine3::from_mat3(rotation(DVec3::Y, 180.0));
         let node = Node::new("emitter", "envmap")
             .with("filename", Item::Text(self.file(file)))
             .with("to_world", Item::Transform(turn));
