@@ -53,7 +53,7 @@ pub(super) fn run(subject: &Subject) -> Result<Tally, Failure> {
                 let path = folder.path().join(format!("{number}.exr"));
                 image(subject, words, variable, scene, &path)
             };
-            let expected = image(&[own.clone()], None);
+            let expected = image(std::slice::from_ref(&own), None);
             let compared = others.iter().map(|(name, words, variable)| {
                 let told = |what: &str| format!("{}, {name}: {what}", scene.display());
                 match (&expected, &image(words, *variable)) {
