@@ -50,7 +50,7 @@ fn set(text: &str) -> Vec<String> {
     vec![text.to_owned()]
 }
 
-const FAULTS: [Fault; 38] = [
+const FAULTS: [Fault; 41] = [
     Fault {
         reference: Renderer::MITSUBA,
         name: "a mixture of both sides of an edge",
