@@ -74,7 +74,7 @@ impl Exported {
 }
 
 /// Shapes, and the feature that is reported if other programs do not show them.
-const SHAPES: [(&str, Option<&str>); 27] = [
+const SHAPES: [(&str, Option<&str>); 29] = [
     ("type = 'rectangle'", None),
     (
         "type = 'box'\ntransform = [{ scale = [1, 2, 3] }, { rotate = { axis = [1, 1, 0], degrees = 30 } }]",
