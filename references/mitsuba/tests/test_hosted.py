@@ -9,7 +9,17 @@ from support import Case, film
 from whitstone_mitsuba import analytic, polynomials
 from whitstone_mitsuba.hosted import Host
 from whitstone_mitsuba.solids import DIFFERENCE, INTERSECTION, UNION, Solid
-from whitstone_mitsuba.surfaces import Ball, Box, Flat, HalfSpace, Lathe, Prism, Round, Start, Torus
+from whitstone_mitsuba.surfaces import (
+    Ball,
+    Box,
+    Flat,
+    HalfSpace,
+    Lathe,
+    Prism,
+    Round,
+    Start,
+    Torus,
+)
 
 SKY = '[[light]]\ntype = "background"\nradiance = [0.2, 0.3, 0.4]\n'
 LAMP = '[[light]]\ntype = "point"\nposition = {}\nintensity = 50\n'

@@ -597,7 +597,7 @@ class Tracer:
         found: Dict[str, List[Tuple[np.ndarray, np.ndarray]]] = {}
         offset = 0
         # Reflections before transmissions; those that are spread in order.
-        for letter, which in [(letter, which) for letter in "RT" for which in range(self.rays[letter])]:
+        for letter, which in [(kind, index) for kind in "RT" for index in range(self.rays[kind])]:
             for number, lanes in groups.items():
                 material = self.document.materials[number]
                 if letter not in material.branches or which >= material.rays(letter):
