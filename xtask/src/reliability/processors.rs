@@ -16,8 +16,8 @@ const PACKAGES: &str = "gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user";
 const LIBRARIES: &str = "/usr/aarch64-linux-gnu";
 /// glibc chooses its functions by the processor, here as for one without these instructions.
 const OLDER: (&str, &str) = ("GLIBC_TUNABLES", "glibc.cpu.hwcaps=-AVX512F,-AVX2,-FMA,-FMA4");
-/// A quick run tries one scene of so many.
-const QUICK: usize = 8;
+/// A quick run tries every eighth scene.
+const QUICK_STEP: usize = 8;
 /// The emulator takes some 30 times as long, and fractals seconds without it.
 const LIMIT: Duration = Duration::from_secs(600);
 
@@ -44,10 +44,10 @@ pub(super) fn run(subject: &Subject) -> Result<Tally, Failure> {
     let folder = tempfile::tempdir().map_err(Failure::environment)?;
     let scenes = whitstone::validate::find_scenes(&[subject.root.join("scenes")]);
     let scenes = scenes.map_err(Failure::environment)?;
-    let some = scenes.iter().step_by(if subject.quick { QUICK } else { 1 });
-    let seen: Vec<Vec<Result<(), String>>> = some
+    let seen: Vec<Vec<Result<(), String>>> = scenes
+        .par_iter()
+        .step_by(if subject.quick { QUICK_STEP } else { 1 })
         .enumerate()
-        .par_bridge()
         .map(|(number, scene)| {
             let image = |words: &[String], variable| {
                 let path = folder.path().join(format!("{number}.exr"));

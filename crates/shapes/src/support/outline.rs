@@ -115,12 +115,14 @@ fn folds_back(a: DVec2, b: DVec2, c: DVec2) -> bool {
 }
 
 fn cross_or_touch([a, b]: [DVec2; 2], [c, d]: [DVec2; 2]) -> bool {
-    let beside = |k: usize| a[k].max(b[k]) < c[k].min(d[k]) || c[k].max(d[k]) < a[k].min(b[k]);
-    let apart = |p: f64, q: f64| p > 0.0 && q > 0.0 || p < 0.0 && q < 0.0;
-    !(beside(0)
-        || beside(1)
-        || apart(side_of(a, b, c), side_of(a, b, d))
-        || apart(side_of(c, d, a), side_of(c, d, b)))
+    let disjoint = |axis: usize| {
+        a[axis].max(b[axis]) < c[axis].min(d[axis]) || c[axis].max(d[axis]) < a[axis].min(b[axis])
+    };
+    let same_side = |p: f64, q: f64| p > 0.0 && q > 0.0 || p < 0.0 && q < 0.0;
+    !(disjoint(0)
+        || disjoint(1)
+        || same_side(side_of(a, b, c), side_of(a, b, d))
+        || same_side(side_of(c, d, a), side_of(c, d, b)))
 }
 
 /// Positive if c lies to the left of the line from a to b, negative to the right, and exactly zero

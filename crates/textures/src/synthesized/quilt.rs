@@ -184,7 +184,7 @@ pub(super) mod tests {
     fn neighbours_agree() {
         // Smooth waves: neighbouring texels differ where pieces do not match.
         let wave = |x: usize, y: usize| {
-            (128.0 + 60.0 * libm::sin(0.7 * x as f64) + 60.0 * libm::cos(0.5 * y as f64)) as u8
+            (128.0 + 60.0 * (0.7 * x as f64).sin() + 60.0 * (0.5 * y as f64).cos()) as u8
         };
         let from = Codes {
             width: 20,

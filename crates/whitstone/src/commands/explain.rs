@@ -110,16 +110,15 @@ fn materials(pipeline: &Pipeline) -> usize {
     places.len()
 }
 
-/// The maximum number of reflected rays per hit.
-fn reflections(pipeline: &Pipeline) -> u32 {
+/// The maximum numbers of reflected and of transmitted rays per hit.
+fn rays_per_hit(pipeline: &Pipeline) -> [u32; 2] {
     let all = pipeline.scene.materials.iter();
-    all.map(|material| material.reflections()).max().unwrap_or(1)
-}
-
-/// The maximum number of transmitted rays per hit.
-fn transmissions(pipeline: &Pipeline) -> u32 {
-    let all = pipeline.scene.materials.iter();
-    all.map(|material| material.transmissions()).max().unwrap_or(1)
+    all.fold([1, 1], |[reflected, transmitted], material| {
+        [
+            reflected.max(material.reflections()),
+            transmitted.max(material.transmissions()),
+        ]
+    })
 }
 
 /// The memory in use while the scene renders, as far as it is reported.
@@ -233,12 +232,11 @@ fn print_pipeline(pipeline: &Pipeline, names: &Names) {
             &format!("shape {number} ({name}) refracts and has {defects}"),
         );
     }
-    let reflections = reflections(pipeline);
+    let [reflections, transmissions] = rays_per_hit(pipeline);
     if reflections > 1 {
         let text = format!("up to {reflections} reflection rays per hit; rays are traced one by one");
         row("reflections", &text);
     }
-    let transmissions = transmissions(pipeline);
     if transmissions > 1 {
         let text = format!("up to {transmissions} transmitted rays per hit; rays are traced one by one");
         row("transmissions", &text);
@@ -288,6 +286,7 @@ fn report(pipeline: &Pipeline, names: &Names, tree: Option<&PixelTree>, counted:
         .used
         .iter()
         .map(|(family, name)| json!({ "family": family.singular(), "type": name }));
+    let [reflections, transmissions] = rays_per_hit(pipeline);
     let costs = pipeline.costs();
     json!({
         "used": used.collect::<Vec<_>>(),
@@ -330,8 +329,8 @@ fn report(pipeline: &Pipeline, names: &Names, tree: Option<&PixelTree>, counted:
         "instances": pipeline.scene.geometry.paths() - 1,
         "lights": names.lights,
         "materials": materials(pipeline),
-        "reflections": reflections(pipeline),
-        "transmissions": transmissions(pipeline),
+        "reflections": reflections,
+        "transmissions": transmissions,
         "needs": needs(pipeline),
         "bytes": { "meshes": bytes_of(&costs, "meshes"), "film": bytes_of(&costs, "film") },
         "build_s": pipeline.build_seconds,
