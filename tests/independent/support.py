@@ -69,7 +69,9 @@ class Case(unittest.TestCase):
 
 
 class Run(NamedTuple):
-    """How a process ended: exit code (negative for a signal), seconds, MiB and its messages."""
+    """How a process ended: exit code (negative for a signal), seconds of processor time, MiB and its
+    messages.
+    """
 
     code: int
     seconds: float
@@ -90,15 +92,14 @@ def whitstone(*arguments: str, limit: float = 60.0) -> Run:
             # wait4 has the memory of this process alone. It is an upper bound: Linux counts what
             # this interpreter had in memory when it started the process.
             pid, status, usage = os.wait4(process.pid, os.WNOHANG)
-            seconds = time.monotonic() - start
             if pid:
                 break
-            if seconds > limit:
+            if time.monotonic() - start > limit:
                 process.kill()
             time.sleep(0.001)
         process.returncode = os.waitstatus_to_exitcode(status)
         log.seek(0)
-        return Run(process.returncode, seconds, usage.ru_maxrss / 1024, log.read())
+        return Run(process.returncode, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024, log.read())
 
 
 def size(width: int, height: int) -> List[str]:

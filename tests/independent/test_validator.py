@@ -15,10 +15,9 @@ import damage
 from support import MODULES, Case, Run, label, public_models, size, skip, whitstone
 
 HERE = Path(__file__).resolve().parent
-# Limits of a small file. A large one may take a second more per MiB and per 250,000 triangles.
-SECONDS, MEBIBYTES = 1.0, 256.0
-# Another run is tried if one was slow: other programs use the machine, too.
-ATTEMPTS = 3
+# Limits of a small file: processor time that no machine needs unless the work is without bounds, and
+# memory. A large file may take a second more per MiB and per 250,000 triangles.
+SECONDS, MEBIBYTES = 10.0, 256.0
 
 # What the validator calls valid with a warning, and what it does not read, may be refused: wrong
 # values of lists, images of other kinds, incomplete triangles, extensions; damaged pixels.
@@ -55,22 +54,19 @@ class ValidatorTest(Case):
         given = json.dumps([str(path) for path in paths])
         command = ["node", str(HERE / "validate.cjs"), str(MODULES)]
         reports = json.loads(subprocess.run(command, input=given, capture_output=True, text=True, check=True).stdout)
-        return [Found(path, report, self.run_on(path, report)) for path, report in zip(paths, reports)]
+        return [Found(path, report, self.run_on(path)) for path, report in zip(paths, reports)]
 
-    def run_on(self, path: Path, report: Any) -> Run:
+    def run_on(self, path: Path) -> Run:
         image = self.folder / "image.exr"
         run = Run(0, 0.0, 0.0, "")
-        for _ in range(ATTEMPTS):
-            image.unlink(missing_ok=True)
-            run = whitstone("render", str(path), "-o", str(image), *size(64, 48), limit=20.0)
-            if run.seconds < self.seconds(path, report):
-                break
+        image.unlink(missing_ok=True)
+        run = whitstone("render", str(path), "-o", str(image), *size(64, 48))
         if run.code == 0:
             self.assertTrue(image.is_file(), path)
         return run
 
     def seconds(self, path: Path, report: Any) -> float:
-        """The time that a file may take."""
+        """The processor time that a file may take."""
         whole = sum(file.stat().st_size for file in path.parent.iterdir() if file.is_file())
         bytes_read = path.stat().st_size if self.folder in path.parents else whole
         return SECONDS + bytes_read / 2**20 + report.get("triangles", 0) / 250_000
@@ -157,11 +153,8 @@ class ValidatorTest(Case):
     def bounded(self, name: str, change: copies.Change, width: int = 64) -> None:
         """A small file that stands for many things must be rendered or refused within the limits."""
         path = copies.copy(self.folder / "own" / name, self.folder / "large", change)
-        for _ in range(ATTEMPTS):
-            out = str(self.folder / "large.exr")
-            run = whitstone("render", str(path), "-o", out, *size(width, width * 3 // 4), limit=3.0)
-            if run.seconds < SECONDS:
-                break
+        out = str(self.folder / "large.exr")
+        run = whitstone("render", str(path), "-o", out, *size(width, width * 3 // 4))
         self.assertIn(run.code, (0, 2), run.messages)
         self.assertLess(run.seconds, SECONDS)
         self.assertLess(run.mebibytes, MEBIBYTES)
@@ -204,7 +197,7 @@ class ValidatorTest(Case):
             "no message": ({"errors": 1}, Run(2, 0.1, 20.0, "error: hierarchy.gltf")),
             "a panic": ({"errors": 1}, Run(101, 0.1, 20.0, told)),
             "a signal": ({"errors": 1}, Run(-6, 0.1, 20.0, told)),
-            "too slow": (good, Run(0, 5.0, 20.0, "")),
+            "too slow": (good, Run(0, 50.0, 20.0, "")),
             "too large": (good, Run(0, 0.1, 300.0, "")),
         }
         for what, (report, run) in wrong.items():

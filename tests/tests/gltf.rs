@@ -544,7 +544,7 @@ fn faulty_public_files_do_no_harm() {
     for path in &files {
         let start = Instant::now();
         let report = wrong(path, &registry);
-        assert!(start.elapsed() < Duration::from_secs(1), "{}", path.display());
+        assert!(start.elapsed() < Duration::from_secs(10), "{}", path.display());
         println!(
             "{}: {}",
             path.file_name().unwrap_or_default().to_string_lossy(),
