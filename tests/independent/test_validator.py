@@ -15,8 +15,8 @@ import damage
 from support import MODULES, Case, Run, label, public_models, size, skip, whitstone
 
 HERE = Path(__file__).resolve().parent
-# Limits of a small file: processor time that no machine needs unless the work is without bounds, and
-# memory. A large file may take a second more per MiB and per 250,000 triangles.
+# Limits of a small file: memory, and processor time that no machine needs unless the work is
+# without bounds. A large file may take a second more per MiB and per 250,000 triangles.
 SECONDS, MEBIBYTES = 10.0, 256.0
 
 # What the validator calls valid with a warning, and what it does not read, may be refused: wrong

@@ -12,6 +12,7 @@
 #[macro_use]
 mod features;
 
+mod coat;
 pub mod document;
 mod files;
 pub mod fit;

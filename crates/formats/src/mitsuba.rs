@@ -72,7 +72,9 @@ const FEATURES: &[Feature] = features! {
     Kept "bsdf conductor": "conductor, or mirror without a material.";
     Approximated "bsdf roughconductor": "glossy with the reflectance at normal incidence, which shows no highlights of point lights.";
     Approximated "bsdf roughdielectric": "dielectric: it is smooth.";
-    Approximated "bsdf plastic": "whitted: the reflection is that at normal incidence.";
+    Kept "bsdf plastic": "plastic, with the exact diffuse reflectance of the coat.";
+    Dropped "specular_reflectance of plastic": "The coat is clear.";
+    Approximated "nonlinear plastic with a texture": "The texture is scaled as grey of 0.5 is.";
     Approximated "bsdf roughplastic": "blinn_phong: the highlight is that at normal incidence.";
     Kept "bsdf twosided": "The material itself, or two_sided.";
     Kept "bsdf mask": "mask.";
@@ -120,6 +122,8 @@ const FEATURES: &[Feature] = features! {
     Dropped "[material] texture of a highlight or reflection": "There is no reflection.";
     Approximated "[material] coloured weight": "The mean of its channels.";
     Approximated "[material] glossy": "roughconductor of the same width.";
+    Approximated "[material] plastic with samples": "plastic: its reflections are sharp.";
+    Approximated "[material] rough": "Rough metal or glass of the same width, which shows highlights; other materials are smooth.";
     Dropped "[material] tabulated": "It is replaced by diffuse grey.";
     Dropped "[material] priority": "Mitsuba's bodies must not overlap.";
     Approximated "[material] reflection_map": "Its material, which traces reflections.";

@@ -71,7 +71,7 @@ const FEATURES: &[Feature] = features! {
     Kept "Material conductor": "conductor.";
     Kept "Material mix": "mix, or mask with an interface.";
     Kept "Material interface": "The shape is not in the scene.";
-    Approximated "Material coateddiffuse": "whitted, or blinn_phong if it is rough: the reflection is that at normal incidence.";
+    Approximated "Material coateddiffuse": "plastic, of one factor for a texture; blinn_phong with the reflection at normal incidence if it is rough. Its coat is thin and clear.";
     Approximated "Material coatedconductor": "The conductor without its coating.";
     Dropped "Material diffusetransmission": "matte: nothing is transmitted.";
     Dropped "roughness of dielectric": "It is smooth.";
@@ -124,6 +124,8 @@ const FEATURES: &[Feature] = features! {
     Approximated "[material] coloured weight": "The mean of its channels.";
     Dropped "[material] tint": "Metals and panes have no tint.";
     Dropped "[material] absorption": "Glass is clear.";
+    Approximated "[material] plastic": "coateddiffuse, whose light is scattered at random; a texture is the albedo of the base.";
+    Approximated "[material] rough": "A rough conductor or dielectric of the same width; other materials are smooth.";
     Dropped "[material] tabulated": "It is replaced by diffuse grey.";
     Dropped "[material] priority": "pbrt's bodies must not overlap.";
     Approximated "[material] reflection_map": "Its material, which traces reflections.";

@@ -28,6 +28,13 @@ pub(crate) fn kind(table: &Table) -> &str {
     text(table, "type").unwrap_or_default()
 }
 
+/// The roughness of a microfacet distribution about the normal that is as wide as the lobe of a
+/// material about the reflected direction, whose exponent is four times as small.
+pub(crate) fn alpha(material: &Table) -> f64 {
+    let exponent = number(material, "exponent").unwrap_or(100.0);
+    (2.0 / (4.0 * exponent + 2.0)).sqrt()
+}
+
 pub(crate) fn numbers(value: &Value) -> Option<Vec<f64>> {
     value.as_array()?.iter().map(as_number).collect()
 }

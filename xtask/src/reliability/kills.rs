@@ -1,6 +1,6 @@
 //! Commands that are killed.
 
-use super::times::is_same;
+use super::times::difference;
 use super::{
     CASES, CONVERGE, Subject, Tally, extension, files, is_input, is_temporary, is_whole, pick, put,
     run_within,
@@ -155,12 +155,17 @@ impl<'c, C: Fn() -> Command> Undisturbed<'c, C> {
     pub(super) fn are_same_among(&self, found: &Files, is_of: fn(&str) -> bool) -> Result<(), String> {
         for (name, bytes) in found {
             let expected: Option<Vec<&Vec<u8>>> = self.runs.iter().map(|run| run.get(name)).collect();
-            let passes =
-                !is_temporary(name) && expected.is_some_and(|expected| is_same(name, bytes, &expected));
-            if !passes {
-                return Err(format!(
-                    "after the next run, {name} is not that of an undisturbed run"
-                ));
+            let place = match expected {
+                Some(expected) if !is_temporary(name) => difference(name, bytes, &expected),
+                _ => Some(String::new()),
+            };
+            if let Some(place) = place {
+                let seen = format!("after the next run, {name} is not that of an undisturbed run");
+                return Err(if place.is_empty() {
+                    seen
+                } else {
+                    format!("{seen}: {place}")
+                });
             }
         }
         let mut expected = self.files().keys().filter(|name| is_of(name));

@@ -3,9 +3,9 @@
 use super::{extension, is_whole};
 use serde_json::Value;
 
-/// What `converge` decides from times. A decision can be the same in many runs and another one in
-/// the next, so that a few runs do not show that it differs.
-const DECISIONS: [&str; 5] = ["affordable", "batch", "noisy", "pareto", "withheld"];
+/// The load of the machine, and what `converge` decides from times. They can be the same in many
+/// runs and another in the next, so that a few runs do not show that they differ.
+const OF_THE_MOMENT: [&str; 6] = ["affordable", "batch", "load", "noisy", "pareto", "withheld"];
 
 /// A TOML file.
 pub(super) fn table(bytes: &[u8]) -> Option<Value> {
@@ -22,42 +22,59 @@ fn values(name: &str, bytes: &[u8]) -> Option<Value> {
     }
 }
 
-/// Whether a file is that of undisturbed runs, where they agree. A web page or a report in XML that
-/// differs from run to run must be complete: its numbers are those of a JSON file.
-pub(super) fn is_same(name: &str, bytes: &[u8], undisturbed: &[&Vec<u8>]) -> bool {
+/// Where a file is not that of undisturbed runs, although they agree there. A web page or a report
+/// in XML that differs from run to run must be complete: its numbers are those of a JSON file.
+pub(super) fn difference(name: &str, bytes: &[u8], undisturbed: &[&Vec<u8>]) -> Option<String> {
+    let whole = |is_so: bool| (!is_so).then(String::new);
     let Some(first) = undisturbed.first() else {
-        return false;
+        return whole(false);
     };
-    if undisturbed.iter().all(|other| other == first) {
-        return bytes == *first;
+    let agree = undisturbed.iter().all(|other| other == first);
+    if agree && bytes == *first {
+        return None;
     }
     let expected: Option<Vec<Value>> = undisturbed.iter().map(|bytes| values(name, bytes)).collect();
-    match expected {
-        Some(expected) => values(name, bytes)
-            .is_some_and(|value| agrees(Some(&value), &expected.iter().map(Some).collect::<Vec<_>>())),
-        None => is_whole(name, bytes, Some(first)),
+    match (expected, values(name, bytes)) {
+        (Some(expected), Some(value)) => {
+            // The same values in other bytes are a difference, too.
+            let is_other = !agree || value != expected[0];
+            let expected: Vec<_> = expected.iter().map(Some).collect();
+            other_value("", Some(&value), &expected).or_else(|| whole(is_other))
+        }
+        (Some(_), None) => whole(false),
+        (None, _) => whole(!agree && is_whole(name, bytes, Some(first))),
     }
 }
 
-/// Whether a value, or its absence, is the one in which all runs agree. Where they do not, every
-/// value is accepted.
-fn agrees(value: Option<&Value>, expected: &[Option<&Value>]) -> bool {
-    if expected.iter().all(|other| *other == expected[0]) {
-        return value == expected[0];
+/// The place of a value, or of its absence, that is not the one in which all runs agree. Where they
+/// do not, every value is accepted.
+fn other_value(place: &str, value: Option<&Value>, expected: &[Option<&Value>]) -> Option<String> {
+    let told = |is_so: bool| {
+        let text = |value: Option<&Value>| value.map_or("nothing".to_owned(), Value::to_string);
+        let short = |text: String| text.chars().take(60).collect::<String>();
+        (!is_so).then(|| {
+            format!(
+                "{place} is {} instead of {}",
+                short(text(value)),
+                short(text(expected[0]))
+            )
+        })
+    };
+    if value == expected[0] && expected.iter().all(|other| *other == expected[0]) {
+        return None;
     }
     let objects: Option<Vec<_>> = expected
         .iter()
         .map(|other| other.and_then(Value::as_object))
         .collect();
-    if let Some(objects) = objects {
-        let found = value.and_then(Value::as_object);
-        return found.is_some_and(|found| {
-            let keys = objects.iter().flat_map(|object| object.keys());
-            let mut keys = keys.chain(found.keys());
-            keys.all(|key| {
-                let expected: Vec<_> = objects.iter().map(|object| object.get(key)).collect();
-                DECISIONS.contains(&key.as_str()) || agrees(found.get(key), &expected)
-            })
+    if let (Some(objects), Some(found)) = (&objects, value.and_then(Value::as_object)) {
+        let keys = objects.iter().flat_map(|object| object.keys());
+        let mut keys = keys
+            .chain(found.keys())
+            .filter(|key| !OF_THE_MOMENT.contains(&key.as_str()));
+        return keys.find_map(|key| {
+            let expected: Vec<_> = objects.iter().map(|object| object.get(key)).collect();
+            other_value(&format!("{place}/{key}"), found.get(key), &expected)
         });
     }
     let arrays: Option<Vec<_>> = expected
@@ -65,17 +82,20 @@ fn agrees(value: Option<&Value>, expected: &[Option<&Value>]) -> bool {
         .map(|other| other.and_then(Value::as_array))
         .collect();
     match (arrays, value) {
-        (Some(arrays), Some(Value::Array(found))) => {
-            // Other lengths are values that differ.
-            arrays.iter().any(|array| array.len() != arrays[0].len())
-                || found.len() == arrays[0].len()
-                    && found.iter().enumerate().all(|(index, value)| {
-                        let expected: Vec<_> = arrays.iter().map(|array| array.get(index)).collect();
-                        agrees(Some(value), &expected)
-                    })
+        // Other lengths are values that differ.
+        (Some(arrays), Some(Value::Array(_)))
+            if arrays.iter().any(|array| array.len() != arrays[0].len()) =>
+        {
+            None
         }
-        (Some(_), _) => false,
-        (None, _) => true,
+        (Some(arrays), Some(Value::Array(found))) if found.len() == arrays[0].len() => {
+            found.iter().enumerate().find_map(|(index, value)| {
+                let expected: Vec<_> = arrays.iter().map(|array| array.get(index)).collect();
+                other_value(&format!("{place}/{index}"), Some(value), &expected)
+            })
+        }
+        (Some(_), _) => told(false),
+        (None, _) => told(objects.is_none() && expected.iter().any(|other| *other != expected[0])),
     }
 }
 
@@ -87,7 +107,7 @@ mod tests {
     fn only_values_that_differ_may_differ() {
         let same = |name, runs: [&str; 2], found: &str| {
             let runs = runs.map(|run| run.as_bytes().to_vec());
-            is_same(name, found.as_bytes(), &[&runs[0], &runs[1]])
+            difference(name, found.as_bytes(), &[&runs[0], &runs[1]]).is_none()
         };
         let point = |rmse: &str, seconds: &str| {
             format!(r#"{{"points": [{{"rmse": {rmse}, "seconds": {seconds}}}]}}"#)
@@ -103,6 +123,8 @@ mod tests {
         assert!(!same("c.json", runs, "{"));
         let more = r#"{"points": [{"rmse": 0.11301773271096931, "seconds": 1.5, "other": 1}]}"#;
         assert!(!same("c.json", runs, more));
+        let loaded = |load: &str| format!(r#"{{"load": {load}, "threads": 2}}"#).into_bytes();
+        assert!(difference("c.json", &loaded("3.9"), &[&loaded("3.72"), &loaded("3.72")]).is_none());
         let decided = |other| format!(r#"{{"seconds": 1.{other}, "pareto": {}}}"#, other < 3);
         assert!(same("c.json", [&*decided(1), &*decided(2)], &decided(3)));
         // What only some runs have may be absent.
@@ -111,6 +133,14 @@ mod tests {
         assert!(same("meta.toml", runs, "floor = 0.5\nseconds = 3.0"));
         assert!(!same("meta.toml", runs, "floor = 0.25\nseconds = 1.0"));
         assert!(same("x.exr", ["image"; 2], "image") && !same("x.exr", ["image"; 2], "imaga"));
-        assert!(!is_same("x.exr", b"image", &[]));
+        assert!(difference("x.exr", b"image", &[]).is_some());
+        // The place is told.
+        let runs = [point("0.5", "1.5"), point("0.5", "1.75")].map(String::into_bytes);
+        assert_eq!(
+            difference("c.json", point("0.25", "2").as_bytes(), &[&runs[0], &runs[1]]),
+            Some("/points/0/rmse is 0.25 instead of 0.5".to_owned())
+        );
+        // Where all runs agree, so must the bytes.
+        assert!(difference("c.json", b"{ }", &[&b"{}".to_vec()]).is_some());
     }
 }

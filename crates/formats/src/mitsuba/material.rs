@@ -3,8 +3,10 @@
 use super::texture::FLIP;
 use super::translate::{Fields, Translator};
 use super::xml::Data;
+use crate::coat;
 use crate::document::{color, typed};
 use crate::files::shorten;
+use crate::table::as_color;
 use std::collections::HashSet;
 use std::f64::consts::PI;
 use toml::{Table, Value};
@@ -211,7 +213,8 @@ impl<'a> Translator<'a> {
                 );
                 self.sided(table, look)
             }
-            "plastic" | "roughplastic" => self.plastic(&mut fields, look),
+            "plastic" => self.plastic(&mut fields, look),
+            "roughplastic" => self.rough_plastic(&mut fields, look),
             "twosided" => self.two_sided(&mut fields, look),
             "mask" => {
                 let opacity = self.texture_or_color(&mut fields, "opacity", [0.5; 3], look);
@@ -423,37 +426,43 @@ impl<'a> Translator<'a> {
     }
 
     fn plastic(&mut self, fields: &mut Fields<'a>, look: &Look) -> Table {
-        let rough = fields.object.plugin == "roughplastic";
-        self.note(
-            if rough {
-                "bsdf roughplastic"
-            } else {
-                "bsdf plastic"
-            },
-            fields.at(),
-        );
+        let at = fields.at();
+        let (interior, exterior) = self.iors(fields, "polypropylene");
+        let diffuse = self.texture_or_color(fields, "diffuse_reflectance", [0.5; 3], look);
+        let specular = self.texture_or_color(fields, "specular_reflectance", [1.0; 3], look);
+        if as_color(&specular) != Some([1.0; 3]) {
+            self.note("specular_reflectance of plastic", at);
+        }
+        let table = if self.boolean(fields, "nonlinear", false) {
+            if as_color(&diffuse).is_none() {
+                self.note("nonlinear plastic with a texture", at);
+            }
+            coat::of_albedo(diffuse, interior, exterior)
+        } else {
+            coat::plastic(diffuse, interior, exterior)
+        };
+        self.sided(table, look)
+    }
+
+    fn rough_plastic(&mut self, fields: &mut Fields<'a>, look: &Look) -> Table {
+        self.note("bsdf roughplastic", fields.at());
         fields.take("nonlinear");
         let (interior, exterior) = self.iors(fields, "polypropylene");
         let reflected = ((interior - exterior) / (interior + exterior)).powi(2);
         let diffuse = self.texture_or_color(fields, "diffuse_reflectance", [0.5; 3], look);
         let specular = self.texture_or_color(fields, "specular_reflectance", [1.0; 3], look);
         let passed = 1.0 - reflected;
-        let mut table = typed(
-            "whitted",
+        let exponent = self.roughness(fields);
+        let peak = reflected * (exponent + 2.0) / (8.0 * PI);
+        let table = typed(
+            "blinn_phong",
             [
                 ("k_d", product([passed / PI; 3], diffuse.clone())),
                 ("k_a", product([passed; 3], diffuse)),
+                ("k_s", product([peak; 3], specular)),
+                ("exponent", Value::Float(exponent)),
             ],
         );
-        if rough {
-            let exponent = self.roughness(fields);
-            let peak = reflected * (exponent + 2.0) / (8.0 * PI);
-            table.insert("type".to_owned(), Value::String("blinn_phong".into()));
-            table.insert("k_s".to_owned(), product([peak; 3], specular));
-            table.insert("exponent".to_owned(), Value::Float(exponent));
-        } else {
-            table.insert("k_refl".to_owned(), product([reflected; 3], specular));
-        }
         self.sided(table, look)
     }
 

@@ -341,7 +341,17 @@ fn bsdfs_are_materials() {
         (Some("matte"), Some("mirror"))
     );
     let plastic = material("<bsdf type='twosided'><bsdf type='plastic'/></bsdf>");
-    assert!((number(&plastic["k_refl"]) - (0.489723_f64 / 2.490277).powi(2)).abs() < 1e-12);
+    assert_eq!(plastic["type"].as_str(), Some("plastic"));
+    assert_eq!(
+        (number(&plastic["reflectance"]), number(&plastic["interior_ior"])),
+        (0.5, 1.49)
+    );
+    let nonlinear = material(
+        "<bsdf type='twosided'><bsdf type='plastic'><boolean name='nonlinear' value='true'/></bsdf></bsdf>",
+    );
+    // Each reflection in the coat meets the albedo again.
+    let share = number(&nonlinear["reflectance"]);
+    assert!((0.25..0.35).contains(&share), "{share}");
     let rough = material(
         "<bsdf type='twosided'><bsdf type='roughplastic'><float name='alpha' value='0.2'/></bsdf></bsdf>",
     );

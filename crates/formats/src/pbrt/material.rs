@@ -5,6 +5,7 @@ use super::scene::{Area, Importer, MAX_NESTING};
 use super::spectrum;
 use super::texture::Pattern;
 use super::token::At;
+use crate::coat;
 use crate::document::{color, typed};
 use crate::mitsuba::material::{normal_reflectance, product};
 use std::f64::consts::PI;
@@ -409,27 +410,24 @@ fn lobe(alpha: f64) -> f64 {
     (2.0 / (alpha * alpha).max(1e-8) - 2.0).max(1.0)
 }
 
-/// A diffuse surface under a clear coat, whose reflection is that at normal incidence.
+/// A diffuse surface under a clear coat; the reflection of a rough one is that at normal incidence.
 fn coated_diffuse(reflectance: Value, ior: f64, alpha: f64) -> Table {
+    if alpha < SMOOTH {
+        return coat::of_albedo(reflectance, ior, 1.0);
+    }
     let reflected = ((ior - 1.0) / (ior + 1.0)).powi(2);
     let passed = 1.0 - reflected;
-    let mut table = typed(
-        "whitted",
+    let exponent = lobe(alpha);
+    let peak = reflected * (exponent + 2.0) / (8.0 * PI);
+    typed(
+        "blinn_phong",
         [
             ("k_d", product([passed / PI; 3], reflectance.clone())),
             ("k_a", product([passed; 3], reflectance)),
+            ("k_s", Value::Float(peak)),
+            ("exponent", Value::Float(exponent)),
         ],
-    );
-    if alpha < SMOOTH {
-        table.insert("k_refl".to_owned(), Value::Float(reflected));
-    } else {
-        let exponent = lobe(alpha);
-        let peak = reflected * (exponent + 2.0) / (8.0 * PI);
-        table.insert("type".to_owned(), Value::String("blinn_phong".into()));
-        table.insert("k_s".to_owned(), Value::Float(peak));
-        table.insert("exponent".to_owned(), Value::Float(exponent));
-    }
-    table
+    )
 }
 
 /// The colour of a value that is the same everywhere.

@@ -332,7 +332,7 @@ fn materials() {
         "conductor",
         "conductor",
         "glossy",
-        "whitted",
+        "plastic",
         "matte",
         "mask",
         "mask",
@@ -1012,4 +1012,22 @@ fn scenes_of_the_repository() {
         println!("{count} scenes: {name}");
     }
     assert!(read > 100 && whole > 20 && refused.len() < read / 10);
+}
+
+/// The albedo of a base under a coat is that which gives the reflectance; a rough metal has the
+/// width of the lobe.
+#[test]
+fn plastic_and_rough_materials_are_written() {
+    let scene = "[camera]\ntype = 'perspective'\nfov = 40\nlook_at = { origin = [0, 0, 5], target = [0, 0, 0] }\n\
+         [[shape]]\ntype = 'sphere'\nmaterial = { type = 'plastic', reflectance = [0.1, 0.5, 1], interior_ior = 1.4 }\n\
+         [[shape]]\ntype = 'sphere'\nmaterial = { type = 'rough', material = { type = 'conductor', metal = 'Cu' } }\n\
+         [[shape]]\ntype = 'sphere'\nmaterial = { type = 'rough', material = { type = 'thin_dielectric' } }\n";
+    let (back, notes) = back(scene);
+    let plastic = material(&back, 0);
+    assert_eq!(plastic["type"].as_str(), Some("plastic"));
+    near(&plastic["reflectance"], &[0.1, 0.5, 1.0]);
+    near(&plastic["interior_ior"], &[1.4]);
+    assert_eq!(material(&back, 1)["type"].as_str(), Some("glossy"));
+    assert_eq!(material(&back, 2)["type"].as_str(), Some("thin_dielectric"));
+    assert!(notes.contains(&"[material] plastic") && notes.contains(&"[material] rough"));
 }

@@ -7,12 +7,14 @@ use std::f64::consts::PI;
 use toml::{Table, Value};
 
 /// Materials that lights light.
-pub(super) const LIT: [&str; 5] = ["matte", "phong", "blinn_phong", "whitted", "tabulated"];
+pub(super) const LIT: [&str; 6] = ["matte", "phong", "blinn_phong", "whitted", "plastic", "tabulated"];
 
 /// Materials that reflect or pass rays.
-pub(super) const TRACED: [&str; 6] = [
+pub(super) const TRACED: [&str; 8] = [
     "mirror",
     "glossy",
+    "plastic",
+    "rough",
     "conductor",
     "dielectric",
     "thin_dielectric",
@@ -111,10 +113,7 @@ impl<'a> Exporter<'a> {
             "glossy" => {
                 self.note("[material] glossy", name);
                 let reflectance = self.look(material, "reflectance", 1.0, sides, name);
-                let exponent = table::number(material, "exponent").unwrap_or(100.0);
-                // The lobe is about the reflected direction: its exponent is a quarter of that
-                // about the normal.
-                let alpha = (2.0 / (4.0 * exponent + 2.0)).sqrt();
+                let alpha = table::alpha(material);
                 let node = Node::new("bsdf", "roughconductor")
                     .with("material", Item::Text("none".into()))
                     .with("alpha", Item::Float(alpha))
@@ -137,6 +136,34 @@ impl<'a> Exporter<'a> {
                     .with("k", Item::Color(k))
                     .with("specular_reflectance", tint);
                 sided(node, sides)
+            }
+            "plastic" => {
+                if material.get("samples").and_then(Value::as_integer).unwrap_or(1) > 1 {
+                    self.note("[material] plastic with samples", name);
+                }
+                let reflectance = self.look(material, "reflectance", 0.5, sides, name);
+                let node = Node::new("bsdf", "plastic")
+                    .with("int_ior", ior("interior_ior", 1.5))
+                    .with("ext_ior", ior("exterior_ior", 1.0))
+                    .with("diffuse_reflectance", reflectance);
+                sided(node, sides)
+            }
+            "rough" => {
+                self.note("[material] rough", name);
+                let Some(inner) = material.get("material") else {
+                    return Node::new("bsdf", "diffuse");
+                };
+                let transmits = self.transmits(Some(inner));
+                let inside = Sides {
+                    bare: sides.bare || !transmits,
+                    ..sides
+                };
+                let mut node = self.bsdf(inner, inside, name);
+                if matches!(node.plugin.as_str(), "conductor" | "dielectric") {
+                    node.plugin.insert_str(0, "rough");
+                    node.push("alpha", Item::Float(table::alpha(material)));
+                }
+                if transmits { node } else { sided(node, sides) }
             }
             "dielectric" => {
                 if material.contains_key("priority") {

@@ -98,6 +98,47 @@ fn a_scene_survives_export_and_import() {
     assert_eq!(scene["material"]["gold"]["eta"][0].as_float(), Some(0.14304));
 }
 
+/// A coat is Mitsuba's own, and rough metal and glass are its rough ones.
+#[test]
+fn plastic_and_rough_materials_are_written() {
+    let shape = |material: &str| format!("[[shape]]\ntype = 'sphere'\nmaterial = {{ {material} }}");
+    let plastic = shape("type = 'plastic', reflectance = [0.1, 0.2, 0.3], interior_ior = 1.4");
+    let back = &round_trip(&plastic)["shape"][0]["material"];
+    assert_eq!(
+        (back["type"].as_str(), back["interior_ior"].as_float()),
+        (Some("plastic"), Some(1.4))
+    );
+    assert_eq!(back["reflectance"].to_string(), "[0.1, 0.2, 0.3]");
+    assert!(
+        !exported(&plastic)
+            .notes
+            .iter()
+            .any(|note| note.contains("plastic"))
+    );
+    let rough = |inner: &str| {
+        exported(&shape(&format!(
+            "type = 'rough', exponent = 50, material = {{ {inner} }}"
+        )))
+        .text
+    };
+    let metal = rough("type = 'conductor', metal = 'Cu'");
+    let glass = rough("type = 'dielectric'");
+    for text in [&metal, &glass] {
+        let alpha = text.split("name=\"alpha\" value=\"").nth(1).unwrap();
+        let alpha: f64 = alpha.split('"').next().unwrap().parse().unwrap();
+        assert!((alpha * alpha - 2.0 / 202.0).abs() < 1e-9, "{alpha}");
+    }
+    assert!(
+        metal.contains("roughconductor") && metal.contains("twosided"),
+        "{metal}"
+    );
+    assert!(
+        glass.contains("roughdielectric") && !glass.contains("twosided"),
+        "{glass}"
+    );
+    assert!(rough("type = 'matte'").contains("type=\"diffuse\""));
+}
+
 /// The image of a spot light, upright and turned, has the same place after export and import.
 #[test]
 fn images_of_spots_survive_export_and_import() {
@@ -272,6 +313,14 @@ fn what_has_no_counterpart_is_noted() {
         (
             shape("type = 'reflection_map', radiance = 1, material = { type = 'mirror' }"),
             "[material] reflection_map",
+        ),
+        (
+            shape("type = 'plastic', samples = 2"),
+            "[material] plastic with samples",
+        ),
+        (
+            shape("type = 'rough', material = { type = 'conductor', metal = 'Cu' }"),
+            "[material] rough",
         ),
         (shape("type = 'strange'"), "[*] plugins of third parties"),
     ] {

@@ -1,6 +1,7 @@
 //! Materials and textures.
 
 use super::{Exporter, MAX_NESTING, Pattern, floats, key, matrix, mean, parameter, quoted, rgb, table, text};
+use crate::coat;
 use crate::mitsuba::material::METALS;
 use std::collections::HashSet;
 use std::f64::consts::PI;
@@ -104,14 +105,10 @@ impl<'a> Exporter<'a> {
             "glossy" => {
                 self.note("[material] glossy", place);
                 let reflectance = self.look(material, "reflectance", 1.0, place);
-                let exponent = table::number(material, "exponent").unwrap_or(100.0);
-                // The lobe is about the reflected direction: its exponent is a quarter of that
-                // about the normal.
-                let alpha = (2.0 / (4.0 * exponent + 2.0)).sqrt();
                 format!(
-                    "\"string type\" \"conductor\" {} {} \"bool remaproughness\" false",
+                    "\"string type\" \"conductor\" {} {}",
                     parameter("reflectance", &reflectance, false),
-                    floats("roughness", &[alpha])
+                    roughness(material)
                 )
             }
             "conductor" => {
@@ -206,6 +203,35 @@ impl<'a> Exporter<'a> {
             "mask" => {
                 self.note("[material] mask in another material", place);
                 self.inner(material, "material", place)
+            }
+            "plastic" => {
+                self.note("[material] plastic", place);
+                let ior = relative_ior(material);
+                let base = match self.look(material, "reflectance", 0.5, place) {
+                    Pattern::Color(reflectance) => Pattern::Color(coat::albedo(reflectance, ior)),
+                    named => named,
+                };
+                let text = format!(
+                    "\"string type\" \"coateddiffuse\" {} {}",
+                    parameter("reflectance", &base, false),
+                    floats("eta", &[ior])
+                );
+                match material.get("samples").and_then(Value::as_integer) {
+                    Some(2..) => format!("{text} {}", roughness(material)),
+                    _ => text,
+                }
+            }
+            "rough" => {
+                self.note("[material] rough", place);
+                let text = self.inner(material, "material", place);
+                let takes = ["conductor", "dielectric"];
+                match takes
+                    .iter()
+                    .any(|kind| text.starts_with(&format!("\"string type\" \"{kind}\"")))
+                {
+                    true => format!("{text} {}", roughness(material)),
+                    false => text,
+                }
             }
             "tabulated" => {
                 self.note("[material] tabulated", place);
@@ -568,6 +594,12 @@ fn diffuse(reflectance: &Pattern) -> String {
         "\"string type\" \"diffuse\" {}",
         parameter("reflectance", reflectance, false)
     )
+}
+
+/// The roughness that is as wide as the lobe of a material.
+fn roughness(material: &Table) -> String {
+    let alpha = floats("roughness", &[table::alpha(material)]);
+    format!("{alpha} \"bool remaproughness\" false")
 }
 
 /// The index of refraction of the inside relative to the outside.
