@@ -46,7 +46,7 @@ const FOLDER: &str = "target/fuzz";
 /// target/fuzz/findings. Needs a C++ compiler.
 ///
 /// The kind `scenes` makes random scenes from the JSON Schema. One that is valid must have the same
-/// image, bit for bit, with other accelerators, threads and vector instructions. The kind
+/// image, bit for bit, with all accelerators, threads and vector instructions. The kind
 /// `mitsuba` validates such scenes against Mitsuba: a scene that fails, or that only one of the two
 /// renderers accepts, is a finding.
 ///

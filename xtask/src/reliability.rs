@@ -92,7 +92,7 @@ const PROMISES: [Promise; 7] = [
     },
     Promise {
         name: "A killed command leaves whole files, and the next run is undisturbed.",
-        how: "SIGKILL at a random moment. After it every file is absent, as it was, or complete. The command then runs again: its files are, bit for bit, those of a run that was never killed, in all values that are the same in several such runs (times, what `converge` decides from them, and the load of the machine are not), and temporaries are gone. A measurement that `converge` has stored keeps its times.",
+        how: "SIGKILL at a random moment. After it every file is absent, as it was, or complete. The command then runs again: its files are, bit for bit, those of a run that was never killed, in all values that are the same in several such runs (times, what `converge` decides from them, and the load that other programs put on the machine are not), and temporaries are gone. A measurement that `converge` has stored keeps its times.",
         run: kills::run,
     },
     Promise {

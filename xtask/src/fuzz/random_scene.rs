@@ -162,6 +162,8 @@ impl<'a> Generator<'a> {
         {
             film.insert("width".into(), width.into());
             film.insert("height".into(), height.into());
+            // Many samples a pixel would take seconds.
+            scene.remove("sampler");
         }
         scene
     }

@@ -24,13 +24,10 @@ use whitstone::core::{FamilyName, Registry};
 use whitstone::render::{BuildOptions, Film, Pipeline, RenderOptions};
 use whitstone::scene::{Sources, scene_schema};
 use whitstone::{Exit, Failure};
-use whitstone_testkit::Random;
 
 /// The values of `WHITSTONE_SIMD` of the workers. The first one also varies accelerator and
 /// threads.
 const LEVELS: [&str; 3] = ["avx512", "avx2", "baseline"];
-/// Accelerators that each scene is rendered with, beside its own.
-const OTHERS: usize = 3;
 /// Memory that a scene may take, in bytes.
 const MEMORY: u64 = 256 << 20;
 /// Rays that a sample may become.
@@ -133,7 +130,7 @@ impl<'a> Scenes<'a> {
     }
 
     /// Renders a scene, if it is valid, in as many ways as `vary` says.
-    fn answer(&self, text: &str, number: u64, vary: bool, work: &mut Work) -> Answer {
+    fn answer(&self, text: &str, vary: bool, work: &mut Work) -> Answer {
         let start = Instant::now();
         let pipeline = match self.build(text, &[]) {
             Ok(Ok(pipeline)) => pipeline,
@@ -164,8 +161,11 @@ impl<'a> Scenes<'a> {
         let threads = compare(render(&pipeline, 3, work), "3 threads");
         drop(pipeline);
         let brute_force = work.tests < MOST_TESTS && !text.contains(FRACTAL);
-        let others = accelerators(number, brute_force, self.registry);
-        let mut others = others.into_iter().filter_map(|name| {
+        let accelerators = (self.registry.entries())
+            .filter(|entry| entry.family == FamilyName::Accelerator)
+            .map(|entry| entry.name)
+            .filter(|name| brute_force || *name != "brute_force");
+        let mut others = accelerators.filter_map(|name| {
             let change = format!("accelerator={{type=\"{name}\"}}");
             match self.build(text, std::slice::from_ref(&change)) {
                 Ok(Ok(pipeline)) => compare(render(&pipeline, 1, work), &change),
@@ -196,7 +196,7 @@ fn samples(pipeline: &Pipeline) -> u64 {
 pub(super) enum Role {
     /// Reads numbers, and prints the scenes as JSON strings.
     Generate,
-    /// Reads numbers and scenes, and prints what became of each.
+    /// Reads such strings, and prints what became of each.
     Render,
     /// The same, and varies accelerator and threads.
     Vary,
@@ -207,14 +207,15 @@ pub(super) fn work(role: Role, registry: &Registry) -> Result<Exit, Failure> {
     let scenes = Scenes::new(registry);
     let mut out = std::io::stdout().lock();
     for line in std::io::stdin().lock().lines().map_while(Result::ok) {
-        let (number, text) = line.split_once(' ').unwrap_or((&line, "\"\""));
-        let number = number.parse().map_err(Failure::environment)?;
         let line = match role {
-            Role::Generate => Json::from(scenes.text(number).map_err(Failure::environment)?).to_string(),
+            Role::Generate => {
+                let number = line.parse().map_err(Failure::environment)?;
+                Json::from(scenes.text(number).map_err(Failure::environment)?).to_string()
+            }
             Role::Render | Role::Vary => {
-                let text: String = serde_json::from_str(text).map_err(Failure::environment)?;
+                let text: String = serde_json::from_str(&line).map_err(Failure::environment)?;
                 let mut work = Work::default();
-                let answer = scenes.answer(&text, number, role == Role::Vary, &mut work);
+                let answer = scenes.answer(&text, role == Role::Vary, &mut work);
                 // A scene that is refused is an execution too.
                 format!("{} {}", work.images.max(1), answer.line())
             }
@@ -225,25 +226,6 @@ pub(super) fn work(role: Role, registry: &Registry) -> Result<Exit, Failure> {
         }
     }
     Ok(Exit::Pass)
-}
-
-/// Some accelerators, among them the one that tests everything, if that is not too slow.
-fn accelerators(number: u64, brute_force: bool, registry: &Registry) -> Vec<&'static str> {
-    let mut names: Vec<&str> = registry
-        .entries()
-        .filter(|entry| entry.family == FamilyName::Accelerator && entry.name != "brute_force")
-        .map(|entry| entry.name)
-        .collect();
-    let mut random = Random::new(!number);
-    let mut chosen = if brute_force {
-        vec!["brute_force"]
-    } else {
-        Vec::new()
-    };
-    while chosen.len() < OTHERS && !names.is_empty() {
-        chosen.push(names.swap_remove(random.below(names.len())));
-    }
-    chosen
 }
 
 /// What a rendering took.
@@ -442,8 +424,8 @@ impl Group {
             }
             if lines.iter().any(Result::is_err) {
                 self.renderers = renderers()?;
-                for (number, scene) in &self.rendered {
-                    ask_all(&self.renderers, *number, scene);
+                for (_, scene) in &self.rendered {
+                    ask_all(&self.renderers, scene);
                 }
             }
         }
@@ -464,7 +446,7 @@ impl Group {
             self.made.pop_front();
             match made {
                 Ok(scene) => {
-                    ask_all(&self.renderers, number, &scene);
+                    ask_all(&self.renderers, &scene);
                     self.rendered.push_back((number, scene));
                 }
                 Err(problem) => {
@@ -489,9 +471,9 @@ fn renderers() -> Result<Vec<Worker>, Failure> {
         .collect()
 }
 
-fn ask_all(workers: &[Worker], number: u64, scene: &str) {
+fn ask_all(workers: &[Worker], scene: &str) {
     for worker in workers {
-        worker.ask(format!("{number} {scene}"));
+        worker.ask(scene.to_owned());
     }
 }
 

@@ -69,12 +69,12 @@ without a text or place is a finding. It runs as long as one likes: `cargo xtask
 --seconds 3600`.
 
 `cargo xtask fuzz scenes` makes random scenes from the JSON Schema, three in four of them valid,
-with all plugins, and with numbers from ordinary to extreme. A valid scene is rendered with three
-other accelerators, with three threads, and with each set of vector instructions; all images must be
-the same, bit for bit. Each image, and each refusal, counts as an execution. Images have 16 x 12
-pixels, those of slow shapes (fractals, implicit surfaces) fewer; without an accelerator, scenes of
-up to a million pairs of a ray and an element are rendered. `cargo xtask fuzz mitsuba` validates
-such scenes against Mitsuba. CI does each for 20 s.
+with all plugins, and with numbers from ordinary to extreme. A valid scene is rendered with every
+accelerator, with three threads, and with each set of vector instructions; all images must be the
+same, bit for bit. Each image, and each refusal, counts as an execution. Images have 16 x 12 pixels,
+those of slow shapes (fractals, implicit surfaces) fewer; without an accelerator, scenes of up to a
+million pairs of a ray and an element are rendered. `cargo xtask fuzz mitsuba` validates such scenes
+against Mitsuba. CI does each for 20 s.
 ";
 
 const BY_TESTS: &str = "## Promises that tests keep
