@@ -1,6 +1,7 @@
 //! The same picture from any number of threads and any accelerator; every scene of the repository
 //! renders.
 
+use rayon::prelude::*;
 use std::fs;
 use whitstone::core::{FamilyName, Scratch, SurfaceAttributes};
 use whitstone::render::RenderOptions;
@@ -131,37 +132,38 @@ fn every_scene_renders_and_all_accelerators_agree() {
         .map(|entry| entry.name)
         .collect();
     assert!(accelerators.len() > 1, "{accelerators:?}");
-    let mut problems = Vec::new();
-    for scene in scenes {
-        let name = scene.display();
-        let pipeline = match load(&scene, &small(), &registry) {
-            Ok(pipeline) => pipeline,
-            Err(report) => {
-                problems.push(format!("{name}:\n{report}"));
-                continue;
+    let problems: Vec<String> = scenes
+        .into_par_iter()
+        .flat_map(|scene| {
+            let mut problems = Vec::new();
+            let name = scene.display();
+            let pipeline = match load(&scene, &small(), &registry) {
+                Ok(pipeline) => pipeline,
+                Err(report) => return vec![format!("{name}:\n{report}")],
+            };
+            let picture = bits(&pipeline, 2);
+            let not_finite = picture
+                .iter()
+                .filter(|bits| !f32::from_bits(**bits).is_finite())
+                .count();
+            if not_finite > 0 {
+                problems.push(format!("{name}: {not_finite} values are not finite"));
             }
-        };
-        let picture = bits(&pipeline, 2);
-        let not_finite = picture
-            .iter()
-            .filter(|bits| !f32::from_bits(**bits).is_finite())
-            .count();
-        if not_finite > 0 {
-            problems.push(format!("{name}: {not_finite} values are not finite"));
-        }
-        if bits(&pipeline, 3) != picture {
-            problems.push(format!("{name}: 2 and 3 threads give different pictures"));
-        }
-        for accelerator in &accelerators {
-            // The whole table, so that no parameters of another accelerator stay.
-            let mut overrides = small();
-            overrides.push(format!("accelerator={{type=\"{accelerator}\"}}"));
-            match load(&scene, &overrides, &registry) {
-                Ok(pipeline) if bits(&pipeline, 2) == picture => {}
-                Ok(_) => problems.push(format!("{name}: {accelerator} gives another picture")),
-                Err(report) => problems.push(format!("{name} with {accelerator}:\n{report}")),
+            if bits(&pipeline, 3) != picture {
+                problems.push(format!("{name}: 2 and 3 threads give different pictures"));
             }
-        }
-    }
+            for accelerator in &accelerators {
+                // The whole table, so that no parameters of another accelerator stay.
+                let mut overrides = small();
+                overrides.push(format!("accelerator={{type=\"{accelerator}\"}}"));
+                match load(&scene, &overrides, &registry) {
+                    Ok(pipeline) if bits(&pipeline, 1) == picture => {}
+                    Ok(_) => problems.push(format!("{name}: {accelerator} gives another picture")),
+                    Err(report) => problems.push(format!("{name} with {accelerator}:\n{report}")),
+                }
+            }
+            problems
+        })
+        .collect();
     assert!(problems.is_empty(), "{}", problems.join("\n"));
 }

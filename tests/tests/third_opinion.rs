@@ -1,5 +1,6 @@
 //! The oracle's own tracer against the pipeline: two programs of one model.
 
+use rayon::prelude::*;
 use whitstone::scene::{Description, Plan, Sources};
 use whitstone_core::Scratch;
 use whitstone_oracle::tracer::{Tracer, Value};
@@ -68,13 +69,13 @@ fn counts(scene: &std::path::Path, ours: &[String]) -> Option<[usize; 3]> {
 
 #[test]
 fn pixels_are_those_of_the_oracle() {
-    let mut known = 0;
+    let found: Vec<_> = scenes()
+        .into_par_iter()
+        .filter_map(|scene| counts(&scene, &[]).map(|counts| (scene, counts)))
+        .collect();
+    let known = found.len();
     let mut problems = Vec::new();
-    for scene in scenes() {
-        let Some([agree, differ, unknown]) = counts(&scene, &[]) else {
-            continue;
-        };
-        known += 1;
+    for (scene, [agree, differ, unknown]) in found {
         let name = scene.display();
         println!("{name}: {agree} agree, {differ} differ, {unknown} are not known");
         // Solids that are put together share faces, where two surfaces are at one place.
