@@ -1,6 +1,7 @@
 //! What the tests of the whole share; the tests are in `tests/`.
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 use whitstone::core::Registry;
 use whitstone::render::{BuildOptions, Pipeline, RenderOptions};
 use whitstone::scene::Sources;
@@ -17,6 +18,9 @@ macro_rules! program {
         }
     };
 }
+
+/// What takes longer does not end. No measure of speed: machines are slow or busy at times.
+pub const ENDLESS: Duration = Duration::from_secs(30);
 
 /// Says why a test, or a part of it, is skipped. The harness captures what `println!` prints.
 pub fn skipped(why: &str) {

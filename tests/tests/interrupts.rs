@@ -81,7 +81,7 @@ fn a_rendering_keeps_what_is_finished() {
         let text = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(code), "{text}");
         assert!(text.contains("the others are black"), "{text}");
-        assert!(took < Duration::from_secs(9), "{took:?}");
+        assert!(took < whitstone_tests::ENDLESS, "{took:?}");
         let read = exr_io::read(&image, Limits::IMAGE).unwrap();
         assert_eq!(
             read.attributes().get("unfinished").map(String::as_str),
@@ -134,7 +134,7 @@ fn a_validation_reports_what_is_finished_and_ends_the_driver() {
     let text = String::from_utf8_lossy(&[&output.stdout[..], &output.stderr[..]].concat()).into_owned();
     assert_eq!(output.status.code(), Some(130), "{text}");
     assert!(text.contains("no result of 2 scenes"), "{text}");
-    assert!(took < Duration::from_secs(5), "{took:?}");
+    assert!(took < whitstone_tests::ENDLESS, "{took:?}");
     let results = fs::read_to_string(target.join("validate/results.json")).unwrap();
     let results: serde_json::Value = serde_json::from_str(&results).unwrap();
     assert_eq!(results["summary"]["not_run"], 2);

@@ -447,7 +447,8 @@ fn rays_in_a_plateau_end_soon() {
                 let found = oracle.nearest(&ray, Interval::FORWARD);
                 let seconds = start.elapsed().as_secs_f64();
                 println!("{plateau:?} {direction:?} {z}: {seconds:.2} s, {found:?}");
-                assert!(seconds < 1.0, "{seconds} s for {ray:?}");
+                // No measure of speed: without an end it takes minutes.
+                assert!(seconds < 30.0, "{seconds} s for {ray:?}");
             }
         }
     }

@@ -88,7 +88,7 @@ fn a_view_is_served_until_a_signal() {
         assert!(status.unwrap().success());
         let status = child.wait().unwrap();
         assert_eq!(status.code(), Some(code));
-        assert!(start.elapsed() < Duration::from_secs(5), "{:?}", start.elapsed());
+        assert!(start.elapsed() < Duration::from_secs(30), "{:?}", start.elapsed());
         let mut text = String::new();
         child.stderr.take().unwrap().read_to_string(&mut text).unwrap();
         assert!(text.contains("lok_at") && text.contains("scene.toml:2"), "{text}");

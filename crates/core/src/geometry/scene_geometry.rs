@@ -30,7 +30,9 @@ impl TriangleMesh {
     /// The corners of a triangle.
     #[inline]
     pub fn corners(&self, triangle: u32) -> [DVec3; 3] {
-        self.triangles[triangle as usize].map(|i| self.positions[i as usize])
+        let [a, b, c] = self.triangles[triangle as usize];
+        let corner = |i: u32| self.positions[i as usize];
+        [corner(a), corner(b), corner(c)]
     }
 
     /// The hit of a sheared ray with a triangle.
@@ -96,7 +98,7 @@ impl TriangleMesh {
         needs: SurfaceAttributes,
     ) -> SurfaceInteraction {
         let indices = self.triangles[hit.primitive as usize];
-        let [a, b, c] = indices.map(|i| self.positions[i as usize]);
+        let [a, b, c] = self.corners(hit.primitive);
         let DVec2 { x: u, y: v } = hit.prim_uv;
         let weights = [1.0 - u - v, u, v];
         let position = weights[0] * a + weights[1] * b + weights[2] * c;

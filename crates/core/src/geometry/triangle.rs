@@ -116,13 +116,15 @@ impl ShearedRay {
     /// degenerate triangles and those seen edge-on.
     #[inline]
     pub fn intersect(&self, a: DVec3, b: DVec3, c: DVec3) -> Option<TriangleHit> {
-        self.intersect_turned([a, b, c].map(|p| along(self.axes, p.to_array())))
+        let turned = |p: DVec3| along(self.axes, p.to_array());
+        self.intersect_turned([turned(a), turned(b), turned(c)])
     }
 
     /// [`Self::intersect`] for corners given by their coordinates along [`Self::axes`].
     #[inline(always)]
-    pub fn intersect_turned(&self, corners: [[f64; 3]; 3]) -> Option<TriangleHit> {
-        let [a, b, c] = corners.map(|p| self.shear_turned(p));
+    pub fn intersect_turned(&self, [a, b, c]: [[f64; 3]; 3]) -> Option<TriangleHit> {
+        // Not `map`, which is a call in builds with debug assertions.
+        let [a, b, c] = [self.shear_turned(a), self.shear_turned(b), self.shear_turned(c)];
         // Scaled barycentric coordinates: edge functions opposite a, b and c.
         let weight_a = c.x * b.y - c.y * b.x;
         let weight_b = a.x * c.y - a.y * c.x;
@@ -237,9 +239,9 @@ fn side(p: DVec3, q: DVec3) -> Option<bool> {
 /// 1e-16, so one Newton step removes it. The depth is clamped to that of the triangle, on which the
 /// bounds of conservative tests rely.
 #[inline(always)]
-fn place([a, b, c]: [DVec3; 3], weights: [f64; 3], determinant: f64) -> DVec3 {
+fn place([a, b, c]: [DVec3; 3], [wa, wb, wc]: [f64; 3], determinant: f64) -> DVec3 {
     let reciprocal = 1.0 / determinant;
-    let [wa, wb, wc] = weights.map(|weight| weight * reciprocal);
+    let [wa, wb, wc] = [wa * reciprocal, wb * reciprocal, wc * reciprocal];
     let (offset_x, offset_y) = (wa * a.x + wb * b.x + wc * c.x, wa * a.y + wb * b.y + wc * c.y);
     let (e, f) = (b - a, c - a);
     let u = (f.y * offset_x - f.x * offset_y) * reciprocal;
@@ -295,14 +297,15 @@ impl ShearedStream {
 
     /// [`ShearedRay::intersect`] for one lane, branchless: `t` is NaN for a miss.
     #[inline(always)]
-    pub fn intersect(&self, rays: &RayStream, lane: usize, corners: [DVec3; 3]) -> TriangleHit {
+    pub fn intersect(&self, rays: &RayStream, lane: usize, [a, b, c]: [DVec3; 3]) -> TriangleHit {
         let (origin, shear) = (rays.origin.get(lane), self.shear.get(lane));
         let (axis, exchanged) = (self.axis[lane], self.exchanged[lane]);
-        let [a, b, c] = corners.map(|corner| {
+        let sheared = |corner: DVec3| {
             let p = turned(corner - origin, axis);
             let (x, y) = (select(exchanged, p.z, p.y), select(exchanged, p.y, p.z));
             DVec3::new(x - shear.x * p.x, y - shear.y * p.x, p.x)
-        });
+        };
+        let [a, b, c] = [sheared(a), sheared(b), sheared(c)];
         let weight_a = c.x * b.y - c.y * b.x;
         let weight_b = a.x * c.y - a.y * c.x;
         let weight_c = b.x * a.y - b.y * a.x;
