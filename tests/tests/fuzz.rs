@@ -223,7 +223,11 @@ fn many_faults_do_not_take_long() {
     check(&format!("[camera]\ntype = \"perspective\"\n{keys}"), &registry);
     let shapes = "[[shape]]\ntype = \"shpere\"\n".repeat(5_000);
     check(&shapes, &registry);
-    assert!(start.elapsed() < whitstone_tests::ENDLESS, "{:?}", start.elapsed());
+    assert!(
+        start.elapsed() < whitstone_tests::ENDLESS,
+        "{:?}",
+        start.elapsed()
+    );
 }
 
 #[test]
