@@ -2,8 +2,8 @@
 //!
 //! Faults are tried against the stored references, and against a live Mitsuba where its environment
 //! is there (`cargo xtask validate` makes it) or a live POV-Ray where that is installed; otherwise
-//! the live tests are listed as ignored. Where a fault can be tried in both ways, each fourth one is
-//! tried live and the others are not unless asked for, since all of them take minutes:
+//! the live tests are listed as ignored. Where a fault can be tried in both ways, each fourth one
+//! is tried live, and the others are not unless asked for, since all of them take minutes:
 //! `cargo test --profile ci -p whitstone-tests --test faults -- --include-ignored`.
 
 use libtest_mimic::{Arguments, Failed, Trial};
