@@ -3,7 +3,7 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 use whitstone::core::{Registry, SceneErrors};
 use whitstone::render::{BuildOptions, Pipeline};
 use whitstone::scene::{Description, Sources};
@@ -154,9 +154,7 @@ impl Random {
 fn a_damaged_scene_is_answered() {
     let registry = whitstone::registry();
     let mut random = Random(1);
-    let (start, mut tried) = (Instant::now(), 0);
-    while start.elapsed() < Duration::from_secs(4) && tried < 20_000 {
-        tried += 1;
+    for _ in 0..4_000 {
         let mut bytes = SCENE.as_bytes().to_vec();
         for _ in 0..=random.below(4) {
             let at = random.below(bytes.len());
@@ -178,7 +176,6 @@ fn a_damaged_scene_is_answered() {
             check(&text, &registry);
         }
     }
-    assert!(tried > 500, "only {tried} in the time");
 }
 
 #[test]
