@@ -46,7 +46,11 @@ materials = { \"paint\" = \"red\" }
 
 The imported camera counts only if the scene has none. Errors name the place in the file: a JSON
 pointer in glTF, line and column in XML and pbrt, the line in OBJ and MTL. Files outside of the
-folder of the imported file, and addresses on a network, are refused.
+folder of the imported file are refused unless `allow_outside` is set, and addresses on a network
+always.
+
+In every format, a file without a camera gets one that shows the whole scene, and a file without
+lights a directional light, an ambient light and a grey background.
 
 The tables below are those that the conversions use themselves. *Kept* means the same image,
 *approximated* a similar image, and *dropped* no effect. Plugins of Mitsuba and pbrt that are not

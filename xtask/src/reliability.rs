@@ -77,7 +77,7 @@ impl Tally {
     }
 }
 
-/// A promise and how it is tried.
+/// A promise and how it is tested.
 struct Promise {
     name: &'static str,
     how: &'static str,
@@ -92,12 +92,12 @@ const PROMISES: [Promise; 7] = [
     },
     Promise {
         name: "A killed command leaves whole files, and the next run is undisturbed.",
-        how: "SIGKILL at a random moment. After it every file is absent, as it was, or complete. The command then runs again: its files are, bit for bit, those of a run that was never killed, in all values that are the same in several such runs (times, what `converge` decides from them, and the load that other programs put on the machine are not), and temporaries are gone. A measurement that `converge` has stored keeps its times.",
+        how: "The test kills the command with SIGKILL at a random moment. After that every file is absent, as it was, or complete. The command then runs again: its files are, bit for bit, those of a run that was never killed, except measured times, what `converge` derives from them, and the load of the machine. No temporary file is left. A measurement that `converge` has stored keeps its times.",
         run: kills::run,
     },
     Promise {
         name: "A driver does not outlive its command.",
-        how: "`validate --fresh` with a live Mitsuba, and SIGKILL at a random moment, in at least one attempt while a driver is alive. One second later no process that it started is alive. Its files are as after every kill, and the next run gives the same results.",
+        how: "The test kills `validate --fresh` with a live Mitsuba with SIGKILL at a random moment, in at least one attempt while a driver is alive. One second later no process that the command started is alive. The files are as after every kill, and the next run gives the same results.",
         run: references::drivers,
     },
     Promise {
@@ -106,18 +106,18 @@ const PROMISES: [Promise; 7] = [
         run: references::stored,
     },
     Promise {
-        name: "A damaged file is answered.",
-        how: "Scenes, meshes and images of every format that is read, with bytes changed, removed or repeated. The command ends within 10 s with a documented exit code, without a panic.",
+        name: "A damaged file gives an error, not a crash or a hang.",
+        how: "The test changes, removes or repeats bytes of scenes, meshes and images of every format that is read. The command ends within 10 s with a documented exit code, without a panic.",
         run: damage::run,
     },
     Promise {
         name: "Memory is bounded.",
-        how: "Scenes whose size follows from numbers in the file, with `--max-memory`. The peak of the resident memory is at most 1.1 times the limit plus 64 MiB, whether the scene is rendered or refused.",
+        how: "The test renders scenes whose size follows from numbers in the file, with `--max-memory`. The peak of the resident memory is at most 1.1 times the limit plus 64 MiB, whether the scene is rendered or refused.",
         run: memory::run,
     },
     Promise {
         name: "An image does not depend on the processor.",
-        how: "Every scene of the repository, at 32 x 24 pixels, with the mathematics functions that glibc has for older x86-64 processors, with fewer vector instructions, and by a program for arm64 under `qemu-aarch64`. The files are equal, byte for byte. A quick run tries some of the scenes, without arm64.",
+        how: "The test renders every scene of the repository at 32 x 24 pixels with the mathematics functions that glibc has for older x86-64 processors, with fewer vector instructions, and by a program for arm64 under `qemu-aarch64`. The files are equal, byte for byte. A quick run tries some of the scenes, without arm64.",
         run: processors::run,
     },
 ];

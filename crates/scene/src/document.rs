@@ -44,7 +44,8 @@ const MANY: usize = 4096;
 /// file either.
 const MAX_PATH: usize = 64;
 
-/// The top-level table with the nearest name, if `name` is not a table itself.
+/// The top-level key nearest to `name` (`name` itself if it is one); `None` if none is near enough
+/// to be a typing error.
 pub fn nearest_top_level(name: &str) -> Option<&'static str> {
     nearest(name, TOP_LEVEL)
 }

@@ -508,7 +508,10 @@ impl<'r> Loader<'r> {
         let start = self.sources.end;
         let so_far: usize = self.sources.files.iter().map(|source| source.padded.len()).sum();
         let text = if so_far + start + text.len() > MAX_PADDED_BYTES {
-            let problem = format!("\"{name}\": the files of this scene are too large in total");
+            let problem = format!(
+                "\"{name}\": the files of this scene are too large in total; the limit is {} MiB, each file counted with all files before it",
+                MAX_PADDED_BYTES >> 20
+            );
             self.fail(None, problem);
             ""
         } else if let Some(limit) = self.sources.max_memory

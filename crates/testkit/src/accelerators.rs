@@ -19,9 +19,10 @@ use whitstone_core::{
 /// nearest hits and occlusion, in any interval and with any skipped primitive.
 ///
 /// The geometries are: nothing, one triangle, random triangles and balls, coincident elements,
-/// grids of axis-parallel faces with rays in their planes, slivers, an unbounded wall, and elements
-/// of very different sizes. Those of triangles are also moved, and accelerators that can be
-/// refitted must give the results for the moved triangles.
+/// grids of axis-parallel faces with rays in their planes, slivers, an unbounded wall, elements of
+/// very different sizes, and instances (nested, coincident, sheared, unbounded, of slivers) with
+/// the accelerator on both levels. Rays come one by one and in streams. Geometries of triangles are
+/// also moved, and accelerators that can be refitted must give the results for the moved triangles.
 ///
 /// # Panics
 ///

@@ -208,13 +208,14 @@ pub(crate) fn instance_geometries() -> [(&'static str, Shapes, u32); 6] {
     ]
 }
 
-/// Some triangles of instances, in world space.
+/// Some triangles of instances, in the space of the geometry.
 pub(crate) fn instance_triangles(geometry: &Geometry) -> Vec<[DVec3; 3]> {
     let mut corners = Vec::new();
     for shape in geometry.shapes() {
         let LoweredShape::Instance(instance) = shape else {
             continue;
         };
+        let first = corners.len();
         let inside = instance.group().geometry();
         for shape in inside.shapes() {
             if let LoweredShape::Triangles(mesh) = shape {
@@ -224,8 +225,7 @@ pub(crate) fn instance_triangles(geometry: &Geometry) -> Vec<[DVec3; 3]> {
         let inner = instance_triangles(inside);
         let to_world = |p| instance.transform().point_to_world(p);
         corners.extend(inner);
-        let first = corners.len();
-        corners[..first]
+        corners[first..]
             .iter_mut()
             .for_each(|triangle| *triangle = triangle.map(to_world));
     }

@@ -41,7 +41,7 @@ fn surface(n_g: DVec3, n_s: DVec3, uv: DVec2, view: DVec3) -> SurfaceInteraction
 
 /// Checks the laws of materials:
 ///
-/// - The responses are exactly those that the flags declare.
+/// - There is no response that the flags do not declare.
 /// - They are finite and not negative, from normal to grazing incidence, on both sides, with and
 ///   without shading normals, and proportional to the light.
 /// - The material reads only the attributes that it declares.

@@ -83,6 +83,8 @@ pub fn shape_laws_everywhere<P: Plugin<Shapes>>(text: &str, samples: u32) {
 /// - A spawned ray does not hit its start again.
 /// - A hit depends only on the ray, not on the interval or on earlier queries.
 /// - Streams of rays give the same bits.
+/// - Texture coordinates are finite. `surface_at_offset`, if it returns anything, agrees with the
+///   surface that a ray finds there, in texture coordinates and normal.
 /// - A shape that declares itself a solid is one: entries and exits alternate, and points between
 ///   them are inside as seen from every direction.
 ///

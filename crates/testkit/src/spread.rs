@@ -2,8 +2,8 @@
 
 use whitstone_core::DVec3;
 
-/// Unit vectors spread over the sphere; the first are the axes and both diagonals of a coordinate
-/// plane.
+/// Unit vectors spread over the sphere; the first are the axes and one diagonal, each with its
+/// opposite.
 pub(crate) fn directions(count: u32) -> impl Iterator<Item = DVec3> {
     let axes = [
         DVec3::X,

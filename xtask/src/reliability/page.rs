@@ -19,7 +19,7 @@ pub(crate) fn page(result: &Value, fuzzed: &Value) -> String {
     let mut page = format!(
         "# Reliability\n\n{}\n\n| promise | attempts | broken |\n|---|---|---|\n",
         wrapped(&format!(
-            "What a fault does to the program, and how that is tried. `cargo xtask reliability` tries each promise and counts; CI runs `cargo xtask reliability --quick`. The counts are those of `{RESULT}`{quick}."
+            "This page lists what the program guarantees under faults, and how each guarantee is tested. `cargo xtask reliability` tests each of them and counts the attempts; CI runs `cargo xtask reliability --quick`. The counts are those of `{RESULT}`{quick}."
         ))
     );
     let promises = result["promises"].as_array().map_or(&[][..], Vec::as_slice);
@@ -65,7 +65,7 @@ const FUZZING: &str = "## Fuzzing
 meshes, materials and images. It is guided by coverage (libFuzzer, with the counters of the stable
 compiler): a damaged file that reaches new code is damaged further. Scenes that are valid are also
 rendered. A panic, an answer that takes more than 10 s, more than 2 GiB of memory, or an error
-without a text or place is a finding. It runs as long as one likes: `cargo xtask fuzz gltf ply
+without a text or place is a finding. The time is given by `--seconds`: `cargo xtask fuzz gltf ply
 --seconds 3600`.
 
 `cargo xtask fuzz scenes` makes random scenes from the JSON Schema, three in four of them valid,
@@ -74,7 +74,8 @@ accelerator, with three threads, and with each set of vector instructions; all i
 same, bit for bit. Each image, and each refusal, counts as an execution. Images have 16 x 12 pixels,
 those of slow shapes (fractals, implicit surfaces) fewer; without an accelerator, scenes of up to a
 million pairs of a ray and an element are rendered. `cargo xtask fuzz mitsuba` validates such scenes
-against Mitsuba. CI does each for 20 s.
+against Mitsuba. CI runs `cargo xtask fuzz scenes mitsuba --seconds 20`. Runs of kinds without a row
+in this table were not recorded.
 ";
 
 const BY_TESTS: &str = "## Promises that tests keep
@@ -88,8 +89,8 @@ const BY_TESTS: &str = "## Promises that tests keep
 | A ray tree of more than `--max-tree-rays` rays is an error. | [hostile_files](../tests/tests/hostile_files.rs) |
 | Where the system allows no threads, one thread renders, and `view` ends with an error. | [hostile_files](../tests/tests/hostile_files.rs) |
 | Names cannot send control characters to the terminal. | [hostile_files](../tests/tests/hostile_files.rs) |
-| A scene cut at any byte is answered with a place. | [fuzz](../tests/tests/fuzz.rs) |
-| Damaged probes in the cache of live references are made again. | [live](../crates/validate/src/live.rs) |
+| A scene file cut at any byte gives an error with a place. | [fuzz](../tests/tests/fuzz.rs) |
+| Damaged images in the cache of live references are made again. | [live](../crates/validate/src/live.rs) |
 | Links in the cache of live references are not followed. | [fake_mitsuba](../tests/tests/fake_mitsuba.rs) |
 | A driver that hangs, floods its output or ends early is reported. | [validation](../tests/tests/validation.rs) |
 | The image does not depend on accelerator, threads or SIMD instructions. | [determinism](../tests/tests/determinism.rs) |

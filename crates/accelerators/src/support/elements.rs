@@ -423,7 +423,8 @@ pub(crate) trait Structure: Send + Sync + Sized + 'static {
     /// Statistics of the structure, with `bytes`, but without those that all structures share.
     fn statistics(&self) -> Statistics;
 
-    /// The volumes down to a level, as in [`Accelerator::outlines`]; none if there are no elements.
+    /// The volumes down to a level, as in [`Accelerator::debug_bounds`]; none if there are no
+    /// elements.
     fn debug_bounds(&self, deepest: usize) -> Vec<DebugBounds>;
 }
 

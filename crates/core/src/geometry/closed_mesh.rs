@@ -93,8 +93,10 @@ impl ClosedMesh {
 
     /// Upper bound on the bytes that [`Self::new`] allocates, without the mesh itself.
     pub fn bytes(mesh: &TriangleMesh) -> u64 {
-        // One node per two triangles, and 1.5 edges per triangle in a half-full hash table.
-        let each = size_of::<u32>() + size_of::<Node>() + 3 * size_of::<([[u64; 3]; 2], i64)>();
+        // At least two triangles per leaf, so at most one node per triangle. A mesh has 1.5 edges
+        // per triangle; when their hash table, which is at most 7/8 full, doubles, the old and the
+        // new one together have room for 1.5 * 3 * 8/7 = 5.1.
+        let each = size_of::<u32>() + size_of::<Node>() + 6 * size_of::<([[u64; 3]; 2], i64)>();
         mesh.triangles.len() as u64 * each as u64
     }
 

@@ -51,8 +51,8 @@ impl Interval {
     }
 }
 
-/// An axis-aligned bounding box in world space. `EMPTY` contains nothing; the box of an unbounded
-/// shape has infinite corners.
+/// An axis-aligned bounding box, in the space of the scene or of a group. `EMPTY` contains nothing;
+/// the box of an unbounded shape has infinite corners.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Aabb {
     /// Smallest coordinates.
@@ -105,7 +105,7 @@ impl Aabb {
         self.min.is_finite() && self.max.is_finite()
     }
 
-    /// Middle of the box.
+    /// Middle of the box; NaN along an axis that is empty, or unbounded on both sides.
     pub fn center(&self) -> DVec3 {
         0.5 * self.min + 0.5 * self.max
     }

@@ -8,8 +8,8 @@ use crate::{
 use glam::{DVec2, DVec3};
 use std::collections::BTreeMap;
 
-/// An indexed triangle mesh in world space.
-#[derive(Clone, Debug, Default)]
+/// An indexed triangle mesh, in the space of the scene or of its group.
+#[derive(Clone, Debug)]
 pub struct TriangleMesh {
     /// Vertex positions in metres.
     pub positions: Vec<DVec3>,
@@ -24,6 +24,20 @@ pub struct TriangleMesh {
     pub orientation: f64,
     /// Further attributes, if the mesh has any.
     pub attributes: Option<Box<MeshAttributes>>,
+}
+
+impl Default for TriangleMesh {
+    /// No triangles, and an orientation of 1.
+    fn default() -> Self {
+        Self {
+            positions: Vec::new(),
+            normals: Vec::new(),
+            uvs: Vec::new(),
+            triangles: Vec::new(),
+            orientation: 1.0,
+            attributes: None,
+        }
+    }
 }
 
 impl TriangleMesh {
@@ -281,7 +295,8 @@ impl Geometry {
         &self.shapes
     }
 
-    /// All elements, in the order in which ties are resolved.
+    /// All elements by shape, then by triangle. With instances this is not the order of ties:
+    /// compare hits with [`PreliminaryIntersection::is_nearer_than`].
     pub fn elements(&self) -> impl Iterator<Item = Element> + '_ {
         self.shapes.iter().zip(0u32..).flat_map(|(part, shape)| {
             let count = match part {
@@ -295,7 +310,9 @@ impl Geometry {
         })
     }
 
-    /// Bounds of an element.
+    /// Bounds of an element. By rounding, a hit may lie outside of them: an accelerator must widen
+    /// its boxes or rays. `docs/accelerators.md`, "Why no box that contains a hit is rejected",
+    /// says by how much.
     pub fn bounds(&self, element: Element) -> Aabb {
         match (element, &self.shapes[element.shape() as usize]) {
             (Element::Triangle { triangle, .. }, LoweredShape::Triangles(mesh)) => {

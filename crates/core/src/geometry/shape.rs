@@ -8,11 +8,13 @@ use std::ops::{BitOr, BitOrAssign};
 
 /// The geometry that a shape plugin produces; accelerators see nothing else.
 ///
+/// Coordinates are those of the scene, or of the group that the shape belongs to.
+///
 /// The number of a shape (`shape_id`) is the index of its table in the flattened scene. Shapes
 /// inside groups are numbered after all others.
 #[non_exhaustive]
 pub enum LoweredShape {
-    /// Triangles in world space.
+    /// Triangles.
     Triangles(TriangleMesh),
     /// Any other shape, with its own intersection test.
     Custom(Box<dyn Shape>),
@@ -20,7 +22,7 @@ pub enum LoweredShape {
     Instance(Box<Instance>),
 }
 
-/// A shape that is not made of triangles, in world space.
+/// A shape that is not made of triangles, in the space of the scene or of its group.
 ///
 /// **Purity law**: results depend only on the ray, the skipped primitive and the object; the
 /// interval only filters hits. Otherwise images would depend on the order in which an accelerator
@@ -157,7 +159,8 @@ pub struct ShapeHit {
     pub t: f64,
     /// Number of the sub-primitive (for a box, its face); 0 if there is only one.
     pub primitive: u32,
-    /// Two surface parameters; each shape defines their meaning.
+    /// Two numbers that `intersect` passes to `surface`. Each shape defines their meaning: surface
+    /// parameters, or for example a position on the ray.
     pub prim_uv: DVec2,
 }
 
@@ -300,13 +303,14 @@ impl BitOrAssign for SurfaceAttributes {
     }
 }
 
-/// A point on a surface, in world space.
+/// A point on a surface, in the space of the scene or of its group.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfaceInteraction {
     /// On the surface, within `error`.
     pub position: DVec3,
     /// Upper bound on the distance of `position` from the surface, in metres along the normal. The
-    /// origin of a spawned ray is offset from `position` by this distance.
+    /// origin of a spawned ray is offset from `position` by this distance, so it must also cover
+    /// the rounding of [`Self::spawn_origin`]: one more unit roundoff of the coordinates.
     pub error: f64,
     /// Unit geometric normal; it points to the outside of the surface.
     pub n_g: DVec3,

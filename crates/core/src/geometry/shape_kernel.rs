@@ -43,7 +43,8 @@ pub trait ShapeKernel: Clone + Send + Sync {
         self.hit(ray, min, origin_primitive)
     }
 
-    /// See [`Shape::surface`].
+    /// See [`Shape::surface`]. `n_s` must not depend on `needs`: streams request only `UV` (if
+    /// `VECTOR_UV`) or nothing. A shape with interpolated normals implements [`Shape`] instead.
     fn surface(
         &self,
         ray: &Ray,

@@ -284,9 +284,9 @@ pub struct RayStream {
     pub len: usize,
     /// Origins, in metres.
     pub origin: Vectors,
-    /// Unit directions.
+    /// Directions of any length except 0: rays inside a group are not normalised.
     pub direction: Vectors,
-    /// Upper ends of the rays' intervals.
+    /// Upper ends of the rays' intervals, in units of the length of the direction.
     pub limit: Lanes<f64>,
     /// The primitives that the rays start on.
     pub skip: Ids,

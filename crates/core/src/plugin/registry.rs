@@ -121,8 +121,8 @@ families! {
 pub trait Plugin<F: Family> {
     /// The TOML `type`; also the stem of its file, its Cargo feature and its example scene.
     const TYPE: &'static str;
-    /// Its parameters. The first line of the documentation is the summary that `whitstone list`
-    /// prints.
+    /// Its parameters. The first paragraph of the documentation is the summary that `whitstone
+    /// list` prints.
     type Config: DeserializeOwned + JsonSchema;
 
     /// Builds the product. Errors without a position are reported at the plugin's table.
@@ -161,7 +161,7 @@ impl Entry {
         (self.schema)()
     }
 
-    /// First line of the documentation of its parameters.
+    /// First paragraph of the documentation of its parameters.
     pub fn summary(&self) -> String {
         let schema = self.schema();
         let text = schema.get("description").and_then(|d| d.as_str());
@@ -228,8 +228,8 @@ impl Registry {
     }
 
     /// Declares the type that a scene uses without naming it: the sampler or integrator of a scene
-    /// without one, the material of a shape without one, and the texture or shape that reads an
-    /// image or mesh file for another plugin.
+    /// without one, the material of a shape without one, the accelerator, and the texture or shape
+    /// that reads an image or mesh file for another plugin.
     pub fn set_default(&mut self, family: FamilyName, name: &'static str) {
         self.defaults.insert(family, name);
     }
@@ -299,8 +299,8 @@ impl Registry {
         self.entries.values().flat_map(BTreeMap::values)
     }
 
-    /// The plugin of a type. The error lists the available types and the nearest name; it has no
-    /// position.
+    /// The plugin of a type. The error names the nearest type, or else all types; for a type that
+    /// this binary was built without, its feature. It has no position.
     pub fn get(&self, family: FamilyName, name: &str) -> Result<&Entry, SceneError> {
         if let Some(entry) = self.entries.get(&family).and_then(|entries| entries.get(name)) {
             return Ok(entry);

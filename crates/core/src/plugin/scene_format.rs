@@ -161,7 +161,8 @@ impl Notes {
         }
     }
 
-    /// The notes: what is dropped last, otherwise in the order of their first occurrence.
+    /// The notes: kept, then approximated, then dropped; each in the order of their first
+    /// occurrence.
     pub fn into_sorted(mut self) -> Vec<Note> {
         self.notes.sort_by_key(|note| note.feature.treatment);
         self.notes

@@ -59,7 +59,7 @@ impl DirectionMap {
         match (radiance, faces) {
             (Some(radiance), None) => Ok(Self::Sphere(context.texture(radiance)?)),
             (None, Some(faces)) => Ok(Self::Cube(cube(faces.get_ref(), context)?)),
-            (None, None) => Err(SceneError::anywhere("missing key `radiance or faces`").into()),
+            (None, None) => Err(SceneError::anywhere("missing key `radiance` or `faces`").into()),
             (Some(_), Some(faces)) => {
                 let message = "`faces` and `radiance` exclude each other";
                 Err(SceneError::at(faces.span(), message).into())

@@ -74,9 +74,10 @@ pub trait Material: Send + Sync {
         }
     }
 
-    /// Transmittance of an undeviated shadow ray in unit direction `direction`. `point` is oriented
-    /// towards the ray's origin. If `filtered`, transparent surfaces attenuate light; otherwise
-    /// only cut-outs let it pass.
+    /// Transmittance of an undeviated shadow ray in unit direction `direction`. Rule S has
+    /// been applied to `point` for the viewer `-direction`. Its `n_g` still points to the outside,
+    /// so that the ray enters the body exactly if `n_g · direction < 0`. If `filtered`, transparent
+    /// surfaces attenuate light; otherwise only cut-outs let it pass.
     fn shadow_transmittance(
         &self,
         point: &SurfaceInteraction,
@@ -110,13 +111,14 @@ pub trait Material: Send + Sync {
         let _ = (point, view, out);
     }
 
-    /// Maximum number of reflection rays per hit: 1 unless the material is glossy.
+    /// Maximum number of reflection rays per hit, from 1 to 100: 1 unless the material is glossy.
+    /// At least the number of directions of each [`Self::glossy_lobe`].
     fn reflections(&self) -> u32 {
         1
     }
 
-    /// Maximum number of transmitted and undeviated rays per hit: 1 unless the material is rough
-    /// glass.
+    /// Maximum number of transmitted and undeviated rays per hit, from 1 to 100: 1 unless the
+    /// material is rough glass.
     fn transmissions(&self) -> u32 {
         1
     }

@@ -252,9 +252,10 @@ impl<M: Mapping> Clipped<M> {
         let reach = bounds.min.abs().max(bounds.max.abs());
         // Written so that NaN fails.
         if !reach.cmplt(DVec3::splat(MAX_REACH)).all() {
-            return Err(SceneError::anywhere(
-                "the shape is too large for double precision",
-            ));
+            return Err(SceneError::anywhere(format!(
+                "the shape reaches coordinates of {:e} m after the transform; the limit is {MAX_REACH:e} m",
+                reach.max_element()
+            )));
         }
         let center = bounds.center();
         // Upper bound on the rounding error of the center and the extent.

@@ -8,9 +8,9 @@ pub(crate) fn check_radius(radius: f64) -> Result<(), SceneError> {
     if (radius * radius).is_normal() {
         return Ok(());
     }
-    Err(SceneError::anywhere(
-        "the radius is too large or too small for double precision",
-    ))
+    Err(SceneError::anywhere(format!(
+        "expected a radius from 1.5e-154 to 1.3e154 m after the transform, found {radius:e}"
+    )))
 }
 
 /// Unwraps the texture coordinates of a point near `here` across the seam of a full turn.

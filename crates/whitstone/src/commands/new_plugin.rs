@@ -225,12 +225,13 @@ fn check(family: FamilyName, name: &str, registry: &Registry) -> Result<(), Fail
     }
 }
 
-/// Names that cannot be a module, and the crates that the package uses.
-const KEYWORDS: [&str; 41] = [
+/// Rust's keywords, also the reserved ones: names that cannot be a module.
+const KEYWORDS: [&str; 51] = [
     "abstract", "as", "async", "await", "become", "box", "break", "const", "continue", "crate", "do", "dyn",
     "else", "enum", "extern", "false", "final", "fn", "for", "gen", "if", "impl", "in", "let", "loop",
     "macro", "match", "mod", "move", "mut", "override", "priv", "pub", "ref", "return", "self", "static",
-    "struct", "super", "trait", "type",
+    "struct", "super", "trait", "true", "try", "type", "typeof", "unsafe", "unsized", "use", "virtual",
+    "where", "while", "yield",
 ];
 
 /// Replaces every spelling of the old name by that of the new one.

@@ -7,7 +7,7 @@ use serde::de::DeserializeOwned;
 use std::borrow::Cow;
 use toml::de::{DeTable, DeValue};
 
-/// Maximum number of errors reported per table. Finding each one costs a copy of the table.
+/// Maximum number of errors reported per table. Finding each one costs another decoding.
 const MAX_ERRORS: usize = 32;
 
 /// Decodes a plugin's table into its `Config` and reports *all* its errors, up to `MAX_ERRORS`.

@@ -14,8 +14,8 @@ use std::f64::consts::FRAC_1_PI;
 use std::sync::Arc;
 use whitstone_core::config::{NonNegative, TextureRef};
 use whitstone_core::{
-    BsdfFlags, ColorSource, Context, DVec3, LightSamples, Material, Materials, Plugin, Rgb, SceneErrors,
-    SurfaceAttributes, SurfaceInteraction,
+    BsdfFlags, ColorSource, Context, DVec3, LightSamples, Material, Materials, Plugin, Rgb, SceneError,
+    SceneErrors, SurfaceAttributes, SurfaceInteraction,
 };
 
 /// A matte surface that darkens towards its rim.
@@ -50,8 +50,18 @@ impl Plugin<Materials> for Chalk {
     type Config = Config;
 
     fn build(config: Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Material>, SceneErrors> {
+        let reflectance = context.texture(&config.reflectance)?;
+        if let ColorSource::Constant(color) = reflectance
+            && color.max_component() > 1.0
+        {
+            let found = color.max_component();
+            let mut error =
+                SceneError::anywhere(format!("expected a reflectance from 0 to 1, found {found}"));
+            error.span = config.reflectance.span.clone();
+            return Err(error.into());
+        }
         Ok(Arc::new(Self {
-            reflectance: context.texture(&config.reflectance)?,
+            reflectance,
             darkening: config.darkening.get(),
         }))
     }
@@ -97,6 +107,12 @@ mod tests {
         "reflectance = [0, 0.5, 1]",
         "reflectance = 0.0..1\ndarkening = 0.0..3",
     );
+
+    #[test]
+    fn more_light_than_falls_on_it_is_refused() {
+        let error = build::<Materials, Chalk>("reflectance = 1.5", ()).err().unwrap();
+        assert!(error.to_string().contains("from 0 to 1, found 1.5"), "{error}");
+    }
 
     #[test]
     fn without_darkening_it_is_matte() {
