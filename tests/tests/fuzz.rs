@@ -154,7 +154,7 @@ impl Random {
 fn a_damaged_scene_is_answered() {
     let registry = whitstone::registry();
     let mut random = Random(1);
-    for _ in 0..4_000 {
+    for _ in 0..10_000 {
         let mut bytes = SCENE.as_bytes().to_vec();
         for _ in 0..=random.below(4) {
             let at = random.below(bytes.len());

@@ -106,7 +106,7 @@ const PROMISES: [Promise; 7] = [
         run: references::stored,
     },
     Promise {
-        name: "A damaged file gives an error, not a crash or a hang.",
+        name: "A damaged file causes neither a crash nor a hang.",
         how: "The test changes, removes or repeats bytes of scenes, meshes and images of every format that is read. The command ends within 10 s with a documented exit code, without a panic.",
         run: damage::run,
     },

@@ -75,7 +75,7 @@ same, bit for bit. Each image, and each refusal, counts as an execution. Images 
 those of slow shapes (fractals, implicit surfaces) fewer; without an accelerator, scenes of up to a
 million pairs of a ray and an element are rendered. `cargo xtask fuzz mitsuba` validates such scenes
 against Mitsuba. CI runs `cargo xtask fuzz scenes mitsuba --seconds 20`. Runs of kinds without a row
-in this table were not recorded.
+in the table below were not recorded.
 ";
 
 const BY_TESTS: &str = "## Promises that tests keep
@@ -89,7 +89,7 @@ const BY_TESTS: &str = "## Promises that tests keep
 | A ray tree of more than `--max-tree-rays` rays is an error. | [hostile_files](../tests/tests/hostile_files.rs) |
 | Where the system allows no threads, one thread renders, and `view` ends with an error. | [hostile_files](../tests/tests/hostile_files.rs) |
 | Names cannot send control characters to the terminal. | [hostile_files](../tests/tests/hostile_files.rs) |
-| A scene file cut at any byte gives an error with a place. | [fuzz](../tests/tests/fuzz.rs) |
+| A scene file cut at any byte is read, or gives an error with a place. | [fuzz](../tests/tests/fuzz.rs) |
 | Damaged images in the cache of live references are made again. | [live](../crates/validate/src/live.rs) |
 | Links in the cache of live references are not followed. | [fake_mitsuba](../tests/tests/fake_mitsuba.rs) |
 | A driver that hangs, floods its output or ends early is reported. | [validation](../tests/tests/validation.rs) |

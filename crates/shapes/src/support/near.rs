@@ -9,7 +9,7 @@ pub(crate) fn check_radius(radius: f64) -> Result<(), SceneError> {
         return Ok(());
     }
     Err(SceneError::anywhere(format!(
-        "expected a radius from 1.5e-154 to 1.3e154 m after the transform, found {radius:e}"
+        "expected a radius from 1.5e-154 to 1.3e154 m, found {radius:e} m"
     )))
 }
 
