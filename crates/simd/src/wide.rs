@@ -103,10 +103,14 @@ pub trait Quad: Copy {
     fn mul(self, a: Self::Vector, b: Self::Vector) -> Self::Vector;
     /// `a / b`.
     fn div(self, a: Self::Vector, b: Self::Vector) -> Self::Vector;
+    /// `a` if `a < b`, else `b`.
+    fn min(self, a: Self::Vector, b: Self::Vector) -> Self::Vector;
     /// `a` if `a > b`, else `b`.
     fn max(self, a: Self::Vector, b: Self::Vector) -> Self::Vector;
     /// The absolute value.
     fn abs(self, x: Self::Vector) -> Self::Vector;
+    /// `-x`.
+    fn negate(self, x: Self::Vector) -> Self::Vector;
     /// The absolute value of `x` with the sign of `y`.
     fn copy_sign(self, x: Self::Vector, y: Self::Vector) -> Self::Vector;
     /// A mask: bit i is set if `a[i] == b[i]`.
@@ -329,6 +333,14 @@ impl Quad for Portable {
         each!(|a, b| a / b)
     }
     #[inline(always)]
+    fn min(self, a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
+        each!(|a, b| if a < b { a } else { b })
+    }
+    #[inline(always)]
+    fn negate(self, x: [f64; 4]) -> [f64; 4] {
+        each!(|x| -x)
+    }
+    #[inline(always)]
     fn max(self, a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
         each!(|a, b| if a > b { a } else { b })
     }
@@ -449,7 +461,9 @@ mod x86 {
             sub(a: __m256d, b: __m256d) -> __m256d = _mm256_sub_pd(a, b);
             mul(a: __m256d, b: __m256d) -> __m256d = _mm256_mul_pd(a, b);
             div(a: __m256d, b: __m256d) -> __m256d = _mm256_div_pd(a, b);
+            min(a: __m256d, b: __m256d) -> __m256d = _mm256_min_pd(a, b);
             max(a: __m256d, b: __m256d) -> __m256d = _mm256_max_pd(a, b);
+            negate(x: __m256d) -> __m256d = _mm256_xor_pd(x, _mm256_set1_pd(-0.0));
             abs(x: __m256d) -> __m256d = _mm256_andnot_pd(_mm256_set1_pd(-0.0), x);
             copy_sign(x: __m256d, y: __m256d) -> __m256d = {
                 let sign = _mm256_set1_pd(-0.0);

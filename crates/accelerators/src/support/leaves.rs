@@ -18,6 +18,7 @@ use glam::{Vec3A, Vec4, Vec4Swizzles};
 use std::sync::Arc;
 use whitstone_core::triangle::Axis;
 use whitstone_core::{Aabb, DVec3, Element, Geometry, LoweredShape};
+use whitstone_simd::prefetch;
 
 /// All leaves of a structure.
 pub(crate) struct Leaves {
@@ -53,6 +54,18 @@ impl Leaves {
             numbers,
             exact: frame.exact().unwrap_or(0.0),
             doubles: Vec::new(),
+        }
+    }
+
+    /// Fetches the usual size of a leaf into the cache, whatever its own size is: without branches.
+    #[inline(always)]
+    pub(crate) fn prefetch(&self, leaf: Child) {
+        let first = leaf.index();
+        if let Some(numbers) = self.numbers.get(NUMBERS * first..) {
+            prefetch(numbers.first_chunk::<64>().map_or(&[], |numbers| numbers));
+        }
+        if let Some(slots) = self.slots.get(first..) {
+            prefetch(&slots[..slots.len().min(1)]);
         }
     }
 

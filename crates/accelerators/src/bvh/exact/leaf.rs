@@ -165,7 +165,13 @@ impl Best {
         // A hit compares its slot with that of the triangle which the ray leaves.
         prefetch(&slots[..count]);
         let triangles = self.triangles(numbers, factor, count);
-        let reached = Sides::new(d, &triangles).reach(d, &triangles, (1 << count) - 1);
+        let sides = Sides::new(d, &triangles);
+        let valid = (1 << count) - 1;
+        // Most leaves end here; the next branch is then easy to predict.
+        if sides.mask & valid == 0 {
+            return false;
+        }
+        let reached = sides.reach(d, &triangles, valid);
         if reached.mask == 0 {
             return false;
         }

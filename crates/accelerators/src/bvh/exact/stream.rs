@@ -21,7 +21,7 @@ use whitstone_core::stream::{GROUP, LANES, RayStream};
 use whitstone_simd::{WideKernel, WideMachine, with_wide_lanes};
 
 /// Number of rays that are traversed at a time.
-const RAYS: usize = 48;
+const RAYS: usize = 40;
 
 /// Once at most this many rays are at inner nodes, leaves are tested.
 const FEW: usize = RAYS / 8;
@@ -203,6 +203,11 @@ fn flight<const ANY: bool, M: WideMachine>(
             if inner.len() <= FEW {
                 break;
             }
+        }
+        // A leaf is rarely in the nearest cache, and whether it is hit is hard to predict: without
+        // this, each ray would wait for its own leaf.
+        for number in leaves {
+            tree.leaves.prefetch(places[number].child);
         }
         for number in leaves {
             let place = &mut places[number];
