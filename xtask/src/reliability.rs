@@ -67,6 +67,8 @@ struct Tally {
     broken: Vec<String>,
     /// Why it was not tried.
     skipped: Option<String>,
+    /// When the count was last printed.
+    told: Option<Instant>,
 }
 
 impl Tally {
@@ -74,6 +76,11 @@ impl Tally {
     fn count(&mut self, seen: Result<(), String>) {
         self.tried += 1;
         self.broken.extend(seen.err());
+        let told = *self.told.get_or_insert_with(Instant::now);
+        if told.elapsed() >= Duration::from_secs(30) {
+            eprintln!("         {} attempts, {} broken", self.tried, self.broken.len());
+            self.told = Some(Instant::now());
+        }
     }
 }
 
@@ -144,6 +151,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Failure> {
     let mut results = Vec::new();
     let (mut harm, mut skipped) = (0, 0);
     for promise in &PROMISES {
+        eprintln!("trying   {}", promise.name);
         let start = Instant::now();
         let mut tally = (promise.run)(&subject)?;
         if tally.tried == 0 && tally.skipped.is_none() {
