@@ -39,7 +39,7 @@ pub(crate) use page::{PAGE, RESULT, page};
     after_help = "Examples:\n  cargo xtask reliability --quick\n  cargo xtask reliability --json studies/results/reliability.json"
 )]
 pub(crate) struct Arguments {
-    /// Few attempts of each kind: under two minutes
+    /// Few attempts of each kind: about three minutes
     #[arg(long)]
     quick: bool,
     /// Another program to test [default: whitstone, in the folder of this program]

@@ -337,16 +337,16 @@ impl Quad for Portable {
         each!(|a, b| if a < b { a } else { b })
     }
     #[inline(always)]
-    fn negate(self, x: [f64; 4]) -> [f64; 4] {
-        each!(|x| -x)
-    }
-    #[inline(always)]
     fn max(self, a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
         each!(|a, b| if a > b { a } else { b })
     }
     #[inline(always)]
     fn abs(self, x: [f64; 4]) -> [f64; 4] {
         each!(|x| x.abs())
+    }
+    #[inline(always)]
+    fn negate(self, x: [f64; 4]) -> [f64; 4] {
+        each!(|x| -x)
     }
     #[inline(always)]
     fn copy_sign(self, x: [f64; 4], y: [f64; 4]) -> [f64; 4] {
@@ -463,8 +463,8 @@ mod x86 {
             div(a: __m256d, b: __m256d) -> __m256d = _mm256_div_pd(a, b);
             min(a: __m256d, b: __m256d) -> __m256d = _mm256_min_pd(a, b);
             max(a: __m256d, b: __m256d) -> __m256d = _mm256_max_pd(a, b);
-            negate(x: __m256d) -> __m256d = _mm256_xor_pd(x, _mm256_set1_pd(-0.0));
             abs(x: __m256d) -> __m256d = _mm256_andnot_pd(_mm256_set1_pd(-0.0), x);
+            negate(x: __m256d) -> __m256d = _mm256_xor_pd(x, _mm256_set1_pd(-0.0));
             copy_sign(x: __m256d, y: __m256d) -> __m256d = {
                 let sign = _mm256_set1_pd(-0.0);
                 _mm256_or_pd(_mm256_andnot_pd(sign, x), _mm256_and_pd(sign, y))

@@ -57,7 +57,8 @@ impl Leaves {
         }
     }
 
-    /// Fetches the usual size of a leaf into the cache, whatever its own size is: without branches.
+    /// Fetches the usual size of a leaf into the cache, whatever its own size is: a loop over that
+    /// would be hard to predict. Of leaves in double precision only the slots.
     #[inline(always)]
     pub(crate) fn prefetch(&self, leaf: Child) {
         let first = leaf.index();

@@ -228,7 +228,7 @@ pub(super) fn prepare<Q: Quad>(
     interval: &Interval,
 ) -> Option<(BoxRay, Sheared)> {
     // What the first box test waits for comes first: the chain of dependent operations from the
-    // ray to there is a sixth of the time of a ray.
+    // ray to there is a fifth of the time of a primary ray.
     let direction = load(q, ray.direction, 1.0);
     let sizes = q.abs(direction);
     let largest = greatest(q, sizes);
@@ -236,9 +236,10 @@ pub(super) fn prepare<Q: Quad>(
     let steps = q.mul(largest, q.div(q.splat(1.0), sizes));
     let steps = q.min(steps, q.splat(STEEPEST));
     let world_origin = load(q, ray.origin, 0.0);
-    let moved = q.sub(world_origin, q.load(frame.center4));
+    let moved = q.sub(world_origin, load(q, frame.center, 0.0));
     let mut origin = q.mul(moved, q.splat(frame.scale));
     let distance = greatest(q, q.abs(moved));
+    // `padding` with two equal distances.
     let pad = q.mul(distance, q.splat(frame.scale * (EIGHT + FINE)));
     let mut pad = q.add(pad, q.splat(EIGHT));
     let size = q.store(largest)[0];

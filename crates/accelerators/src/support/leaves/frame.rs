@@ -10,8 +10,6 @@ use whitstone_simd::select;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frame {
     pub(crate) center: DVec3,
-    /// The same as four numbers, the last of which counts nowhere.
-    pub(crate) center4: [f64; 4],
     /// A power of two, so that scaling is exact.
     pub(crate) scale: f64,
     /// Whether `f32` coordinates in the world are exact in `f32` here too.
@@ -29,7 +27,6 @@ impl Frame {
         let exponent = (-exponent).clamp(-1000.0, 1000.0) as i64;
         Self {
             center,
-            center4: [center.x, center.y, center.z, 0.0],
             scale: f64::from_bits(((1023 + exponent) as u64) << 52),
             exact: false,
         }
@@ -44,7 +41,6 @@ impl Frame {
         });
         let frame = Self {
             center: DVec3::ZERO,
-            center4: [0.0; 4],
             exact: true,
             ..Self::around(&around_zero)
         };
