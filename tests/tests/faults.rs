@@ -2,7 +2,7 @@
 //!
 //! Faults are tried against the stored references, and against a live Mitsuba where its environment
 //! is there (`cargo xtask validate` makes it) or a live POV-Ray where that is installed; otherwise
-//! the live tests are listed as ignored. Where a fault can be tried in both ways, each fourth one
+//! the live tests are listed as ignored. Where a fault can be tried in both ways, each eighth one
 //! is tried live, and the others are not unless asked for, since all of them take minutes:
 //! `cargo test --profile ci -p whitstone-tests --test faults -- --include-ignored`.
 
@@ -37,6 +37,9 @@ struct Fault {
     /// What the result must show.
     found: fn(&CaseResult) -> bool,
 }
+
+/// Of faults that can be tried in both ways, one in so many is tried live.
+const IN_TURN: usize = 8;
 
 const CLASSIC: &str = "scenes/showcase/classic.toml";
 
@@ -731,12 +734,12 @@ fn main() {
             let stored = fault.reference.can_be_stored().then(|| {
                 let name = format!("stored {}: {}", fault.reference, fault.name);
                 Trial::test(name, move || run(fault, Mode::Stored))
-                    .with_ignored_flag(in_turn && number % 4 == 0)
+                    .with_ignored_flag(in_turn && number % IN_TURN == 0)
             });
             let live = Trial::test(format!("live {}: {}", fault.reference, fault.name), move || {
                 run(fault, Mode::Live)
             });
-            let ignored = missing || in_turn && number % 4 != 0;
+            let ignored = missing || in_turn && number % IN_TURN != 0;
             stored.into_iter().chain([live.with_ignored_flag(ignored)])
         })
         .chain(SHARED_FAULTS.iter().flat_map(|fault| {

@@ -1,13 +1,14 @@
-//! Checks the dependencies of the workspace: every licence is allowed by `deny.toml`, the table in
-//! `Cargo.toml` is sorted and matches their use, and published packages contain their licence.
+//! Checks the dependencies of the workspace: every licence and every build script is allowed by
+//! `deny.toml`, the table in `Cargo.toml` is sorted and matches their use, and published packages
+//! contain their licence.
 
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::process::Command;
 
-/// The file with the allowed licences, which cargo-deny reads too. Its check of licences is
-/// repeated here because it takes many minutes to build on a machine with two cores.
+/// The file with the allowed licences and build scripts, which cargo-deny reads too. Its checks of
+/// them are repeated here because it takes many minutes to build on a machine with two cores.
 const RULES: &str = "deny.toml";
 
 /// The problems of the dependencies, including those of other platforms and of tests.
@@ -20,14 +21,18 @@ pub(crate) fn check() -> Vec<String> {
             )];
         }
     }
-    let metadata = match metadata(&[]) {
+    let metadata = match metadata(&["--all-features"]) {
         Err(problem) => return vec![format!("cargo metadata: {problem}")],
         Ok(metadata) => metadata,
     };
-    let rules = std::fs::read_to_string(RULES).map_err(|error| error.to_string());
-    let mut problems = match rules.and_then(|rules| allowed(&rules)) {
-        Err(problem) => vec![format!("{RULES}: {problem}")],
-        Ok(allowed) => check_licences(&allowed, &metadata),
+    let rules = std::fs::read_to_string(RULES).unwrap_or_default();
+    let mut problems = match (names(&rules, LICENCES), names(&rules, BUILD_SCRIPTS)) {
+        (Err(problem), _) | (_, Err(problem)) => vec![format!("{RULES}: {problem}")],
+        (Ok(licences), Ok(scripts)) => {
+            let mut problems = check_licences(&licences, &metadata);
+            problems.extend(check_build_scripts(&scripts, &metadata));
+            problems
+        }
     };
     let manifest = std::fs::read_to_string("Cargo.toml").unwrap_or_default();
     problems.extend(check_order(&manifest));
@@ -86,24 +91,52 @@ fn missing_licences(metadata: &Value) -> Vec<String> {
         .collect()
 }
 
-/// SPDX identifiers, with exceptions where they have one.
+/// Names that the rules allow.
 type Allowed = BTreeSet<String>;
 
-/// The key `licenses.allow` of the rules.
-fn allowed(rules: &str) -> Result<Allowed, String> {
+/// The key of SPDX identifiers, with exceptions where they have one.
+const LICENCES: &str = "licenses.allow";
+/// The key of packages of others that may have a build script.
+const BUILD_SCRIPTS: &str = "bans.build.allow-build-scripts";
+
+/// A list of names in the rules.
+fn names(rules: &str, key: &str) -> Result<Allowed, String> {
     let rules: toml::Table = rules
         .parse()
         .map_err(|error: toml::de::Error| error.to_string())?;
-    let list = rules.get("licenses").and_then(|licences| licences.get("allow"));
+    let rules = toml::Value::Table(rules);
+    let list = key.split('.').try_fold(&rules, |table, key| table.get(key));
     let list = list.and_then(toml::Value::as_array);
-    let list = list.ok_or("licenses.allow is not a list")?;
+    let list = list.ok_or_else(|| format!("{key} is not a list"))?;
     list.iter()
         .map(|name| {
             let name = name.as_str();
             name.map(str::to_owned)
-                .ok_or_else(|| "licenses.allow contains something other than names".to_owned())
+                .ok_or_else(|| format!("{key} contains something other than names"))
         })
         .collect()
+}
+
+/// Packages of others whose build script is not in the list, and entries of the list without one.
+fn check_build_scripts(allowed: &Allowed, metadata: &Value) -> Vec<String> {
+    let has_script = |package: &&Value| {
+        let mut targets = package["targets"].as_array().into_iter().flatten();
+        !package["source"].is_null() && targets.any(|target| target["kind"][0] == "custom-build")
+    };
+    let found: BTreeSet<&str> = packages(metadata)
+        .filter(has_script)
+        .filter_map(|package| package["name"].as_str())
+        .collect();
+    let new = found.iter().filter(|name| !allowed.contains(**name));
+    let new = new.map(|name| {
+        format!(
+            "{name} has a build script; read it, and add it to {BUILD_SCRIPTS} in {RULES}, below what it does"
+        )
+    });
+    let gone = allowed.iter().filter(|name| !found.contains(name.as_str()));
+    let gone =
+        gone.map(|name| format!("{RULES}: {BUILD_SCRIPTS} contains {name}, which has no build script here"));
+    new.chain(gone).collect()
 }
 
 pub(crate) fn metadata(more: &[&str]) -> Result<Value, String> {
@@ -257,7 +290,7 @@ mod tests {
     use serde_json::json;
 
     fn ours() -> Allowed {
-        allowed(include_str!("../../deny.toml")).unwrap()
+        names(include_str!("../../deny.toml"), LICENCES).unwrap()
     }
 
     #[test]
@@ -305,8 +338,34 @@ mod tests {
     }
 
     #[test]
+    fn build_scripts_that_are_not_listed_are_named() {
+        let allowed = names(
+            "[bans.build]\nallow-build-scripts = [\"known\", \"gone\"]",
+            BUILD_SCRIPTS,
+        );
+        let package = |name: &str, source: Value, kind: &str| {
+            let targets = json!([{ "kind": ["lib"] }, { "kind": [kind] }]);
+            json!({ "name": name, "source": source, "targets": targets })
+        };
+        let metadata = json!({ "packages": [
+            package("own", Value::Null, "custom-build"),
+            package("known", json!("registry"), "custom-build"),
+            package("new", json!("registry"), "custom-build"),
+            package("plain", json!("registry"), "bin"),
+        ] });
+        let problems = check_build_scripts(&allowed.unwrap(), &metadata);
+        assert_eq!(problems.len(), 2, "{problems:?}");
+        assert!(
+            problems[0].starts_with("new has a build script"),
+            "{}",
+            problems[0]
+        );
+        assert!(problems[1].contains("contains gone"), "{}", problems[1]);
+    }
+
+    #[test]
     fn rules_without_a_list_of_names_are_an_error() {
-        let one = allowed("[licenses]\nallow = [\"MIT\"]").unwrap();
+        let one = names("[licenses]\nallow = [\"MIT\"]", LICENCES).unwrap();
         assert!(is_allowed(&one, "MIT") && !is_allowed(&one, "Zlib"));
         for bad in [
             "",
@@ -315,7 +374,7 @@ mod tests {
             "[licenses]\nallow = [1]",
             "[",
         ] {
-            assert!(allowed(bad).is_err(), "{bad}");
+            assert!(names(bad, LICENCES).is_err(), "{bad}");
         }
     }
 

@@ -7,6 +7,7 @@ mod memory;
 mod page;
 mod processors;
 mod references;
+mod soak;
 mod times;
 
 use clap::Args;
@@ -36,16 +37,24 @@ pub(crate) use page::{PAGE, RESULT, page};
 #[derive(Args, Debug)]
 #[command(
     help_template = whitstone::commands::HELP_TEMPLATE,
-    after_help = "Examples:\n  cargo xtask reliability --quick\n  cargo xtask reliability --json studies/results/reliability.json"
+    after_help = "Examples:\n  cargo xtask reliability --quick\n  cargo xtask reliability soak --soak 3600\n  cargo xtask reliability --json studies/results/reliability.json"
 )]
 pub(crate) struct Arguments {
+    /// The promises to test [default: all]
+    #[arg(value_name = "PROMISE", value_parser = PROMISES.map(|promise| promise.key))]
+    promises: Vec<String>,
     /// Few attempts of each kind: about three minutes
     #[arg(long)]
     quick: bool,
+    /// How long one program must run without growing memory, at least [default: 600, with --quick
+    /// 5]
+    #[arg(long, value_name = "SECONDS")]
+    soak: Option<u64>,
     /// Another program to test [default: whitstone, in the folder of this program]
     #[arg(long, value_name = "PROGRAM")]
     program: Option<PathBuf>,
-    /// Write the counts to this file as JSON
+    /// Write the counts to this file as JSON, after each promise; those of promises that are not
+    /// tested stay
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
@@ -57,6 +66,8 @@ struct Subject {
     /// The repository.
     root: PathBuf,
     quick: bool,
+    /// How long a program is watched for growing memory.
+    soak: Duration,
 }
 
 /// The attempts on one promise.
@@ -86,46 +97,61 @@ impl Tally {
 
 /// A promise and how it is tested.
 struct Promise {
+    /// On the command line.
+    key: &'static str,
     name: &'static str,
     how: &'static str,
     run: fn(&Subject) -> Result<Tally, Failure>,
 }
 
-const PROMISES: [Promise; 7] = [
+const PROMISES: [Promise; 8] = [
     Promise {
+        key: "calls",
         name: "A system call that fails does no harm.",
         how: "Each command runs under `strace`, which lets one system call fail: the first, the second, and so on, for each kind of call and error. The command ends with a documented exit code, without a panic; every file is absent, as it was, or complete; exit code 0 means that all files are there.",
         run: faults::run,
     },
     Promise {
+        key: "kills",
         name: "A killed command leaves whole files, and the next run is undisturbed.",
         how: "The test kills the command with SIGKILL at a random moment. After that every file is absent, as it was, or complete. The command then runs again: its files are, bit for bit, those of a run that was never killed, except measured times, what `converge` derives from them, and the load of the machine. No temporary file is left. A measurement that `converge` has stored keeps its times.",
         run: kills::run,
     },
     Promise {
+        key: "drivers",
         name: "A driver does not outlive its command.",
         how: "The test kills `validate --fresh` with a live Mitsuba with SIGKILL at a random moment, in at least one attempt while a driver is alive. One second later no process that the command started is alive. The files are as after every kill, and the next run gives the same results.",
         run: references::drivers,
     },
     Promise {
+        key: "references",
         name: "The files of a stored reference belong together.",
         how: "`reference --accept` replaces a reference of the same scene that has another image and another floor, and ends by SIGKILL at a random moment or, under `strace`, before one of its last renames. The files are then those of the old reference or those of the new one, or `validate` refuses them. The next run stores the new ones.",
         run: references::stored,
     },
     Promise {
+        key: "damage",
         name: "A damaged file causes neither a crash nor a hang.",
         how: "The test changes, removes or repeats bytes of scenes, meshes and images of every format that is read. The command ends within 10 s with a documented exit code, without a panic.",
         run: damage::run,
     },
     Promise {
+        key: "memory",
         name: "Memory is bounded.",
         how: "The test renders scenes whose size follows from numbers in the file, with `--max-memory`. The peak of the resident memory is at most 1.1 times the limit plus 64 MiB, whether the scene is rendered or refused.",
         run: memory::run,
     },
     Promise {
+        key: "processors",
         name: "An image does not depend on the processor.",
         how: "The test renders every scene of the repository at 32 x 24 pixels with the mathematics functions that glibc has for older x86-64 processors, with fewer vector instructions, and by a program for arm64 under `qemu-aarch64`. The files are equal, byte for byte. A quick run tries some of the scenes, without arm64.",
         run: processors::run,
+    },
+    Promise {
+        key: "soak",
+        name: "Memory does not grow.",
+        how: "`whitstone view` shows every scene of the repository in turn, each by a change of its file, again and again for some time (the option `--soak`). No later round has a peak of the resident memory above 1.1 times that of the first two rounds plus 16 MiB.",
+        run: soak::run,
     },
 ];
 
@@ -147,49 +173,72 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Failure> {
         program,
         root: std::env::current_dir().map_err(Failure::environment)?,
         quick: arguments.quick,
+        soak: Duration::from_secs(arguments.soak.unwrap_or(if arguments.quick { 5 } else { 600 })),
     };
-    let mut results = Vec::new();
-    let (mut harm, mut skipped) = (0, 0);
-    for promise in &PROMISES {
+    let is_chosen = |promise: &&Promise| {
+        let mut keys = arguments.promises.iter();
+        arguments.promises.is_empty() || keys.any(|key| key == promise.key)
+    };
+    let (mut harm, mut skipped, mut tried) = (0, 0, 0);
+    for promise in PROMISES.iter().filter(is_chosen) {
         eprintln!("trying   {}", promise.name);
         let start = Instant::now();
         let mut tally = (promise.run)(&subject)?;
         if tally.tried == 0 && tally.skipped.is_none() {
             tally.broken.push("no attempt was made".to_owned());
         }
+        tried += 1;
         harm += tally.broken.len();
         skipped += usize::from(tally.skipped.is_some());
+        let seconds = start.elapsed().as_secs();
         match &tally.skipped {
             Some(why) => println!("skipped  {} {why}", promise.name),
             None => println!(
-                "{:<8} {} {} attempts, {} broken, {:.0} s",
+                "{:<8} {} {} attempts, {} broken, {seconds} s",
                 if tally.broken.is_empty() { "kept" } else { "BROKEN" },
                 promise.name,
                 tally.tried,
                 tally.broken.len(),
-                start.elapsed().as_secs_f64()
             ),
         }
         for seen in tally.broken.iter().take(10) {
             println!("         {seen}");
         }
-        results.push(json!({
-            "promise": promise.name, "how": promise.how,
-            "tried": tally.tried, "failed": tally.broken.len(), "skipped": tally.skipped,
-        }));
+        if let Some(path) = &arguments.json {
+            let result = json!({
+                "promise": promise.name, "how": promise.how, "quick": subject.quick, "seconds": seconds,
+                "tried": tally.tried, "failed": tally.broken.len(), "skipped": tally.skipped,
+            });
+            store(path, result)?;
+        }
     }
-    println!(
-        "promises: {}, skipped: {skipped}, broken attempts: {harm}",
-        PROMISES.len()
-    );
-    if let Some(path) = &arguments.json {
-        let report =
-            json!({ "program": env!("CARGO_PKG_VERSION"), "quick": arguments.quick, "promises": results });
-        let mut text = serde_json::to_string_pretty(&report).map_err(Failure::environment)?;
-        text.push('\n');
-        atomic::write_bytes(path, text.as_bytes()).map_err(Failure::environment)?;
-    }
+    println!("promises: {tried}, skipped: {skipped}, broken attempts: {harm}");
     Ok(if harm == 0 { Exit::Pass } else { Exit::Differs })
+}
+
+/// Replaces the result of one promise in a file, which need not exist.
+fn store(path: &Path, result: Value) -> Result<(), Failure> {
+    let before: Value = match fs::read(path) {
+        Ok(bytes) => serde_json::from_slice(&bytes)
+            .map_err(|error| Failure::usage(format!("{}: {error}", path.display())))?,
+        Err(_) => Value::Null,
+    };
+    let results: Vec<&Value> = (PROMISES.iter())
+        .filter_map(|promise| match result["promise"] == promise.name {
+            true => Some(&result),
+            false => stored(&before, promise),
+        })
+        .collect();
+    let report = json!({ "program": env!("CARGO_PKG_VERSION"), "promises": results });
+    let mut text = serde_json::to_string_pretty(&report).map_err(Failure::environment)?;
+    text.push('\n');
+    atomic::write_bytes(path, text.as_bytes()).map_err(Failure::environment)
+}
+
+/// The result of a promise in a report.
+fn stored<'r>(report: &'r Value, promise: &Promise) -> Option<&'r Value> {
+    let mut results = report["promises"].as_array()?.iter();
+    results.find(|result| result["promise"] == promise.name)
 }
 
 /// A command line whose files are compared.

@@ -1,5 +1,6 @@
 //! Generates `docs/reliability.md` from the stored counts.
 
+use super::{PROMISES, stored};
 use crate::fuzz;
 use crate::run_time::wrapped;
 use serde_json::Value;
@@ -12,36 +13,36 @@ pub(crate) const RESULT: &str = "studies/results/reliability.json";
 
 /// The whole page.
 pub(crate) fn page(result: &Value, fuzzed: &Value) -> String {
-    let quick = match result["quick"].as_bool() {
-        Some(true) => ", of a quick run",
-        _ => "",
-    };
     let mut page = format!(
         "# Reliability\n\n{}\n\n| promise | attempts | broken |\n|---|---|---|\n",
         wrapped(&format!(
-            "This page lists what the program guarantees under faults, and how each guarantee is tested. `cargo xtask reliability` tests each of them and counts the attempts; CI runs `cargo xtask reliability --quick`. The counts are those of `{RESULT}`{quick}."
+            "This page lists what the program guarantees under faults, and how each guarantee is tested. `cargo xtask reliability` tests each of them and counts the attempts; CI runs `cargo xtask reliability --quick`. The counts are those of `{RESULT}`."
         ))
     );
-    let promises = result["promises"].as_array().map_or(&[][..], Vec::as_slice);
-    let text = |promise: &Value, key: &str| promise[key].as_str().unwrap_or_default().to_owned();
-    for promise in promises {
-        let tried = match promise["skipped"].is_string() {
-            true => "skipped".to_owned(),
-            false => promise["tried"].to_string(),
+    for promise in &PROMISES {
+        let [tried, failed] = match stored(result, promise) {
+            None => ["not yet counted"; 2].map(str::to_owned),
+            Some(result) if result["skipped"].is_string() => ["skipped"; 2].map(str::to_owned),
+            Some(result) => {
+                let quick = if result["quick"] == true {
+                    " (quick run)"
+                } else {
+                    ""
+                };
+                [
+                    format!("{}{quick}", result["tried"]),
+                    result["failed"].to_string(),
+                ]
+            }
         };
-        let _ = writeln!(
-            page,
-            "| {} | {tried} | {} |",
-            text(promise, "promise"),
-            promise["failed"]
-        );
+        let _ = writeln!(page, "| {} | {tried} | {failed} |", promise.name);
     }
-    for promise in promises {
+    for promise in &PROMISES {
         let _ = write!(
             page,
             "\n## {}\n\n{}\n",
-            text(promise, "promise").trim_end_matches('.'),
-            wrapped(&text(promise, "how"))
+            promise.name.trim_end_matches('.'),
+            wrapped(promise.how)
         );
     }
     page += "\n";
