@@ -140,7 +140,9 @@ mod tests {
             "near = 2.5",
             "near = -2.5",
         ] {
-            camera_laws(&*camera(text).unwrap(), FILM);
+            let camera = camera(text).unwrap();
+            camera_laws(&*camera, FILM);
+            assert!(camera.projection().is_some());
         }
     }
 

@@ -154,6 +154,7 @@ mod tests {
             "near = 7\nwindow = { l = -3, r = 1, b = 0, t = 1e-3, d = 2 }",
         ] {
             let camera = camera(text, 31, 47).unwrap();
+            assert!(camera.projection().is_some());
             camera_laws(
                 &*camera,
                 FilmSize {
@@ -296,5 +297,16 @@ mod tests {
             assert!(camera(&format!("fov = {fov}"), 2, 2).is_err());
         }
         assert!(camera("fovaxis = \"x\"", 2, 2).is_err());
+        // Each corner in turn is the only one that is too far away.
+        for edges in [
+            "l = -1e10, r = 1, b = -1, t = 1",
+            "l = -1, r = 1e10, b = -1, t = 1",
+            "l = -1, r = 1, b = -1e10, t = 1",
+            "l = -1, r = 1, b = -1, t = 1e10",
+        ] {
+            let near = |near: &str| format!("window = {{ {edges}, d = 1 }}\nnear = {near}");
+            assert!(camera(&near("1e290"), 2, 2).is_ok(), "{edges}");
+            assert!(camera(&near("1e300"), 2, 2).is_err(), "{edges}");
+        }
     }
 }

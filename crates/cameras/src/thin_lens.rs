@@ -222,11 +222,33 @@ mod tests {
         close(concentric(cell(0, 2), cell(1, 2)), [-half, half]);
         close(concentric(cell(2, 3), cell(1, 3)), [2.0 / 3.0, 0.0]);
         close(concentric(0.0, 0.0), [0.0, 0.0]);
+        // The longer coordinate is the signed radius; the ratio of the two is the angle within its
+        // quarter.
+        let polar = |r: f64, degrees: f64| [r * degrees.to_radians().cos(), r * degrees.to_radians().sin()];
+        close(concentric(0.8, 0.4), polar(0.8, 22.5));
+        close(concentric(-0.6, 0.2), polar(-0.6, -15.0));
+        close(concentric(0.2, -0.6), polar(-0.6, 105.0));
         // In a uniform disk, half of the points lie within the radius sqrt(1/2).
         let n = 64;
         let all = (0..n * n).map(|index| concentric(cell(index % n, n), cell(index / n, n)));
         let inside = all.filter(|[x, y]| x * x + y * y < 0.5).count();
         assert!((inside as f64 / 4096.0 - 0.5).abs() < 0.02, "{inside}");
+    }
+
+    #[test]
+    fn the_points_of_the_lens_lie_in_its_plane_by_row() {
+        let n = 3;
+        let camera = camera("aperture = 0.5\nfocus_distance = 2\nlens_samples = 3").unwrap();
+        let back = DVec3::new(1.0, 2.0, 3.0);
+        let right = DVec3::Y.cross(back).normalize();
+        let up = back.cross(right).normalize();
+        for index in 0..n * n {
+            let [x, y] = concentric(cell(index % n, n), cell(index / n, n));
+            let expected = back + 0.5 * (x * right + y * up);
+            let found = camera.lens_ray(DVec2::new(1.0, 3.0), index).origin;
+            assert!((found - expected).length() < 1e-15, "{index}: {found}");
+        }
+        assert!(camera.projection().is_some());
     }
 
     #[test]

@@ -171,3 +171,44 @@ pub(crate) fn normalize(v: DVec3) -> DVec3 {
     };
     scaled / scaled.length()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_testkit::Random;
+
+    #[test]
+    fn the_unit_of_a_window_changes_no_ratio() {
+        let window = view::Window {
+            l: -3.0,
+            r: 1.0,
+            b: -0.5,
+            t: 2.0,
+        };
+        for distance in [6.0, 1e-3, 1e300] {
+            let (found, unit) = scaled(window, distance);
+            let edges = [found.l, found.r, found.b, found.t];
+            assert!(unit > 0.0 && edges.iter().all(|edge| edge.abs() < 2.0 && unit < 2.0));
+            // By a power of two, so that nothing is rounded.
+            let factor = unit / distance;
+            assert_eq!(
+                edges,
+                [-3.0, 1.0, -0.5, 2.0].map(|edge| edge * factor),
+                "{distance}"
+            );
+        }
+    }
+
+    #[test]
+    fn vectors_of_any_length_have_a_direction() {
+        let mut random = Random::new(1);
+        for _ in 0..100 {
+            let v = random.cube() - 0.5;
+            // Those of usual length without another rounding.
+            assert_eq!(normalize(v), v / v.length());
+            for scale in [1e-300, 1e-160, 1e160, 1e300] {
+                assert!((normalize(v * scale) - normalize(v)).length() < 1e-15, "{scale}");
+            }
+        }
+    }
+}

@@ -190,6 +190,16 @@ mod tests {
     }
 
     #[test]
+    fn a_cross_product_that_cancels_is_accurate() {
+        // (1 + e)² - (1 + 2 e) = e², which no sum of rounded products keeps.
+        let e = 2f64.powi(-27);
+        let a = DVec3::new(1.0 + e, 1.0, 0.0);
+        let b = DVec3::new(1.0 + 2.0 * e, 1.0 + e, 0.0);
+        assert_eq!(accurate_cross(a, b), DVec3::new(0.0, 0.0, e * e));
+        assert_eq!(accurate_cross(DVec3::X, DVec3::Y), DVec3::Z);
+    }
+
+    #[test]
     fn the_frame_is_that_of_the_model() {
         let frame = look_at([0.0, 0.0, 5.0], [0.0; 3], [0.0, 2.0, 0.0]).unwrap();
         assert_eq!(
