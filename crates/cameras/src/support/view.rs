@@ -196,7 +196,31 @@ mod tests {
         let a = DVec3::new(1.0 + e, 1.0, 0.0);
         let b = DVec3::new(1.0 + 2.0 * e, 1.0 + e, 0.0);
         assert_eq!(accurate_cross(a, b), DVec3::new(0.0, 0.0, e * e));
+        // Here the second product is rounded, and its error counts.
+        let e = 2f64.powi(-31);
+        let a = DVec3::new(1.0 + 2.0 * e, 1.0 + e, 0.0);
+        let b = DVec3::new(1.0 + 4.0 * e, 1.0 + 2.0 * e, 0.0);
+        assert_eq!(accurate_cross(a, b), DVec3::new(0.0, 0.0, -e));
         assert_eq!(accurate_cross(DVec3::X, DVec3::Y), DVec3::Z);
+    }
+
+    #[test]
+    fn pixels_of_a_centred_window_are_square() {
+        let film = FilmSize { width: 6, height: 4 };
+        let edges = |window: Window| [window.l, window.r, window.b, window.t];
+        assert_eq!(edges(Window::of_half_height(0.5, film)), [-0.75, 0.75, -0.5, 0.5]);
+        assert_eq!(edges(Window::of_half_width(0.75, film)), [-0.75, 0.75, -0.5, 0.5]);
+    }
+
+    #[test]
+    fn a_difference_that_overflows_has_its_direction() {
+        let frame = look_at([1.5e308; 3], [-1.5e308, -1e308, 1e308], [0.0, 1.0, 0.0]).unwrap();
+        let expected = DVec3::new(3.0, 2.5, 0.5).normalize();
+        assert!(
+            (frame.backwards - expected).length() < 1e-15,
+            "{}",
+            frame.backwards
+        );
     }
 
     #[test]
@@ -242,5 +266,7 @@ mod tests {
         assert_eq!(refused([1.0; 3], [0.0; 3], [0.0; 3]), Some(3..4));
         assert_eq!(refused([0.0, 3.0, 0.0], [0.0; 3], [0.0, -1e200, 0.0]), Some(3..4));
         assert_eq!(refused([0.0, 3.0, 0.0], [0.0; 3], [1e-13, 1.0, 0.0]), Some(3..4));
+        // An angle of 0.6e-12.
+        assert_eq!(refused([1.0; 3], [0.0; 3], [1.0, 1.0, 1.0 + 1.3e-12]), Some(3..4));
     }
 }
