@@ -45,7 +45,7 @@ const LIMIT: Duration = Duration::from_secs(10);
 /// much to spare.
 const PER_RAY: Duration = Duration::from_millis(20);
 /// Time of the clock after which a worker is given up.
-const PATIENCE: Duration = Duration::from_secs(300);
+const PATIENCE: Duration = Duration::from_secs(1200);
 /// Scenes that wait for a worker at a time: no worker is ahead of another by more.
 const WINDOW: usize = 8;
 /// The folder that paths of the scenes are relative to.
