@@ -320,6 +320,117 @@ fn transmission_is_mixed_by_factor_texture_and_metalness() {
     assert!(!materials(1.0, true, json!({})).contains("thin_dielectric"));
 }
 
+/// What a base colour tints on its way through a volume, the volume absorbs.
+#[test]
+fn the_base_colour_of_a_volume_is_absorbed() {
+    let registry = whitstone::registry();
+    let folder = tempfile::tempdir().unwrap();
+    let glass = |base: Value, volume: Value| {
+        let mut document = rich();
+        let extensions = json!({ "KHR_materials_transmission": { "transmissionFactor": 1 }, "KHR_materials_volume": volume });
+        let metal = json!({ "metallicFactor": 0, "baseColorFactor": base });
+        document["materials"] = json!([{ "pbrMetallicRoughness": metal, "extensions": extensions }, {}]);
+        document["meshes"][0]["primitives"][0]["attributes"] = json!({ "POSITION": 0 });
+        let path = write(folder.path(), "glass.gltf", &document);
+        let scene = imported(&path, &ImportOptions::all(), &registry);
+        let materials = scene["material"].as_table().unwrap().values();
+        let glass = materials.filter_map(|material| material.get("absorption")).next();
+        // Grey is one number.
+        match glass.unwrap() {
+            toml::Value::Array(parts) => [0, 1, 2].map(|part| parts[part].as_float().unwrap()),
+            grey => [grey.as_float().unwrap(); 3],
+        }
+    };
+    let close = |found: [f64; 3], expected: [f64; 3]| {
+        let far = found.iter().zip(expected).any(|(a, b)| (a - b).abs() > 1e-6);
+        assert!(!far, "{found:?} {expected:?}");
+    };
+    let white = json!([1, 1, 1, 1]);
+    let green = json!([0.25, 1, 0.5, 1]);
+    let ln2 = std::f64::consts::LN_2;
+    let clear = json!({ "thicknessFactor": 2 });
+    close(glass(white.clone(), clear.clone()), [0.0; 3]);
+    // A quarter and a half after 2 m; then also a half of everything after 1 m.
+    close(glass(green.clone(), clear), [ln2, 0.0, ln2 / 2.0]);
+    let half = json!({ "thicknessFactor": 2, "attenuationDistance": 1, "attenuationColor": [0.5, 0.5, 0.5] });
+    close(glass(green, half.clone()), [2.0 * ln2, ln2, 1.5 * ln2]);
+    close(glass(white, half), [ln2; 3]);
+}
+
+/// Extensions may say what a channel moves, and then it names no node.
+#[test]
+fn channels_of_animations_may_name_no_node() {
+    let registry = whitstone::registry();
+    let folder = tempfile::tempdir().unwrap();
+    let mut document = rich();
+    document["animations"] = json!([{
+        "samplers": [{ "input": 0, "output": 1 }],
+        "channels": [
+            { "sampler": 0, "target": { "path": "pointer", "extensions": { "KHR_animation_pointer": { "pointer": "/materials/0/emissiveFactor" } } } },
+            { "sampler": 0, "target": { "node": 0, "path": "translation" } },
+        ],
+    }]);
+    let path = write(folder.path(), "pointer.gltf", &document);
+    assert_eq!(wrong(&path, &registry), None);
+    // Other errors keep their place.
+    document["animations"][0]["channels"][1] = json!({ "sampler": 0 });
+    let path = write(folder.path(), "target.gltf", &document);
+    let report = wrong(&path, &registry).unwrap();
+    assert!(report.contains("missing field `target`"), "{report}");
+}
+
+/// Names become ids, whatever characters they have.
+#[test]
+fn names_may_have_any_characters() {
+    let registry = whitstone::registry();
+    let folder = tempfile::tempdir().unwrap();
+    for name in [
+        "3'-0\" x 7'-0\"",
+        "C:\\O'Brien\\wood.png",
+        "two\nlines\t",
+        "'''\"\"\"",
+        "\u{7f}\u{1}\u{85}",
+        "Größe.a b",
+    ] {
+        let mut document = rich();
+        document["materials"][0]["name"] = json!(name);
+        document["images"][0]["name"] = json!(name);
+        document["meshes"][1]["name"] = json!(name);
+        let path = write(folder.path(), "names.gltf", &document);
+        assert_eq!(wrong(&path, &registry), None, "{name:?}");
+        let scene = imported(&path, &ImportOptions::all(), &registry);
+        let ids = scene["material"].as_table().unwrap();
+        assert!(
+            ids.keys().any(|id| id.contains(name)),
+            "{name:?} is not among {ids:?}"
+        );
+    }
+}
+
+/// What is not understood is told, so that `--strict` refuses it.
+#[test]
+fn extensions_of_primitives_and_of_the_file_are_told() {
+    let registry = whitstone::registry();
+    let folder = tempfile::tempdir().unwrap();
+    let mut document = rich();
+    document["extensions"]["EXT_lights_image_based"] = json!({ "lights": [] });
+    document["meshes"][0]["primitives"][0]["extensions"] = json!({
+        "KHR_materials_variants": { "mappings": [{ "material": 1, "variants": [0] }] },
+        "EXT_of_tomorrow": {},
+    });
+    let path = write(folder.path(), "extensions.gltf", &document);
+    let format = registry.format_of(&path).unwrap();
+    let imported = format.import(&path, &ImportOptions::all()).unwrap().unwrap();
+    let names: Vec<&str> = imported.notes.iter().map(|note| note.feature.name).collect();
+    for expected in [
+        "EXT_lights_image_based",
+        "KHR_materials_variants",
+        "unknown extensions",
+    ] {
+        assert!(names.contains(&expected), "{expected} is not among {names:?}");
+    }
+}
+
 #[test]
 fn nodes_that_are_not_visible_are_left_out() {
     let registry = whitstone::registry();

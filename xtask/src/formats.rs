@@ -46,8 +46,9 @@ materials = { \"paint\" = \"red\" }
 
 The imported camera counts only if the scene has none. Errors name the place in the file: a JSON
 pointer in glTF, line and column in XML and pbrt, the line in OBJ and MTL. Files outside of the
-folder of the imported file are refused unless `allow_outside` is set, and addresses on a network
-always.
+folder of the imported file are refused unless `allow_outside` is set. It has no effect in glTF,
+whose URIs may not leave the folder; links in the folder are followed there. Addresses on a network
+are always refused.
 
 In every format, a file without a camera gets one that shows the whole scene, and a file without
 lights a directional light, an ambient light and a grey background.

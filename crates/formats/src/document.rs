@@ -23,6 +23,21 @@ pub struct Document {
 }
 
 impl Document {
+    /// Where a material spreads its reflections, leaves out those with little effect: after a few
+    /// bounces there would be more of them than a scene may have.
+    pub(crate) fn bound_reflections(&mut self) {
+        let materials = self.materials.iter().map(|(_, table)| table);
+        let grouped = self.groups.iter().flat_map(|(_, shapes)| shapes);
+        if !materials.chain(grouped).chain(&self.shapes).any(spreads) {
+            return;
+        }
+        for (name, table) in &mut self.single {
+            if *name == "integrator" && !table.contains_key("min_contribution") {
+                table.insert("min_contribution".to_owned(), Value::Float(1e-3));
+            }
+        }
+    }
+
     /// The scene as TOML: a section per table, nested tables inline.
     pub fn to_toml(&self) -> String {
         let mut text = String::new();
@@ -61,13 +76,26 @@ impl Document {
     }
 }
 
+/// Whether a table is a material that spreads its reflections, or contains one.
+fn spreads(table: &Table) -> bool {
+    let within = |value: &Value| match value {
+        Value::Table(table) => spreads(table),
+        Value::Array(values) => values.iter().filter_map(Value::as_table).any(spreads),
+        _ => false,
+    };
+    table.get("type").and_then(Value::as_str) == Some("glossy") || table.values().any(within)
+}
+
 /// A key as TOML, in quotes if it needs them.
 fn quoted_key(key: &str) -> String {
     let bare = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
     if !key.is_empty() && key.chars().all(bare) {
         key.to_owned()
     } else {
-        Value::String(key.to_owned()).to_string()
+        // On one line, as keys must be: the escapes of JSON are those of TOML, which also wants one
+        // for DEL.
+        let quoted = serde_json::Value::from(key).to_string();
+        quoted.replace('\u{7f}', "\\u007f")
     }
 }
 

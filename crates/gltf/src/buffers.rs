@@ -8,7 +8,7 @@ use base64::Engine;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
-use std::path::PathBuf;
+use std::path::{Component, Path, PathBuf};
 use std::sync::OnceLock;
 
 /// Maximum size of an image file in bytes.
@@ -73,20 +73,26 @@ pub(crate) fn relative_path(uri: &str) -> Result<Option<PathBuf>, String> {
             shorten(scheme)
         ));
     }
-    let path = PathBuf::from(percent_decoded(uri)?);
-    let inside = path.components().all(|part| {
-        matches!(
-            part,
-            std::path::Component::Normal(_) | std::path::Component::CurDir
-        )
-    });
-    if !inside {
-        return Err(format!(
-            "\"{}\" leaves the folder of the file, which is not allowed",
-            shorten(uri)
-        ));
+    let mut inside = PathBuf::new();
+    for part in Path::new(&percent_decoded(uri)?).components() {
+        let stays = match part {
+            Component::CurDir => true,
+            Component::Normal(name) => {
+                inside.push(name);
+                true
+            }
+            // What it leaves must have been entered.
+            Component::ParentDir => inside.pop(),
+            Component::RootDir | Component::Prefix(_) => false,
+        };
+        if !stays {
+            return Err(format!(
+                "\"{}\" leaves the folder of the file, which is not allowed",
+                shorten(uri)
+            ));
+        }
     }
-    Ok(Some(path))
+    Ok(Some(inside))
 }
 
 fn percent_decoded(uri: &str) -> Result<String, String> {
@@ -264,7 +270,7 @@ impl Document {
     }
 }
 
-fn read_range(path: &std::path::Path, offset: u64, length: u64) -> Result<Vec<u8>, String> {
+fn read_range(path: &Path, offset: u64, length: u64) -> Result<Vec<u8>, String> {
     let told = |error: std::io::Error| unreadable(&error).message;
     let mut file = File::open(path).map_err(told)?;
     let metadata = file.metadata().map_err(told)?;
@@ -296,6 +302,7 @@ mod tests {
     fn only_files_below_the_folder_and_data_are_read() {
         let path = |uri| relative_path(uri).map(|path| path.map(|path| path.display().to_string()));
         assert_eq!(path("a%20b/c.bin"), Ok(Some("a b/c.bin".into())));
+        assert_eq!(path("./a/../b/c.bin"), Ok(Some("b/c.bin".into())));
         assert_eq!(path("data:;base64,"), Ok(None));
         for wrong in [
             "../a.bin",

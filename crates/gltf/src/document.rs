@@ -109,8 +109,9 @@ impl Document {
         let Container { json, binary } = Container::read(file)?;
         let text = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&json);
         let root = match deserialized(text) {
-            // The crate wants nodes in every scene; the specification does not.
-            Err(error) if error.message.starts_with("missing field `nodes`") => match with_nodes(text) {
+            // The crate wants nodes in every scene and a node in every channel of an animation; the
+            // specification does not.
+            Err(error) if error.message.starts_with("missing field `node") => match mended(text) {
                 Some(text) => deserialized(&text)?,
                 None => return Err(error),
             },
@@ -225,12 +226,24 @@ fn deserialized(text: &[u8]) -> Result<json::Root, Error> {
     Ok(root)
 }
 
-/// The document with an empty list of nodes in each scene that has none.
-fn with_nodes(text: &[u8]) -> Option<Vec<u8>> {
+/// The list behind a key.
+fn list<'d>(value: &'d mut json::Value, key: &str) -> Option<&'d mut Vec<json::Value>> {
+    value.get_mut(key)?.as_array_mut()
+}
+
+/// The document with an empty list of nodes in each scene that has none, and without channels of
+/// animations that name no node: extensions say what such a channel moves.
+fn mended(text: &[u8]) -> Option<Vec<u8>> {
     let mut document: json::Value = serde_json::from_slice(text).ok()?;
-    for scene in document.get_mut("scenes")?.as_array_mut()? {
+    for scene in list(&mut document, "scenes").into_iter().flatten() {
         let nodes = scene.as_object_mut()?.entry("nodes");
         nodes.or_insert_with(|| json::Value::Array(Vec::new()));
+    }
+    for animation in list(&mut document, "animations").into_iter().flatten() {
+        if let Some(channels) = list(animation, "channels") {
+            channels
+                .retain(|channel| !channel["target"].is_object() || channel["target"].get("node").is_some());
+        }
     }
     serde_json::to_vec(&document).ok()
 }

@@ -38,6 +38,7 @@ pub(crate) const FEATURES: &[Feature] = features! {
     Approximated "tangents from texture coordinates": "Means over the triangles at a vertex instead of MikkTSpace.";
     Approximated "KHR_materials_transmission": "Mixed with the surface by factor, texture and metalness; a pane without thickness, unless it has a volume; roughness does not blur it.";
     Approximated "KHR_materials_volume": "A dielectric with absorption; the mesh must be closed.";
+    Approximated "base colour of a volume": "It is absorbed over the stated thickness; a texture is left out.";
     Approximated "KHR_materials_ior": "The reflectance at normal incidence, and refraction with a volume.";
     Approximated "KHR_materials_specular": "Its factor and colour scale the reflectance; its textures are dropped.";
     Approximated "single-sided materials": "Back faces are visible.";
@@ -81,6 +82,7 @@ pub(crate) const FEATURES: &[Feature] = features! {
     Dropped "KHR_materials_diffuse_transmission": "Nothing scatters light through a surface.";
     Dropped "KHR_materials_pbrSpecularGlossiness": "The metallic-roughness values of the file are used instead.";
     Dropped "KHR_materials_variants": "The material of the primitive is used.";
+    Dropped "EXT_lights_image_based": "Its light is left out.";
     Dropped "unknown extensions": "They have no effect.";
     Dropped "[[shape]] without triangles": "Other programs do not show curved and infinite shapes and csg; they are kept for Whitstone.";
     Dropped "[[shape]] that is not written": "Other programs do not show it; it is kept for Whitstone with its file.";

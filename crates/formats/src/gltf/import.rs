@@ -140,6 +140,11 @@ impl Importer<'_> {
         if !root.animations.is_empty() {
             self.note("animations", "/animations");
         }
+        let extensions = root.extensions.as_ref();
+        let image_light = "EXT_lights_image_based";
+        if extensions.is_some_and(|extensions| extensions.others.contains_key(image_light)) {
+            self.note(image_light, &format!("/extensions/{image_light}"));
+        }
         for (place, node) in roots.into_iter().enumerate() {
             let pointer = || format!("{pointer}/{place}");
             Document::item(&root.nodes, node, "nodes", pointer).map_err(told)?;
@@ -435,6 +440,15 @@ impl Importer<'_> {
         let mut shapes = Vec::new();
         for (number, primitive) in mesh.primitives.iter().enumerate() {
             let pointer = format!("/meshes/{}/primitives/{number}", key.mesh);
+            for name in primitive.extensions.iter().flat_map(|all| all.others.keys()) {
+                let at = format!("{pointer}/extensions/{name}");
+                match name.as_str() {
+                    "KHR_materials_variants" => self.note(name, &at),
+                    // The accessors have the same mesh, or are refused.
+                    "KHR_draco_mesh_compression" => {}
+                    _ => self.note("unknown extensions", &at),
+                }
+            }
             if !has_triangles(primitive) {
                 if primitive.mode == Checked::Invalid {
                     return Err(FormatError::at(

@@ -460,20 +460,34 @@ impl Importer<'_> {
         let ior = if ior == 0.0 { 1.5 } else { ior };
         let glass = if let (true, Some(volume)) = (thick, volume) {
             self.note("KHR_materials_volume", at);
-            let distance = number(volume.attenuation_distance.0);
-            let absorption = volume.attenuation_color.0.map(|part| {
-                // Transmittance over the distance; black would be an infinite absorption.
-                let part = number(part).clamp(1e-6, 1.0);
+            // From the transmittance over a distance; black would be an infinite absorption.
+            let absorption = |part: f64, distance: f64| {
                 if distance > 0.0 && distance.is_finite() {
-                    -libm::log(part) / distance
+                    -libm::log(part.clamp(1e-6, 1.0)) / distance
                 } else {
                     0.0
                 }
-            });
+            };
+            let distance = number(volume.attenuation_distance.0);
+            let mut total = volume
+                .attenuation_color
+                .0
+                .map(|part| absorption(number(part), distance));
+            // The base colour tints the light at the surface. A `dielectric` has no such tint, so
+            // the volume absorbs it.
+            if !base.is(1.0) {
+                self.note("base colour of a volume", at);
+            }
+            if let Source::Constant(base) = &base {
+                let thickness = number(volume.thickness_factor.0);
+                for (total, part) in total.iter_mut().zip(base) {
+                    *total += absorption(*part, thickness);
+                }
+            }
             table([
                 ("type", Value::String("dielectric".into())),
                 ("interior_ior", Value::Float(ior)),
-                ("absorption", color(absorption)),
+                ("absorption", color(total)),
             ])
         } else {
             table([

@@ -56,13 +56,14 @@ impl<'a> Translator<'a> {
             offset: [0.0; 2],
         };
         let mut sampler = None;
-        let mut has_film = false;
-        for (entry, child) in self.children(&mut fields, &["film", "sampler"]) {
+        let (mut has_film, mut has_sampler) = (false, false);
+        for (_, child) in self.children(&mut fields, &["film", "sampler"]) {
             if self.scene.objects[child].family == "film" {
                 has_film = true;
                 film = self.film(child);
             } else {
-                sampler = self.sampler(child).map(|table| (entry, table));
+                has_sampler = true;
+                sampler = self.sampler(child);
             }
         }
         if !has_film {
@@ -132,7 +133,12 @@ impl<'a> Translator<'a> {
         let film = table([("width", width), ("height", height)]);
         self.document.single.push(("film", film));
         self.document.single.push(("camera", camera));
-        if let Some((_, sampler)) = sampler {
+        if !has_sampler {
+            // Mitsuba's default has four samples.
+            self.note("sampler", at);
+            sampler = Some(typed("sobol", [("samples", Value::Integer(4))]));
+        }
+        if let Some(sampler) = sampler {
             self.document.single.push(("sampler", sampler));
         }
     }

@@ -583,3 +583,50 @@ fn every_noted_feature_is_in_the_table() {
     let distinct: BTreeSet<&str> = FEATURES.iter().map(|feature| feature.name).collect();
     assert_eq!(distinct.len(), FEATURES.len());
 }
+
+#[test]
+fn a_sensor_without_a_sampler_has_that_of_mitsuba() {
+    let (scene, notes) = load("<sensor type='perspective'/><shape type='sphere'/>");
+    assert_eq!(
+        scene["sampler"],
+        Value::Table(toml("type = 'sobol'\nsamples = 4"))
+    );
+    assert!(notes.contains(&"sampler"), "{notes:?}");
+}
+
+#[test]
+fn comments_may_contain_dashes() {
+    let (scene, _) = load("<!-- ---- shapes -- größer ---->\n<shape type='sphere'/><!----->");
+    assert_eq!(scene["shape"].as_array().unwrap().len(), 1);
+    // Places count them, and the reason of an error is whole.
+    let found = errors("<!-- -- -->\n<shape type=sphere/>");
+    let (place, message) = &found[0];
+    assert!(place.starts_with("2:"), "{found:?}");
+    assert_eq!(message, "invalid XML: expected a quote not 's'");
+}
+
+#[test]
+fn only_a_file_without_emitters_gets_lights() {
+    let lights = |content: &str| load(content).0.contains_key("light");
+    assert!(lights("<shape type='sphere'/>"));
+    let dome = "<shape type='sphere'><float name='radius' value='50'/>\
+        <boolean name='flip_normals' value='true'/><emitter type='area'/></shape>";
+    assert!(!lights(dome));
+    assert!(lights("<shape type='sphere'><emitter type='area'/></shape>"));
+}
+
+#[test]
+fn spread_reflections_end_when_they_count_little() {
+    let integrator = |bsdf: &str| {
+        let path = "<integrator type='path'><integer name='max_depth' value='8'/></integrator>";
+        let (scene, _) = load(&format!("{path}<shape type='sphere'>{bsdf}</shape>"));
+        scene["integrator"]
+            .get("min_contribution")
+            .and_then(Value::as_float)
+    };
+    assert_eq!(
+        integrator("<bsdf type='twosided'><bsdf type='roughconductor'/></bsdf>"),
+        Some(1e-3)
+    );
+    assert_eq!(integrator("<bsdf type='conductor'/>"), None);
+}

@@ -179,6 +179,7 @@ impl<'a> Translator<'a> {
             return Err(FormatErrors(self.errors));
         }
         self.fit();
+        self.document.bound_reflections();
         Ok(Imported {
             text: self.document.to_toml(),
             notes: self.notes.into_sorted(),
@@ -198,7 +199,8 @@ impl<'a> Translator<'a> {
                 .single
                 .insert(1, ("camera", crate::fit::camera(low, high)));
         }
-        if self.document.lights.is_empty() && self.options.lights {
+        let is_lit = self.scene.objects.iter().any(|object| object.family == "emitter");
+        if !is_lit && self.options.lights {
             self.document.lights = crate::fit::lights(low, high);
         }
     }

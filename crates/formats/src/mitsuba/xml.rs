@@ -239,7 +239,7 @@ impl Loader<'_> {
                 .chain(line_ends.map(|(at, _)| at + 1))
                 .collect(),
         });
-        check(text).map_err(|(offset, message)| self.error(At { file, offset }, message))?;
+        let text = &check(text).map_err(|(offset, message)| self.error(At { file, offset }, message))?;
         let options = roxmltree::ParsingOptions {
             nodes_limit: 2 * MAX_TAGS as u32,
             ..roxmltree::ParsingOptions::default()
@@ -253,7 +253,9 @@ impl Loader<'_> {
             };
             let message = error.to_string();
             // The message ends with the place.
-            let message = message.split(" at ").next().unwrap_or_default().to_owned();
+            let message = message
+                .rsplit_once(" at ")
+                .map_or(&*message, |(message, _)| message);
             FormatError::at(
                 format!("{prefix}{}:{}", place.row, place.col),
                 format!("invalid XML: {message}"),
@@ -743,9 +745,11 @@ fn snake_case(name: &str) -> String {
     result
 }
 
-/// Limits that bound the time and memory of the XML parser. The error is an offset and a message.
-fn check(text: &str) -> Result<(), (usize, String)> {
+/// Limits that bound the time and memory of the XML parser. Returns the text with spaces instead of
+/// comments: Mitsuba's parser takes `--` inside them. The error is an offset and a message.
+fn check(text: &str) -> Result<String, (usize, String)> {
     let bytes = text.as_bytes();
+    let mut comments = Vec::new();
     let (mut depth, mut tags) = (0_usize, 0_usize);
     let mut at = 0;
     while let Some(found) = text[at..].find('<') {
@@ -757,7 +761,9 @@ fn check(text: &str) -> Result<(), (usize, String)> {
             return Err((start, format!("expected at most {MAX_TAGS} tags")));
         }
         let next = if rest.starts_with("<!--") {
-            skip_to("-->")
+            let end = skip_to("-->");
+            comments.extend(end.map(|end| start..end));
+            end
         } else if rest.starts_with("<![CDATA[") {
             skip_to("]]>")
         } else if rest.starts_with("<?") {
@@ -802,7 +808,13 @@ fn check(text: &str) -> Result<(), (usize, String)> {
         let Some(next) = next else { break };
         at = next;
     }
-    Ok(())
+    let mut whole = bytes.to_vec();
+    for comment in comments {
+        let letters = whole[comment].iter_mut().filter(|byte| **byte != b'\n');
+        letters.for_each(|byte| *byte = b' ');
+    }
+    // Whole characters were replaced.
+    String::from_utf8(whole).map_err(|_| (0, "is not UTF-8 text".to_owned()))
 }
 
 #[cfg(test)]

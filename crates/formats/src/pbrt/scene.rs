@@ -315,6 +315,7 @@ impl<'a> Importer<'a> {
             self.errors.truncate(MAX_REPORTS);
             return Err(FormatErrors(self.errors));
         }
+        self.document.bound_reflections();
         Ok(Imported {
             text: self.document.to_toml(),
             notes: self.notes.into_sorted(),
@@ -572,33 +573,26 @@ impl<'a> Importer<'a> {
 
     fn directive(&mut self, word: &str, at: At) -> Result<(), Fault> {
         match word {
+            // As in pbrt-v4, where `TransformBegin` and `TransformEnd` are old names of these.
             "AttributeBegin" | "TransformBegin" => {
                 if self.kept.len() >= MAX_STATES {
                     return Err(
                         self.fault(at, format!("more than {MAX_STATES} attributes inside each other"))
                     );
                 }
-                let end = if word == "AttributeBegin" {
-                    "AttributeEnd"
-                } else {
-                    "TransformEnd"
-                };
-                self.kept.push((self.state.clone(), end, at));
+                self.kept.push((self.state.clone(), "AttributeEnd", at));
             }
-            "AttributeEnd" | "TransformEnd" => {
-                if self.kept.last().is_none_or(|(_, end, _)| *end != word) {
+            "AttributeEnd" | "TransformEnd" => match self.kept.last() {
+                Some((_, "AttributeEnd", _)) => {
+                    if let Some((state, _, _)) = self.kept.pop() {
+                        self.state = state;
+                    }
+                }
+                _ => {
                     let begin = word.replace("End", "Begin");
                     return Err(self.fault(at, format!("{word} without {begin}")));
                 }
-                if let Some((state, _, _)) = self.kept.pop() {
-                    if word == "AttributeEnd" {
-                        self.state = state;
-                    } else {
-                        self.state.ctm = state.ctm;
-                        self.state.active = state.active;
-                    }
-                }
-            }
+            },
             "Identity" => self.set(DAffine3::IDENTITY),
             "Translate" => {
                 let by = DVec3::from(self.numbers()?);

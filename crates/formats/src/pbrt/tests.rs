@@ -462,7 +462,7 @@ fn errors_name_the_place_and_the_nearest_name() {
         ("AttributeBegin", "1:1: the file ends before its AttributeEnd"),
         (
             "AttributeBegin TransformEnd AttributeEnd",
-            "1:16: TransformEnd without TransformBegin",
+            "1:29: AttributeEnd without AttributeBegin",
         ),
         (
             "WorldEnd",
@@ -1030,4 +1030,35 @@ fn plastic_and_rough_materials_are_written() {
     assert_eq!(material(&back, 1)["type"].as_str(), Some("glossy"));
     assert_eq!(material(&back, 2)["type"].as_str(), Some("thin_dielectric"));
     assert!(notes.contains(&"[material] plastic") && notes.contains(&"[material] rough"));
+}
+
+#[test]
+fn transform_blocks_keep_all_attributes() {
+    let scene = world(
+        "TransformBegin AreaLightSource \"diffuse\" \"rgb L\" [5 5 5] Material \"conductor\" Translate 0 3 0 \
+         Shape \"sphere\" TransformEnd Shape \"sphere\"",
+    );
+    assert_eq!(scene["light"].as_array().unwrap().len(), 1);
+    let shapes = scene["shape"].as_array().unwrap();
+    assert_ne!(shapes[0].get("material"), shapes[1].get("material"));
+    // The two names may be mixed.
+    world("TransformBegin Translate 0 3 0 AttributeEnd AttributeBegin TransformEnd Shape \"sphere\"");
+}
+
+#[test]
+fn spread_reflections_end_when_they_count_little() {
+    let integrator = |material: &str| {
+        let text = format!(
+            "Integrator \"path\" \"integer maxdepth\" 8 Camera \"perspective\" WorldBegin\n{material} Shape \"sphere\""
+        );
+        let scene = import(&text);
+        scene["integrator"]
+            .get("min_contribution")
+            .and_then(Value::as_float)
+    };
+    assert_eq!(
+        integrator("Material \"conductor\" \"float roughness\" 0.1"),
+        Some(1e-3)
+    );
+    assert_eq!(integrator("Material \"diffuse\""), None);
 }
