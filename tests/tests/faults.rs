@@ -38,7 +38,7 @@ struct Fault {
     found: fn(&CaseResult) -> bool,
 }
 
-/// Of faults that can be tried in both ways, one in so many is tried live.
+/// Every how many faults one is tried live, where both ways are possible.
 const IN_TURN: usize = 8;
 
 const CLASSIC: &str = "scenes/showcase/classic.toml";

@@ -407,7 +407,7 @@ fn names_may_have_any_characters() {
     }
 }
 
-/// What is not understood is told, so that `--strict` refuses it.
+/// Every extension without effect is reported, so that `--strict` refuses the file.
 #[test]
 fn extensions_of_primitives_and_of_the_file_are_told() {
     let registry = whitstone::registry();

@@ -130,7 +130,7 @@ fn check_build_scripts(allowed: &Allowed, metadata: &Value) -> Vec<String> {
     let new = found.iter().filter(|name| !allowed.contains(**name));
     let new = new.map(|name| {
         format!(
-            "{name} has a build script; read it, and add it to {BUILD_SCRIPTS} in {RULES}, below what it does"
+            "{name} has a build script; read it, and add it to {BUILD_SCRIPTS} in {RULES}, in the group of what it does"
         )
     });
     let gone = allowed.iter().filter(|name| !found.contains(name.as_str()));

@@ -151,6 +151,14 @@ pub(super) fn run(subject: &Subject) -> Result<Tally, Failure> {
     Ok(tally)
 }
 
+/// A size in bytes that the system reports of a process; `None` if it does not.
+pub(super) fn of_status(process: u32, key: &str) -> Option<u64> {
+    let text = fs::read_to_string(format!("/proc/{process}/status")).ok()?;
+    let size = text.lines().find_map(|line| line.strip_prefix(key))?;
+    let kib: u64 = size.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(kib << 10)
+}
+
 /// The peak of the resident memory in bytes, the exit code (none if it does not end), and the
 /// messages, which are written to a file.
 fn peak(subject: &Subject, words: &[String], messages: &Path) -> Result<(u64, Option<i32>, String), Failure> {
@@ -161,13 +169,9 @@ fn peak(subject: &Subject, words: &[String], messages: &Path) -> Result<(u64, Op
         .stderr(fs::File::create(messages).map_err(Failure::environment)?)
         .spawn()
         .map_err(Failure::environment)?;
-    let status = format!("/proc/{}/status", child.id());
     let (start, mut peak) = (Instant::now(), 0);
     let code = loop {
-        let text = fs::read_to_string(&status).unwrap_or_default();
-        let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:"));
-        let kib = line.and_then(|line| line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok());
-        peak = peak.max(kib.unwrap_or(0) << 10);
+        peak = peak.max(of_status(child.id(), "VmHWM:").unwrap_or(0));
         if let Some(status) = child.try_wait().map_err(Failure::environment)? {
             break status.code();
         }

@@ -1,5 +1,6 @@
 //! Memory of a program that runs for a long time.
 
+use super::memory::of_status;
 use super::{Subject, Tally};
 use serde_json::{Value, json};
 use std::fs;
@@ -51,7 +52,9 @@ pub(super) fn run(subject: &Subject) -> Result<Tally, Failure> {
             if is_lost {
                 return Ok(tally);
             }
-            peak = peak.max(resident(&view.child)?);
+            let resident = of_status(view.child.id(), "VmRSS:");
+            let resident = resident.ok_or_else(|| Failure::environment("`view` has ended"))?;
+            peak = peak.max(resident);
         }
         peaks.push(peak);
     }
@@ -96,16 +99,6 @@ fn absolute(value: &mut toml::Value, folder: &Path) {
         toml::Value::Table(values) => values.iter_mut().for_each(|(_, value)| absolute(value, folder)),
         _ => {}
     }
-}
-
-/// The memory of a process that is resident, in bytes.
-fn resident(child: &Child) -> Result<u64, Failure> {
-    let path = format!("/proc/{}/status", child.id());
-    let text = fs::read_to_string(path).map_err(Failure::environment)?;
-    let line = text.lines().find_map(|line| line.strip_prefix("VmRSS:"));
-    let kib = line.and_then(|line| line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok());
-    kib.map(|kib| kib << 10)
-        .ok_or_else(|| Failure::environment("the system does not tell the resident memory"))
 }
 
 /// A `whitstone view` and its page.

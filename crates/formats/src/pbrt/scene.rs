@@ -582,17 +582,13 @@ impl<'a> Importer<'a> {
                 }
                 self.kept.push((self.state.clone(), "AttributeEnd", at));
             }
-            "AttributeEnd" | "TransformEnd" => match self.kept.last() {
-                Some((_, "AttributeEnd", _)) => {
-                    if let Some((state, _, _)) = self.kept.pop() {
-                        self.state = state;
-                    }
-                }
-                _ => {
+            "AttributeEnd" | "TransformEnd" => {
+                let Some((state, _, _)) = self.kept.pop_if(|(_, end, _)| *end == "AttributeEnd") else {
                     let begin = word.replace("End", "Begin");
                     return Err(self.fault(at, format!("{word} without {begin}")));
-                }
-            },
+                };
+                self.state = state;
+            }
             "Identity" => self.set(DAffine3::IDENTITY),
             "Translate" => {
                 let by = DVec3::from(self.numbers()?);
