@@ -320,6 +320,42 @@ fn transmission_is_mixed_by_factor_texture_and_metalness() {
     assert!(!materials(1.0, true, json!({})).contains("thin_dielectric"));
 }
 
+/// Metals, gloss, transmission, volumes, holes, normal maps and emission in all combinations.
+#[test]
+fn all_combinations_of_materials_are_scenes() {
+    let registry = whitstone::registry();
+    let folder = tempfile::tempdir().unwrap();
+    let shares = [0.0, 0.5, 1.0];
+    for case in 0..3 * 3 * 3 * 2 * 2 * 2 * 3 {
+        let mut rest = case;
+        let mut one_of = |count: usize| {
+            let chosen = rest % count;
+            rest /= count;
+            chosen
+        };
+        let mut material = json!({
+            "pbrMetallicRoughness": { "metallicFactor": shares[one_of(3)], "roughnessFactor": shares[one_of(3)],
+                                      "baseColorFactor": [0.8, 0.5, 0.3, 0.5] },
+            "extensions": { "KHR_materials_transmission": { "transmissionFactor": shares[one_of(3)] } },
+        });
+        if one_of(2) == 1 {
+            material["extensions"]["KHR_materials_volume"] = json!({ "thicknessFactor": 1 });
+        }
+        if one_of(2) == 1 {
+            material["normalTexture"] = json!({ "index": 0 });
+        }
+        if one_of(2) == 1 {
+            material["emissiveFactor"] = json!([1, 0.5, 0]);
+        }
+        material["alphaMode"] = json!(["OPAQUE", "MASK", "BLEND"][one_of(3)]);
+        let mut document = rich();
+        let text = material.to_string();
+        document["materials"] = json!([material, {}]);
+        let path = write(folder.path(), "case.gltf", &document);
+        assert_eq!(wrong(&path, &registry), None, "{text}");
+    }
+}
+
 /// What a base colour tints on its way through a volume, the volume absorbs.
 #[test]
 fn the_base_colour_of_a_volume_is_absorbed() {

@@ -13,6 +13,7 @@
 mod features;
 
 mod coat;
+mod combine;
 pub mod document;
 mod files;
 pub mod fit;

@@ -78,7 +78,9 @@ const FEATURES: &[Feature] = features! {
     Approximated "bsdf roughplastic": "blinn_phong: the highlight is that at normal incidence.";
     Kept "bsdf twosided": "The material itself, or two_sided.";
     Kept "bsdf mask": "mask.";
+    Approximated "mask of glass": "The larger of the two: glass without holes, or nothing.";
     Kept "bsdf blendbsdf": "mix.";
+    Approximated "blendbsdf of two directions": "The larger part: a ray would be reflected, or pass, in two directions.";
     Kept "bsdf normalmap": "normal_map; on a mesh with its tangents.";
     Dropped "normalmap without tangents": "On a disk or in a group, only a mesh has tangents.";
     Approximated "bsdf bumpmap": "bump; its height is the first channel of the texture, and its slope a difference over 0.0002 of (u, v).";

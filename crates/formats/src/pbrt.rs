@@ -64,12 +64,13 @@ const FEATURES: &[Feature] = features! {
     Dropped "displacement of plymesh": "The mesh of the file.";
     Kept "ObjectBegin, ObjectInstance": "A group and instances.";
     Kept "alpha": "mask; an area light with the alpha 0 is not visible, but lights.";
-    Dropped "alpha of a dielectric": "A material that refracts has no holes.";
+    Approximated "alpha of a dielectric": "The larger of the two: glass without holes, or nothing.";
     Kept "Material diffuse": "matte.";
     Kept "Material dielectric": "dielectric.";
     Kept "Material thindielectric": "thin_dielectric.";
     Kept "Material conductor": "conductor.";
     Kept "Material mix": "mix, or mask with an interface.";
+    Approximated "Material mix of two directions": "The larger part: a ray would be reflected, or pass, in two directions.";
     Kept "Material interface": "The shape is not in the scene.";
     Approximated "Material coateddiffuse": "plastic, of one factor for a texture; blinn_phong with the reflection at normal incidence if it is rough. Its coat is thin and clear.";
     Approximated "Material coatedconductor": "The conductor without its coating.";

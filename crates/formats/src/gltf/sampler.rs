@@ -146,8 +146,8 @@ impl Importer<'_> {
         if let Some(map) = used.transform.as_ref().map(texture_map)
             && map != DAffine3::IDENTITY
         {
-            if map.matrix3.determinant().abs() < 1e-12 || !map.is_finite() {
-                let message = "the transform of the texture is not invertible";
+            if !map.is_finite() {
+                let message = "the transform of the texture is not finite";
                 return Err(FormatError::at(
                     format!("{}/extensions/KHR_texture_transform", used.pointer),
                     message,
@@ -179,7 +179,7 @@ fn serde_json_index(value: &whitstone_gltf::json::Value) -> Option<usize> {
 /// Khronos sample renderer: counter-clockwise on the screen.
 fn texture_map(given: &TextureTransform) -> DAffine3 {
     let [x, y] = given.offset.0.map(shortest);
-    let [sx, sy] = given.scale.0.map(shortest);
+    let [sx, sy] = given.scale.0.map(shortest).map(not_zero);
     let (sin, cos) = libm::sincos(shortest(given.rotation.0));
     let linear = DMat3::from_cols(
         DVec3::new(cos * sx, -sin * sx, 0.0),
@@ -194,9 +194,28 @@ fn texture_map(given: &TextureTransform) -> DAffine3 {
     flip * down * flip
 }
 
+/// A scale that can be inverted. One of 0, with which all points show the same texel, is so small
+/// that no texel is left.
+fn not_zero(scale: f64) -> f64 {
+    let least = 1e-6;
+    if scale.abs() < least { least.copysign(scale) } else { scale }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_scale_of_zero_shows_one_texel() {
+        let text = "{\"offset\": [0.5, 0.25], \"scale\": [0, 0], \"rotation\": 1}";
+        let map = texture_map(&whitstone_gltf::json::deserialize::from_str(text).unwrap());
+        assert!(map.inverse().is_finite());
+        for corner in [DVec3::ZERO, DVec3::ONE] {
+            let found = map.transform_point3(corner);
+            let from = found - DVec3::new(0.5, 0.75, corner.z);
+            assert!(from.abs().max_element() < 1e-5, "{found}");
+        }
+    }
 
     #[test]
     fn offset_and_scale_count_from_the_top() {

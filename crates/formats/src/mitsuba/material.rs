@@ -4,6 +4,7 @@ use super::texture::FLIP;
 use super::translate::{Fields, Translator};
 use super::xml::Data;
 use crate::coat;
+use crate::combine::{self, Nearest};
 use crate::document::{color, typed};
 use crate::files::shorten;
 use crate::table::as_color;
@@ -83,6 +84,14 @@ enum Metal {
     None,
     Named(&'static str),
     Index([f64; 3], [f64; 3]),
+}
+
+/// A material as a table of its own; a shared one is on both sides.
+fn surface(material: Value) -> Table {
+    match material {
+        Value::Table(table) => table,
+        shared => typed("two_sided", [("front", shared.clone()), ("back", shared)]),
+    }
 }
 
 /// A matte material that reflects nothing.
@@ -219,7 +228,13 @@ impl<'a> Translator<'a> {
             "mask" => {
                 let opacity = self.texture_or_color(&mut fields, "opacity", [0.5; 3], look);
                 let material = self.nested(&mut fields, look);
-                typed("mask", [("material", material), ("opacity", opacity)])
+                match combine::mask(material, opacity, &self.rays) {
+                    Nearest::Exact(table) => table,
+                    Nearest::Part(part) => {
+                        self.note("mask of glass", at);
+                        surface(part)
+                    }
+                }
             }
             "blendbsdf" => {
                 let weight = self.texture_or_color(&mut fields, "weight", [0.5; 3], look);
@@ -227,7 +242,13 @@ impl<'a> Translator<'a> {
                 match parts[..] {
                     [(_, a), (_, b)] => {
                         let (a, b) = (self.bsdf(a, look), self.bsdf(b, look));
-                        typed("mix", [("a", a), ("b", b), ("weight", weight)])
+                        match combine::mix(a, b, weight, &self.rays) {
+                            Nearest::Exact(table) => table,
+                            Nearest::Part(part) => {
+                                self.note("blendbsdf of two directions", at);
+                                surface(part)
+                            }
+                        }
                     }
                     _ => {
                         self.error(
@@ -240,10 +261,7 @@ impl<'a> Translator<'a> {
             }
             "normalmap" => self.normal_map(&mut fields, look),
             "bumpmap" => self.bump_map(&mut fields, look),
-            "null" => {
-                let material = Value::Table(black());
-                typed("mask", [("material", material), ("opacity", Value::Float(0.0))])
-            }
+            "null" => combine::open(),
             _ => {
                 self.unknown(index);
                 return black();
@@ -306,10 +324,7 @@ impl<'a> Translator<'a> {
         };
         let parts = self.children(fields, &["bsdf"]);
         match parts[..] {
-            [(_, part)] => match self.bsdf(part, &inner) {
-                Value::Table(table) => table,
-                value => typed("two_sided", [("front", value.clone()), ("back", value)]),
-            },
+            [(_, part)] => surface(self.bsdf(part, &inner)),
             [(_, a), (_, b)] => {
                 let (a, b) = (self.bsdf(a, &inner), self.bsdf(b, &inner));
                 let (front, back) = if look.flip { (b, a) } else { (a, b) };
@@ -474,10 +489,7 @@ impl<'a> Translator<'a> {
         let material = self.nested(fields, look);
         let Some((key, direction)) = look.tangent.clone() else {
             self.note("normalmap without tangents", fields.at());
-            return match material {
-                Value::Table(table) => table,
-                value => typed("two_sided", [("front", value.clone()), ("back", value)]),
-            };
+            return surface(material);
         };
         typed(
             "normal_map",

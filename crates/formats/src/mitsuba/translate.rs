@@ -2,6 +2,7 @@
 
 use super::FEATURES;
 use super::xml::{At, Data, Entry, Object, Scene};
+use crate::combine::Rays;
 use crate::document::{Document, Ids, Shared, typed};
 use crate::files::{Folder, Named, shorten};
 use crate::mesh_file::MeshInfo;
@@ -37,6 +38,8 @@ pub(super) struct Translator<'a> {
     /// Translated materials and textures, by object and look.
     pub(super) memo: HashMap<String, Value>,
     materials: Shared,
+    /// Which rays the shared materials continue.
+    pub(super) rays: HashMap<String, Rays>,
     textures: Shared,
     pub(super) group_ids: Ids,
     /// Ids and bounds of groups, by their objects.
@@ -90,6 +93,7 @@ impl<'a> Translator<'a> {
             open: Vec::new(),
             memo: HashMap::new(),
             materials: Shared::new(&options.prefix),
+            rays: HashMap::new(),
             textures: Shared::new(&options.prefix),
             group_ids: Ids::new(&options.prefix),
             groups: HashMap::new(),
@@ -402,7 +406,10 @@ impl<'a> Translator<'a> {
     /// The id of a shared material; equal ones become one.
     pub(super) fn share_material(&mut self, name: &str, table: Table) -> Value {
         let list = &mut self.document.materials;
-        Value::String(self.materials.named_id(list, name, table))
+        let rays = Rays::of_table(&table, &self.rays);
+        let id = self.materials.named_id(list, name, table);
+        self.rays.insert(id.clone(), rays);
+        Value::String(id)
     }
 
     /// The id of a shared texture; equal ones become one.

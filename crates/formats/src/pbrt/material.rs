@@ -6,6 +6,7 @@ use super::spectrum;
 use super::texture::Pattern;
 use super::token::At;
 use crate::coat;
+use crate::combine::{self, Nearest};
 use crate::document::{color, typed};
 use crate::mitsuba::material::{normal_reflectance, product};
 use std::f64::consts::PI;
@@ -33,8 +34,6 @@ pub(super) struct Look {
     pub(super) value: Option<Value>,
     /// Whether it depends on (u, v).
     pub(super) uv: bool,
-    /// Whether rays are refracted.
-    refracts: bool,
     /// Depth of its nesting.
     depth: usize,
 }
@@ -45,7 +44,6 @@ impl Look {
         Self {
             value: Some(value),
             uv: true,
-            refracts: false,
             depth: 0,
         }
     }
@@ -54,7 +52,6 @@ impl Look {
         Self {
             value: None,
             uv: false,
-            refracts: false,
             depth: 0,
         }
     }
@@ -80,7 +77,6 @@ impl Importer<'_> {
         let mut look = Look {
             value: None,
             uv: false,
-            refracts: false,
             depth: 0,
         };
         let mut see = |(value, uv, _): Pattern| {
@@ -97,7 +93,6 @@ impl Importer<'_> {
                 if self.alpha(&mut args, ["roughness", "uroughness", "vroughness"]) >= SMOOTH {
                     self.note("roughness of dielectric", at);
                 }
-                look.refracts = true;
                 typed("dielectric", [("interior_ior", Value::Float(ior))])
             }
             "thindielectric" => {
@@ -154,16 +149,15 @@ impl Importer<'_> {
                     return look;
                 };
                 look.uv |= a.uv || b.uv;
-                look.refracts = a.refracts || b.refracts;
                 look.depth = a.depth.max(b.depth) + 1;
                 if look.depth > MAX_NESTING {
                     self.error(at, format!("materials are nested more than {MAX_NESTING} deep"));
                     return look;
                 }
                 // A surface that is not there is a hole.
-                let table = match (a.value, b.value) {
-                    (Some(a), Some(b)) => typed("mix", [("a", a), ("b", b), ("weight", weight)]),
-                    (None, Some(b)) => typed("mask", [("material", b), ("opacity", weight)]),
+                let nearest = match (a.value, b.value) {
+                    (Some(a), Some(b)) => combine::mix(a, b, weight, &self.rays),
+                    (None, Some(b)) => combine::mask(b, weight, &self.rays),
                     (Some(a), None) => {
                         let weight = match weight {
                             Value::Float(weight) => Value::Float(1.0 - weight),
@@ -172,11 +166,12 @@ impl Importer<'_> {
                                 Value::Table(typed("mix", [("a", one), ("b", zero), ("weight", texture)]))
                             }
                         };
-                        typed("mask", [("material", a), ("opacity", weight)])
+                        combine::mask(a, weight, &self.rays)
                     }
                     (None, None) => return look,
                 };
-                look.value = Some(self.share_material(name.unwrap_or("mix"), table));
+                let name = name.unwrap_or("mix");
+                look.value = Some(self.combined(nearest, name, "Material mix of two directions", at));
                 return look;
             }
             "interface" | "none" | "" => {
@@ -200,6 +195,21 @@ impl Importer<'_> {
         };
         look.value = Some(self.share_material(name.unwrap_or(plugin), table));
         look
+    }
+
+    /// The shared material of a combination; `approximated` is noted where it is not exact.
+    fn combined(&mut self, nearest: Nearest, name: &str, approximated: &'static str, at: At) -> Value {
+        let table = match nearest {
+            Nearest::Exact(table) => table,
+            Nearest::Part(part) => {
+                self.note(approximated, at);
+                match part {
+                    Value::Table(table) => table,
+                    shared => return shared,
+                }
+            }
+        };
+        self.share_material(name, table)
     }
 
     /// The two materials of a mix.
@@ -352,23 +362,13 @@ impl Importer<'_> {
     }
 
     /// A material with holes.
-    pub(super) fn masked(
-        &mut self,
-        look: &Look,
-        material: Option<Value>,
-        alpha: Value,
-        at: At,
-    ) -> Option<Value> {
-        if look.refracts {
-            self.note("alpha of a dielectric", at);
-            return material;
-        }
+    pub(super) fn masked(&mut self, material: Option<Value>, alpha: Value, at: At) -> Value {
         let material = material.unwrap_or_else(|| {
             let matte = typed("matte", [("reflectance", Value::Float(0.5))]);
             self.share_material("diffuse", matte)
         });
-        let table = typed("mask", [("material", material), ("opacity", alpha)]);
-        Some(self.share_material("mask", table))
+        let nearest = combine::mask(material, alpha, &self.rays);
+        self.combined(nearest, "mask", "alpha of a dielectric", at)
     }
 
     /// A material on a surface whose normal is reversed: dielectrics have their inside outside.

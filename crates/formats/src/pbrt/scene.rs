@@ -5,6 +5,7 @@ use super::material::Look;
 use super::params::{Args, KINDS, Kind, Param, Values};
 use super::spectrum;
 use super::token::{At, Lexer, Token};
+use crate::combine::Rays;
 use crate::document::{Document, Ids, Shared, transform};
 use crate::files::{self, Folder, Named, shorten};
 use crate::part::{self, Part};
@@ -155,6 +156,8 @@ pub(super) struct Importer<'a> {
     replaced: BTreeSet<String>,
     /// Tables of shared materials, by id.
     pub(super) tables: HashMap<String, Table>,
+    /// Which rays they continue.
+    pub(super) rays: HashMap<String, Rays>,
     pub(super) turned: HashMap<String, Value>,
     shared_materials: Shared,
     shared_textures: Shared,
@@ -201,6 +204,7 @@ impl<'a> Importer<'a> {
             materials: HashMap::new(),
             replaced: BTreeSet::new(),
             tables: HashMap::new(),
+            rays: HashMap::new(),
             turned: HashMap::new(),
             shared_materials: Shared::new(&options.prefix),
             shared_textures: Shared::new(&options.prefix),
@@ -1057,6 +1061,7 @@ impl<'a> Importer<'a> {
         let id = self
             .shared_materials
             .id(&mut self.document.materials, name, table.clone());
+        self.rays.insert(id.clone(), Rays::of_table(&table, &self.rays));
         self.tables.insert(id.clone(), table);
         Value::String(id)
     }

@@ -107,8 +107,7 @@ impl Importer<'_> {
         }
         let opaque = matches!(alpha.0, Value::Float(value) if value >= 1.0);
         if !opaque {
-            let plain = super::material::Look::interface();
-            material = self.masked(look.as_ref().unwrap_or(&plain), material, alpha.0, at);
+            material = Some(self.masked(material, alpha.0, at));
         }
         for mut table in pieces.tables {
             if let Some(material) = &material {

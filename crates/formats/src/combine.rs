@@ -1,0 +1,113 @@
+//! Blends and holes of imported materials.
+//!
+//! A material of Whitstone continues at most one reflected and one transmitted ray, so that some
+//! materials cannot be blended and some cannot have holes; `mix` and `mask` refuse them. An import
+//! takes what is nearest to them instead.
+
+use crate::document::typed;
+use std::collections::HashMap;
+use toml::{Table, Value};
+
+/// Which rays a material continues.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Rays {
+    reflects: bool,
+    /// Its reflections are spread.
+    spreads: bool,
+    /// Its normals are those of a map.
+    bends: bool,
+    /// Rays pass, straight or refracted.
+    passes: bool,
+    refracts: bool,
+}
+
+impl Rays {
+    /// Those of a material: a table, or the id of one of `known`.
+    pub(crate) fn of(material: &Value, known: &HashMap<String, Rays>) -> Self {
+        match material {
+            Value::String(id) => known.get(id).copied().unwrap_or_default(),
+            Value::Table(table) => Self::of_table(table, known),
+            _ => Self::default(),
+        }
+    }
+
+    /// Those of a material's table.
+    pub(crate) fn of_table(table: &Table, known: &HashMap<String, Rays>) -> Self {
+        let kind = table.get("type").and_then(Value::as_str).unwrap_or_default();
+        let parts = ["a", "b", "front", "back", "material"];
+        let inner = parts.iter().filter_map(|key| table.get(*key));
+        let inner = inner.fold(Self::default(), |rays, part| rays.or(Self::of(part, known)));
+        inner.or(Self {
+            reflects: [
+                "mirror",
+                "conductor",
+                "plastic",
+                "glossy",
+                "dielectric",
+                "thin_dielectric",
+            ]
+            .contains(&kind),
+            spreads: kind == "glossy",
+            bends: ["bump", "normal_map"].contains(&kind),
+            passes: ["dielectric", "thin_dielectric", "mask"].contains(&kind),
+            refracts: kind == "dielectric",
+        })
+    }
+
+    fn or(self, other: Self) -> Self {
+        Self {
+            reflects: self.reflects || other.reflects,
+            spreads: self.spreads || other.spreads,
+            bends: self.bends || other.bends,
+            passes: self.passes || other.passes,
+            refracts: self.refracts || other.refracts,
+        }
+    }
+
+    /// Whether the two can be blended.
+    fn blends_with(self, other: Self) -> bool {
+        let either = self.or(other);
+        let two_pass = self.passes && other.passes && either.refracts;
+        let two_reflect = self.reflects && other.reflects && (either.spreads || either.bends);
+        !two_pass && !two_reflect
+    }
+}
+
+/// What stands for a material that was asked for.
+pub(crate) enum Nearest {
+    /// That material.
+    Exact(Table),
+    /// A part of it.
+    Part(Value),
+}
+
+/// A blend with the share `weight` of `b`, or the larger part where the two cannot be blended.
+pub(crate) fn mix(a: Value, b: Value, weight: Value, known: &HashMap<String, Rays>) -> Nearest {
+    if Rays::of(&a, known).blends_with(Rays::of(&b, known)) {
+        return Nearest::Exact(typed("mix", [("a", a), ("b", b), ("weight", weight)]));
+    }
+    Nearest::Part(if share(&weight) > 0.5 { b } else { a })
+}
+
+/// A material with holes. One that refracts has none, unless most of it is a hole.
+pub(crate) fn mask(material: Value, opacity: Value, known: &HashMap<String, Rays>) -> Nearest {
+    let refracts = Rays::of(&material, known).refracts;
+    if refracts && share(&opacity) >= 0.5 {
+        return Nearest::Part(material);
+    }
+    if refracts {
+        return Nearest::Part(Value::Table(open()));
+    }
+    Nearest::Exact(typed("mask", [("material", material), ("opacity", opacity)]))
+}
+
+/// The material of a surface that is not there.
+pub(crate) fn open() -> Table {
+    let black = Value::Table(typed("matte", [("reflectance", Value::Float(0.0))]));
+    typed("mask", [("material", black), ("opacity", Value::Float(0.0))])
+}
+
+/// A weight; half of a texture or a colour.
+fn share(weight: &Value) -> f64 {
+    weight.as_float().unwrap_or(0.5)
+}
