@@ -2,11 +2,13 @@
 //! misbehave. The conforming renderer is the program itself; the others are small scripts.
 #![cfg(unix)]
 
+use exr::prelude::{Image as Exr, IntegerBounds, Layer, SpecificChannels, WritableImage, f16};
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use tempfile::TempDir;
-use whitstone_tests::{program, root};
+use whitstone::render::RenderOptions;
+use whitstone_tests::{load, program, root};
 
 const SCENE: &str = "scenes/shapes/sphere.toml";
 const OTHER: &str = "scenes/shapes/disk.toml";
@@ -123,6 +125,109 @@ fn codes_are_compared_as_intervals() {
     expect(&outcome, 1, &["FAIL"]);
 }
 
+/// The image of [`SCENE`] with a light of this intensity, row by row.
+fn rendered(intensity: f64) -> ([usize; 2], Vec<[f32; 3]>) {
+    let change = format!("light.0.intensity={intensity}");
+    let pipeline = load(&root().join(SCENE), &[change], &whitstone::registry()).unwrap();
+    let film = pipeline.render(RenderOptions::default());
+    let size = [film.width, film.height].map(|side| side as usize);
+    (size, film.rgb)
+}
+
+/// Subjects that copy files which the test has written.
+fn copies(write: impl FnOnce(&Path), more: &str) -> Outcome {
+    let subject = Subject::script("cp \"$(dirname \"$0\")/ready-$3\" \"$2\"", more);
+    write(subject.0.path());
+    subject.validate(&[SCENE])
+}
+
+/// Half-precision numbers and numbers with a shared exponent are rounded, too.
+#[test]
+fn rounded_numbers_are_compared_as_intervals() {
+    let half = |intensity: f64| {
+        let ([width, height], rgb) = rendered(intensity);
+        let write = |folder: &Path| {
+            let color = |x: usize, y: usize| {
+                let [r, g, b] = rgb[y * width + x].map(f16::from_f32);
+                (r, g, b)
+            };
+            exr::prelude::write_rgb_file(folder.join("ready-0"), width, height, color).unwrap();
+        };
+        copies(write, "")
+    };
+    expect(&half(120.0), 0, &["1 passed"]);
+    expect(&half(121.0), 1, &["FAIL"]);
+    let hdr = |intensity: f64| {
+        let ([width, height], rgb) = rendered(intensity);
+        let write = |folder: &Path| {
+            let file = fs::File::create(folder.join("ready-0")).unwrap();
+            let pixels: Vec<image::Rgb<f32>> = rgb.into_iter().map(image::Rgb).collect();
+            let encoder = image::codecs::hdr::HdrEncoder::new(file);
+            encoder.encode(&pixels, width, height).unwrap();
+        };
+        copies(write, "output = \"hdr\"")
+    };
+    expect(&hdr(120.0), 0, &["1 passed"]);
+    expect(&hdr(125.0), 1, &["FAIL"]);
+}
+
+/// The pixels of an EXR file belong to the place of its data window in the frame.
+#[test]
+fn data_windows_are_placed_in_the_frame() {
+    let windowed = |at: [i32; 2], border: usize| {
+        let ([width, height], rgb) = rendered(120.0);
+        let size = (width + 2 * border, height + 2 * border);
+        let write = |folder: &Path| {
+            let channels = SpecificChannels::rgb(|position: exr::math::Vec2<usize>| {
+                let inside = |at: usize, size: usize| at.checked_sub(border).filter(|at| *at < size);
+                match (inside(position.x(), width), inside(position.y(), height)) {
+                    (Some(x), Some(y)) => rgb[y * width + x].into(),
+                    _ => (7.0_f32, 7.0, 7.0),
+                }
+            });
+            let mut layer = Layer::new(
+                size,
+                exr::meta::header::LayerAttributes::default(),
+                exr::image::Encoding::default(),
+                channels,
+            );
+            layer.attributes.layer_position = exr::math::Vec2(at[0], at[1]);
+            let mut image = Exr::from_layer(layer);
+            image.attributes.display_window = IntegerBounds::from_dimensions((width, height));
+            image.write().to_file(folder.join("ready-0")).unwrap();
+        };
+        copies(write, "")
+    };
+    expect(&windowed([0, 0], 0), 0, &["1 passed"]);
+    // More than the frame.
+    expect(&windowed([-6, -6], 6), 0, &["1 passed"]);
+    expect(&windowed([5, 0], 0), 1, &["FAIL"]);
+}
+
+/// Much noise hides a mirrored image in each pixel, but not in blocks of pixels.
+#[test]
+fn noise_does_not_hide_a_mirrored_image() {
+    let noisy = |mirrored: bool| {
+        let ([width, height], rgb) = rendered(120.0);
+        let write = |folder: &Path| {
+            let mut state = 1_u32;
+            for run in 0..3 {
+                let color = |x: usize, y: usize| {
+                    let x = if mirrored { width - 1 - x } else { x };
+                    state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                    let noise = (state >> 8) as f32 / (1 << 24) as f32 - 0.5;
+                    rgb[y * width + x].map(|value| value * (1.0 + noise) + 0.01 * noise)
+                };
+                let image = whitstone::image::Image::from_fn(width, height, color).unwrap();
+                whitstone::image::exr_io::write(folder.join(format!("ready-{run}")), &image).unwrap();
+            }
+        };
+        copies(write, "runs = 2")
+    };
+    expect(&noisy(false), 0, &["1 passed"]);
+    expect(&noisy(true), 1, &["FAIL", "blocks of pixels differ"]);
+}
+
 /// The runs of the first subject average to the right image, those of the second to one that is
 /// 1.7 % too bright.
 #[test]
@@ -131,6 +236,13 @@ fn noisy_subjects_are_judged_by_their_mean() {
         |base: u32| format!("WHITSTONE render \"$1\" -o \"$2\" --set light.0.intensity=$(({base} + $3 % 3))");
     let right = Subject::script(&script(119), "runs = 6").validate(&[SCENE]);
     expect(&right, 0, &["of the pixels agree with the reference"]);
+    // Each run is rounded to codes.
+    let png = "runs = 6\noutput = \"png\"\ntransfer = \"srgb\"";
+    expect(
+        &Subject::script(&script(119), png).validate(&[SCENE]),
+        0,
+        &["1 passed"],
+    );
     let biased = Subject::script(&script(121), "runs = 6").validate(&[SCENE]);
     expect(&biased, 1, &["bias +"]);
     let constant = Subject::script("WHITSTONE render \"$1\" -o \"$2\"", "runs = 2").validate(&[SCENE]);

@@ -5,6 +5,15 @@ use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 use whitstone_core::{FormatError, ImportOptions};
 
+/// Extensions of images that the texture `image` reads.
+const IMAGES: [&str; 5] = ["png", "jpg", "jpeg", "webp", "exr"];
+
+/// Whether the texture `image` reads files with this extension.
+pub(crate) fn is_image(path: &Path) -> bool {
+    let extension = path.extension().unwrap_or_default();
+    IMAGES.iter().any(|image| extension.eq_ignore_ascii_case(image))
+}
+
 /// Writes a file whole or not at all.
 pub(crate) fn save(path: &Path, bytes: &[u8]) -> Result<(), FormatError> {
     let written = whitstone_image::atomic::write_bytes(path, bytes);

@@ -1,15 +1,16 @@
 //! PLY and STL files as scenes: one mesh with a default material.
 //!
-//! Only the positions are read here, for the fitted camera. The shape `mesh` reads the file itself
-//! and reports what is wrong with it, so a file that cannot be understood has no bounds here.
+//! The positions are read here for the fitted camera, and the scan notes what the scene does not
+//! show. The shape `mesh` reads the file itself and reports what is wrong with it, so a file that
+//! cannot be understood has no bounds here.
 
 use crate::document::{Document, Ids, typed};
-use crate::files;
+use crate::files::{self, shorten};
 use crate::part::{self, Part};
 use std::path::Path;
 use toml::Value;
 use whitstone_core::{
-    DVec3, Feature, FormatError, FormatErrors, ImportOptions, Imported, Notes, SceneFormat, Treatment,
+    DVec3, Feature, FormatError, FormatErrors, ImportOptions, Imported, Notes, SceneFormat,
 };
 
 /// Largest file in bytes.
@@ -23,24 +24,44 @@ pub struct Ply;
 /// STL, binary or text.
 pub struct Stl;
 
-const PLY_FEATURES: &[Feature] = &[
-    Feature {
-        name: "element vertex, element face",
-        treatment: Treatment::Kept,
-        how: "The shape mesh reads them from the file itself.",
-    },
-    Feature {
-        name: "red, green, blue",
-        treatment: Treatment::Kept,
-        how: "The colours of vertices are the albedo, as linear values.",
-    },
-];
+const PLY_FEATURES: &[Feature] = features! {
+    Kept "element vertex, element face": "The shape mesh reads them from the file itself.";
+    Approximated "red, green, blue": "The colours of vertices are the albedo, taken as linear; most programs write sRGB.";
+    Approximated "concave faces": "Split into triangles from their first corner, which covers more than the face.";
+    Dropped "alpha": "The default material is opaque.";
+    Dropped "texcoord of face": "Only vertices have texture coordinates.";
+    Dropped "comment TextureFile": "The default material has no texture.";
+    Dropped "red, green, blue of face": "Only vertices have colours.";
+    Dropped "other properties": "Only positions, normals, texture coordinates and colours of vertices are read.";
+    Dropped "other elements": "Only vertices and faces are read.";
+};
 
-const STL_FEATURES: &[Feature] = &[Feature {
-    name: "facets",
-    treatment: Treatment::Kept,
-    how: "The shape mesh reads them from the file itself; normals follow from the winding.",
-}];
+const STL_FEATURES: &[Feature] = features! {
+    Kept "facets": "The shape mesh reads them from the file itself; normals follow from the winding.";
+    Dropped "attributes of facets": "Some programs write colours there, each in its own way.";
+};
+
+/// Properties of vertices that the shape `mesh` reads.
+const READ: [&str; 16] = [
+    "x",
+    "y",
+    "z",
+    "nx",
+    "ny",
+    "nz",
+    "u",
+    "v",
+    "s",
+    "t",
+    "texture_u",
+    "texture_v",
+    "red",
+    "green",
+    "blue",
+    "alpha",
+];
+/// Names of the list of a face's corners.
+const CORNERS: [&str; 2] = ["vertex_indices", "vertex_index"];
 
 impl SceneFormat for Ply {
     fn name(&self) -> &'static str {
@@ -56,7 +77,7 @@ impl SceneFormat for Ply {
     }
 
     fn import(&self, path: &Path, options: &ImportOptions) -> Option<Result<Imported, FormatErrors>> {
-        Some(import(path, options, "a PLY file", scan_ply))
+        Some(import(path, options, "a PLY file", PLY_FEATURES, scan_ply))
     }
 }
 
@@ -74,7 +95,7 @@ impl SceneFormat for Stl {
     }
 
     fn import(&self, path: &Path, options: &ImportOptions) -> Option<Result<Imported, FormatErrors>> {
-        Some(import(path, options, "an STL file", scan_stl))
+        Some(import(path, options, "an STL file", STL_FEATURES, scan_stl))
     }
 }
 
@@ -91,12 +112,29 @@ pub(crate) struct MeshInfo {
 
 /// What other importers need to know of a PLY file.
 pub(crate) fn inspect_ply(bytes: &[u8]) -> MeshInfo {
-    let scan = scan_ply(bytes);
+    let mut scan = Scan::EMPTY;
+    let _ = ply(bytes, &mut scan, false);
     MeshInfo {
         part: scan.part,
         normals: scan.normals,
         triangles: scan.faces.saturating_mul(2),
     }
+}
+
+/// Overlaps of less than this part of a face's area are due to the rounding of its corners.
+const OVERLAP: f64 = 1e-4;
+
+/// Whether triangles from the first corner of a face, as the shape `mesh` splits it, cover more
+/// than the face: one of them has the opposite orientation.
+pub(crate) fn fan_covers_more(corners: &[DVec3]) -> bool {
+    let [first, others @ ..] = corners else {
+        return false;
+    };
+    let normal_of = |side: &[DVec3]| (side[0] - *first).cross(side[1] - *first);
+    // The normal of the face by Newell's method.
+    let normal: DVec3 = others.windows(2).map(normal_of).sum();
+    let least = -OVERLAP * normal.length_squared();
+    others.windows(2).any(|side| normal_of(side).dot(normal) < least)
 }
 
 /// What a scan finds.
@@ -108,6 +146,8 @@ struct Scan {
     normals: bool,
     /// Number of faces of a PLY file.
     faces: u64,
+    /// Features to report: the name and the place.
+    noted: Vec<(&'static str, String)>,
 }
 
 impl Scan {
@@ -116,6 +156,7 @@ impl Scan {
         colors: false,
         normals: false,
         faces: 0,
+        noted: Vec::new(),
     };
 }
 
@@ -123,6 +164,7 @@ fn import(
     path: &Path,
     options: &ImportOptions,
     what: &str,
+    features: &'static [Feature],
     scan: fn(&[u8]) -> Scan,
 ) -> Result<Imported, FormatErrors> {
     part::no_selection(options, what)?;
@@ -137,9 +179,12 @@ fn import(
     };
     let mut document = Document::default();
     let mut notes = Notes::default();
+    for (feature, place) in scan.noted {
+        notes.add(features, feature, place);
+    }
     let mut shape = typed("mesh", [("file", Value::String(file.to_owned()))]);
     let reflectance = if scan.colors {
-        notes.add(PLY_FEATURES, "red, green, blue", file);
+        notes.add(features, "red, green, blue", file);
         shape.insert("vertex_colors".to_owned(), Value::Boolean(true));
         Value::Table(typed("vertex_color", []))
     } else {
@@ -163,10 +208,14 @@ fn import(
 /// Bounds of the vertices of an STL file.
 fn scan_stl(bytes: &[u8]) -> Scan {
     let mut part = Part::EMPTY;
+    let mut noted = Vec::new();
     let count = bytes.get(80..84).and_then(|count| count.try_into().ok());
     let count = count.map(|count| u64::from(u32::from_le_bytes(count)));
     if count.is_some_and(|count| bytes.len() as u64 == 84 + 50 * count) {
-        for facet in bytes[84..].chunks_exact(50) {
+        for (facet, number) in bytes[84..].chunks_exact(50).zip(0_u64..) {
+            if noted.is_empty() && facet[48..] != [0, 0] {
+                noted.push(("attributes of facets", format!("facet {number}")));
+            }
             for vertex in facet[12..48].chunks_exact(12) {
                 let [x, y, z] = [0, 4, 8].map(|at| {
                     f64::from(f32::from_le_bytes([
@@ -197,14 +246,18 @@ fn scan_stl(bytes: &[u8]) -> Scan {
             }
         }
     }
-    Scan { part, ..Scan::EMPTY }
+    Scan {
+        part,
+        noted,
+        ..Scan::EMPTY
+    }
 }
 
-/// Bounds of the vertices of a PLY file.
+/// Bounds of the vertices of a PLY file, and the parts that the scene does not show.
 fn scan_ply(bytes: &[u8]) -> Scan {
     let mut scan = Scan::EMPTY;
     // What is not understood ends the scan.
-    let _ = ply(bytes, &mut scan);
+    let _ = ply(bytes, &mut scan, true);
     scan
 }
 
@@ -215,89 +268,207 @@ struct Property<'a> {
     name: &'a str,
 }
 
-fn ply(bytes: &[u8], scan: &mut Scan) -> Option<()> {
+/// A kind of element.
+struct Element<'a> {
+    name: &'a str,
+    count: u64,
+    properties: Vec<Property<'a>>,
+}
+
+impl Element<'_> {
+    fn has(&self, name: &str) -> bool {
+        self.properties.iter().any(|property| property.name == name)
+    }
+
+    /// Reads the values of the next one, each with its property.
+    fn read(&self, values: &mut Values<'_>, mut found: impl FnMut(&Property<'_>, f64)) -> Option<()> {
+        for property in &self.properties {
+            let length = match property.count {
+                None => 1.0,
+                Some(number) => values.next(number)?,
+            };
+            if !(0.0..=1e9).contains(&length) {
+                return None;
+            }
+            for _ in 0..length as u64 {
+                found(property, values.next(property.number)?);
+            }
+        }
+        Some(())
+    }
+
+    /// The features of its properties that the scene does not show.
+    fn unread(&self) -> Vec<(&'static str, String)> {
+        let place = |name: &str| format!("{} {}", self.name, shorten(name));
+        let feature = |property: &Property<'_>| match (self.name, property.name) {
+            ("vertex", name) => (!READ.contains(&name)).then_some("other properties"),
+            (_, name) if CORNERS.contains(&name) && property.count.is_some() => None,
+            (_, "texcoord" | "texnumber") => Some("texcoord of face"),
+            (_, "red" | "green" | "blue" | "alpha") => Some("red, green, blue of face"),
+            _ => Some("other properties"),
+        };
+        match self.name {
+            _ if self.count == 0 => Vec::new(),
+            "vertex" | "face" => (self.properties.iter())
+                .filter_map(|property| Some((feature(property)?, place(property.name))))
+                .collect(),
+            name => vec![("other elements", shorten(name))],
+        }
+    }
+}
+
+/// The header of a PLY file.
+#[derive(Default)]
+struct Header<'a> {
+    format: &'a str,
+    elements: Vec<Element<'a>>,
+    /// Images that comments name.
+    images: Vec<String>,
+}
+
+impl<'a> Header<'a> {
+    fn of(text: &'a str) -> Option<Self> {
+        let mut header = Self::default();
+        let elements = &mut header.elements;
+        for line in text.lines() {
+            match line.split_ascii_whitespace().collect::<Vec<_>>()[..] {
+                ["format", name, ..] => header.format = name,
+                ["comment", word, ref name @ ..] if word.eq_ignore_ascii_case("TextureFile") => {
+                    header.images.push(shorten(&name.join(" ")));
+                }
+                ["element", name, count] => elements.push(Element {
+                    name,
+                    count: count.parse().ok()?,
+                    properties: Vec::new(),
+                }),
+                ["property", "list", count, number, name] => {
+                    elements.last_mut()?.properties.push(Property {
+                        count: Some(Number::of(count)?),
+                        number: Number::of(number)?,
+                        name,
+                    });
+                }
+                ["property", number, name] => elements.last_mut()?.properties.push(Property {
+                    count: None,
+                    number: Number::of(number)?,
+                    name,
+                }),
+                _ => {}
+            }
+        }
+        Some(header)
+    }
+
+    fn describe(&self, scan: &mut Scan) {
+        for element in &self.elements {
+            match element.name {
+                "vertex" => {
+                    scan.colors = ["red", "green", "blue"].iter().any(|name| element.has(name));
+                    scan.normals = ["nx", "ny", "nz"].iter().all(|name| element.has(name));
+                }
+                "face" => scan.faces = element.count,
+                _ => {}
+            }
+            scan.noted.extend(element.unread());
+        }
+        let images = self.images.iter();
+        scan.noted
+            .extend(images.map(|name| ("comment TextureFile", name.clone())));
+    }
+}
+
+/// Scans a file; `with_faces`: also its faces.
+fn ply(bytes: &[u8], scan: &mut Scan, with_faces: bool) -> Option<()> {
     let end = bytes
         .windows(10)
         .take(1 << 20)
         .position(|window| window == b"end_header")?;
     let body = end + bytes[end..].iter().position(|&byte| byte == b'\n')? + 1;
-    let header = std::str::from_utf8(&bytes[..end]).ok()?;
-    let mut format = "";
-    let mut elements: Vec<(&str, u64, Vec<Property<'_>>)> = Vec::new();
-    for line in header.lines() {
-        match line.split_ascii_whitespace().collect::<Vec<_>>()[..] {
-            ["format", name, ..] => format = name,
-            ["element", name, count] => elements.push((name, count.parse().ok()?, Vec::new())),
-            ["property", "list", count, number, name] => elements.last_mut()?.2.push(Property {
-                count: Some(Number::of(count)?),
-                number: Number::of(number)?,
-                name,
-            }),
-            ["property", number, name] => elements.last_mut()?.2.push(Property {
-                count: None,
-                number: Number::of(number)?,
-                name,
-            }),
-            _ => {}
-        }
-    }
-    for (name, count, properties) in &elements {
-        let has = |name: &str| properties.iter().any(|property| property.name == name);
-        match *name {
-            "vertex" => {
-                scan.colors = ["red", "green", "blue"].into_iter().any(has);
-                scan.normals = ["nx", "ny", "nz"].into_iter().all(has);
-            }
-            "face" => scan.faces = *count,
-            _ => {}
-        }
-    }
-    let mut values = match format {
+    // Comments may be in any encoding.
+    let text = String::from_utf8_lossy(&bytes[..end]);
+    let header = Header::of(&text)?;
+    header.describe(scan);
+    let mut values = match header.format {
         "ascii" => Values::Text(std::str::from_utf8(&bytes[body..]).ok()?.split_ascii_whitespace()),
         "binary_little_endian" | "binary_big_endian" => Values::Binary {
             rest: &bytes[body..],
-            big: format == "binary_big_endian",
+            big: header.format == "binary_big_endian",
         },
         _ => return None,
     };
-    for (name, count, properties) in elements {
-        let is_vertex = name == "vertex";
-        if !is_vertex && properties.is_empty() {
-            // It has no values, however many there are.
-            continue;
-        }
-        for _ in 0..count {
-            let mut point = DVec3::NAN;
-            for property in &properties {
-                let length = match property.count {
-                    None => 1.0,
-                    Some(number) => values.next(number)?,
-                };
-                if !(0.0..=1e9).contains(&length) {
-                    return None;
-                }
-                for _ in 0..length as u64 {
-                    let value = values.next(property.number)?;
-                    match property.name {
-                        "x" => point.x = value,
-                        "y" => point.y = value,
-                        "z" => point.z = value,
-                        _ => {}
-                    }
-                }
+    let mut positions = None;
+    // Without properties an element has no values, however many of it there are.
+    for element in header
+        .elements
+        .iter()
+        .filter(|element| !element.properties.is_empty())
+    {
+        if element.name == "vertex" {
+            positions = Some(vertices(element, &mut values, scan, with_faces)?);
+            if !with_faces {
+                break;
             }
-            if is_vertex {
-                scan.part.add(point);
-                if properties.is_empty() {
-                    break;
-                }
-            }
-        }
-        if is_vertex {
+        } else if element.name == "face"
+            && let Some(positions) = &positions
+        {
+            let number = first_concave(element, &mut values, positions)?;
+            scan.noted.push(("concave faces", format!("face {number}")));
             break;
+        } else {
+            for _ in 0..element.count {
+                element.read(&mut values, |_, _| {})?;
+            }
         }
     }
     Some(())
+}
+
+/// Adds the vertices to the bounds and, if `keep`, returns their positions.
+fn vertices(
+    element: &Element<'_>,
+    values: &mut Values<'_>,
+    scan: &mut Scan,
+    keep: bool,
+) -> Option<Vec<DVec3>> {
+    let mut positions = Vec::new();
+    let mut opaque = true;
+    for _ in 0..element.count {
+        let mut point = DVec3::NAN;
+        element.read(values, |property, value| match property.name {
+            "x" => point.x = value,
+            "y" => point.y = value,
+            "z" => point.z = value,
+            "alpha" => opaque &= value >= property.number.largest(),
+            _ => {}
+        })?;
+        scan.part.add(point);
+        if keep {
+            positions.push(point);
+        }
+    }
+    if !opaque {
+        scan.noted.push(("alpha", "vertex alpha".to_owned()));
+    }
+    Some(positions)
+}
+
+/// The number of the first face whose triangles cover more than the face.
+fn first_concave(element: &Element<'_>, values: &mut Values<'_>, positions: &[DVec3]) -> Option<u64> {
+    let mut corners = Vec::new();
+    for number in 0..element.count {
+        corners.clear();
+        element.read(values, |property, value| {
+            if CORNERS.contains(&property.name) && property.count.is_some() {
+                // A wrong number is an error of the shape `mesh`.
+                let position = positions.get(value as usize);
+                corners.push(position.copied().unwrap_or(DVec3::NAN));
+            }
+        })?;
+        if fan_covers_more(&corners) {
+            return Some(number);
+        }
+    }
+    None
 }
 
 /// Types of numbers in PLY files.
@@ -326,6 +497,19 @@ impl Number {
             "double" | "float64" => Self::F64,
             _ => return None,
         })
+    }
+
+    /// The largest integer of the type; 1 for other types.
+    fn largest(self) -> f64 {
+        match self {
+            Self::I8 => i8::MAX.into(),
+            Self::U8 => u8::MAX.into(),
+            Self::I16 => i16::MAX.into(),
+            Self::U16 => u16::MAX.into(),
+            Self::I32 => i32::MAX.into(),
+            Self::U32 => u32::MAX.into(),
+            Self::F32 | Self::F64 => 1.0,
+        }
     }
 
     fn bytes(self) -> usize {
@@ -376,6 +560,7 @@ impl Values<'_> {
 mod tests {
     use super::*;
     use std::fs;
+    use whitstone_core::Treatment;
 
     const BOX: Part = Part {
         low: DVec3::new(-1.0, 0.0, 0.0),
@@ -427,6 +612,77 @@ mod tests {
         }
         binary.extend([0, 0]);
         assert_eq!(scan_stl(&binary).part, BOX);
+    }
+
+    fn import_bytes(format: &dyn SceneFormat, bytes: &[u8]) -> Imported {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("mesh").with_extension(format.extensions()[0]);
+        fs::write(&path, bytes).unwrap();
+        format.import(&path, &ImportOptions::all()).unwrap().unwrap()
+    }
+
+    #[test]
+    fn comments_of_ply_files_may_be_in_any_encoding() {
+        let file = b"ply\nformat ascii 1.0\ncomment gr\xfcn\nelement vertex 2\nproperty float x\n\
+                     property float y\nproperty float z\nproperty uchar red\nend_header\n-1 0 3 9\n1 2 0 9\n";
+        let scan = scan_ply(file);
+        assert_eq!((scan.part, scan.colors), (BOX, true));
+        let imported = import_bytes(&Ply, file);
+        let colors = imported.notes[0].feature;
+        assert_eq!(
+            (colors.name, colors.treatment),
+            ("red, green, blue", Treatment::Approximated)
+        );
+    }
+
+    #[test]
+    fn concave_faces_of_ply_files_are_noted_where_their_triangles_cover_more() {
+        let header = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n\
+                      property float z\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n\
+                      0 0 0\n4 0 0\n1 1 0\n0 4 0\n";
+        let noted = |faces: &str| scan_ply(format!("{header}{faces}").as_bytes()).noted;
+        // The triangles of a concave face that meet at a suitable corner do not overlap.
+        assert_eq!(noted("4 0 1 2 3\n4 3 2 1 9\n"), []);
+        let expected = [("concave faces", "face 1".to_owned())];
+        assert_eq!(noted("3 0 1 2\n4 1 2 3 0\n"), expected);
+        assert_eq!(noted("4 1 2 3\n"), []);
+    }
+
+    #[test]
+    fn parts_of_ply_files_that_the_scene_does_not_show_are_noted() {
+        let text = "ply\nformat ascii 1.0\ncomment TextureFile my brick.png\nelement vertex 1\n\
+                    property float x\nproperty float y\nproperty float z\nproperty float s\n\
+                    property uchar alpha\nproperty float quality\nelement face 1\n\
+                    property list uchar int vertex_indices\nproperty list uchar float texcoord\n\
+                    property uchar red\nelement edge 1\nproperty int vertex1\nelement none 0\n\
+                    property int a\nend_header\n0 0 0 0 254 1\n";
+        let scan = scan_ply(text.as_bytes());
+        let noted = scan.noted.iter();
+        let noted = noted.map(|(feature, place)| (*feature, place.as_str()));
+        let expected = [
+            ("other properties", "vertex quality"),
+            ("texcoord of face", "face texcoord"),
+            ("red, green, blue of face", "face red"),
+            ("other elements", "edge"),
+            ("comment TextureFile", "my brick.png"),
+            ("alpha", "vertex alpha"),
+        ];
+        assert_eq!(noted.collect::<Vec<_>>(), expected);
+        assert_eq!(import_bytes(&Ply, text.as_bytes()).notes.len(), expected.len());
+        let opaque = scan_ply(text.replace("254", "255").as_bytes());
+        assert_eq!(opaque.noted.len(), expected.len() - 1);
+    }
+
+    #[test]
+    fn attributes_of_stl_facets_are_noted() {
+        let mut binary = vec![0_u8; 80];
+        binary.extend(2_u32.to_le_bytes());
+        binary.extend([0; 2 * 50]);
+        assert_eq!(scan_stl(&binary).noted, []);
+        binary[84 + 50 + 49] = 0x80;
+        let imported = import_bytes(&Stl, &binary);
+        assert_eq!(imported.notes[0].feature.treatment, Treatment::Dropped);
+        assert_eq!(imported.notes[0].places, ["facet 1"]);
     }
 
     #[test]

@@ -14,6 +14,7 @@ use crate::files::{self, Folder, folder_of, shorten};
 use crate::mesh_file::MeshInfo;
 use crate::part::{self, Part};
 use mtl::{Map, Mtl};
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::f64::consts::PI;
 use std::path::Path;
@@ -31,7 +32,8 @@ pub struct Obj;
 /// What happens to the statements of OBJ and MTL.
 const FEATURES: &[Feature] = features! {
     Kept "v, vt, vn, f": "The shape mesh reads them from the file itself.";
-    Kept "v with a colour": "The colours of vertices multiply Kd.";
+    Approximated "v with a colour": "The colours of vertices multiply Kd, taken as linear; most programs write sRGB.";
+    Approximated "concave faces": "Split into triangles from their first corner, which covers more than the face.";
     Kept "usemtl": "The faces of each material are one shape.";
     Kept "g, o": "Names of groups and objects have no effect on the image.";
     Kept "mtllib": "Its materials are translated.";
@@ -55,6 +57,7 @@ const FEATURES: &[Feature] = features! {
     Approximated "illum 10": "As illum 2: an invisible surface that catches shadows is visible.";
     Approximated "illum with another number": "As illum 2.";
     Kept "map_Kd, map_Ks, map_Ke, map_d": "Images that multiply the value of the statement.";
+    Approximated "map without a readable file": "The plain colour.";
     Kept "norm": "normal_map with the tangents of the mesh; -bm is its strength.";
     Dropped "norm without texture coordinates": "There are no tangents without them.";
     Kept "-s, -o, -clamp, -imfchan": "scale, offset, wrap and channel of the image.";
@@ -266,7 +269,49 @@ impl Import {
         self.notes.add(FEATURES, feature, shorten(&material.name));
     }
 
+    /// The material without the maps whose files cannot be read, which are noted.
+    fn with_readable_maps(&mut self, material: &Material) -> Material {
+        let library = &material.library;
+        let mut mtl = material.mtl.clone();
+        for place in mtl.maps_mut() {
+            let Some(map) = place else { continue };
+            if let Some(file) = self.image_file(library, &map.file) {
+                map.file = file;
+            } else {
+                let line = format!("{library}:{}", map.line);
+                self.notes.add(FEATURES, "map without a readable file", line);
+                *place = None;
+            }
+        }
+        Material {
+            mtl,
+            library: library.clone(),
+        }
+    }
+
+    /// The file of a map, relative to that of the library; none if there is no image that can be
+    /// read.
+    fn image_file(&self, library: &str, written: &str) -> Option<String> {
+        let inside = folder_of(library);
+        let is_image = |name: &str| {
+            let named = self.folder.find(inside, name);
+            named.is_ok_and(|named| named.path.is_file() && files::is_image(&named.path))
+        };
+        if is_image(written) {
+            return Some(written.to_owned());
+        }
+        // The path of another machine: its image may have been copied next to the library.
+        let copied = written.rsplit(['/', '\\']).next().unwrap_or_default();
+        if is_windows_path(written) && is_image(copied) {
+            return Some(copied.to_owned());
+        }
+        // A file outside of the folder is an error where the map is used.
+        let is_refused = self.folder.find(inside, written).is_err();
+        is_refused.then(|| written.to_owned())
+    }
+
     fn material(&mut self, material: &Material) -> Translated {
+        let material = &self.with_readable_maps(material);
         let mtl = &material.mtl;
         for feature in &mtl.noted {
             self.note(feature, mtl);
@@ -519,6 +564,21 @@ enum Channel {
     Alpha,
 }
 
+/// Whether a path is an absolute one of Windows, with a drive or a server.
+fn is_windows_path(path: &str) -> bool {
+    let has_drive = matches!(path.as_bytes(), [letter, b':', ..] if letter.is_ascii_alphabetic());
+    has_drive || path.starts_with("\\\\")
+}
+
+/// Text in any encoding: UTF-8, else each byte is a character of Latin-1. So names that differ stay
+/// different, and the shape `mesh` finds its part.
+fn decoded(bytes: &[u8]) -> Cow<'_, str> {
+    match std::str::from_utf8(bytes) {
+        Ok(text) => Cow::Borrowed(text),
+        Err(_) => bytes.iter().map(|&byte| char::from(byte)).collect(),
+    }
+}
+
 fn vertex_color() -> Table {
     typed("vertex_color", [])
 }
@@ -562,7 +622,7 @@ pub(crate) fn only_part(bytes: &[u8], part: &str) -> Vec<u8> {
         if !continues {
             let keyword = trimmed.split(u8::is_ascii_whitespace).next().unwrap_or_default();
             if keyword == b"usemtl" {
-                here = String::from_utf8_lossy(&trimmed[keyword.len()..]).trim() == part;
+                here = decoded(trimmed[keyword.len()..].trim_ascii()) == part;
             }
             keep = keyword != b"f" || here;
         }

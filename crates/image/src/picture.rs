@@ -22,8 +22,63 @@ pub enum Codes {
     Bits8,
     /// 16-bit codes: values are `code / 65535`.
     Bits16,
-    /// Floating-point numbers, linear.
+    /// Single-precision numbers, linear.
     Float,
+    /// Half-precision numbers, linear.
+    Half,
+    /// Three mantissas of 8 bits and a shared exponent (HDR), linear.
+    SharedExponent,
+}
+
+impl Codes {
+    /// Whether the numbers are linear values.
+    #[must_use]
+    pub fn is_float(self) -> bool {
+        !matches!(self, Self::Bits8 | Self::Bits16)
+    }
+
+    /// The values that a file rounds to one of its numbers: the lowest and the highest. `largest`
+    /// is the largest of the pixel's channels. Codes are not decoded; the first and the last one
+    /// stand for all values beyond them.
+    #[must_use]
+    pub fn rounded_from(self, value: f64, largest: f64) -> [f64; 2] {
+        let of_codes = |last: f64| {
+            let half = 0.5 / last;
+            [
+                if value <= 0.0 {
+                    f64::NEG_INFINITY
+                } else {
+                    value - half
+                },
+                if value >= 1.0 { f64::INFINITY } else { value + half },
+            ]
+        };
+        match self {
+            Self::Bits8 => of_codes(255.0),
+            Self::Bits16 => of_codes(65535.0),
+            Self::Float => [value; 2],
+            Self::Half => {
+                // 11 significant bits, of which the last is at least 2^-24.
+                let unit = libm::ldexp(1.0, (exponent(value) - 11).max(-24));
+                [value - 0.5 * unit, value + 0.5 * unit]
+            }
+            Self::SharedExponent => {
+                // Some writers round, and some (Ward's) leave out what follows the 8 bits.
+                let unit = libm::ldexp(1.0, exponent(largest) - 8);
+                [value - 0.5 * unit, value + unit]
+            }
+        }
+    }
+}
+
+/// The least k with |value| < 2^k; the lowest possible for 0 and for what is not finite.
+fn exponent(value: f64) -> i32 {
+    let (mantissa, exponent) = libm::frexp(value);
+    if mantissa == 0.0 || !mantissa.is_finite() {
+        -1000
+    } else {
+        exponent
+    }
 }
 
 impl fmt::Display for Codes {
@@ -32,6 +87,8 @@ impl fmt::Display for Codes {
             Self::Bits8 => "8-bit codes",
             Self::Bits16 => "16-bit codes",
             Self::Float => "floating-point numbers",
+            Self::Half => "half-precision numbers",
+            Self::SharedExponent => "numbers with a shared exponent",
         })
     }
 }
@@ -97,6 +154,10 @@ impl Transfer {
     }
 }
 
+/// The names of HDR files in their first line: Radiance writes the first, some programs the other.
+const HDR: &[u8] = b"#?RADIANCE";
+const OTHER_HDR: &[u8] = b"#?RGBE";
+
 /// What [`read`] accepts, for messages.
 const EXPECTED: &str = "an EXR, PNG, JPEG, WebP, HDR, PFM or TIFF file";
 
@@ -132,18 +193,25 @@ fn decode_from<R: BufRead + Seek>(mut source: R, limits: Limits) -> Result<Pictu
     source.rewind()?;
     let begins = |magic: &[u8]| start.starts_with(magic);
     if begins(&exr_io::MAGIC) {
-        let (mut image, _) = exr_io::decode_channels(source, limits, |_| true)?;
+        let decoded = exr_io::decode_channels(source, limits, |_| true)?;
+        let mut image = decoded.image;
         if RGB.iter().all(|name| image.channel(name).is_none())
             && let Some(grey) = image.channel("Y").map(<[f32]>::to_vec)
         {
             add_colors(&mut image, [grey.clone(), grey.clone(), grey])?;
         }
-        Ok(Picture {
-            image,
-            codes: Codes::Float,
-        })
-    } else if begins(b"#?RADIANCE") || begins(b"#?RGBE") {
+        let codes = if decoded.half_colors {
+            Codes::Half
+        } else {
+            Codes::Float
+        };
+        Ok(Picture { image, codes })
+    } else if begins(HDR) {
         no_panic(|| decode_hdr(source, limits))
+    } else if begins(OTHER_HDR) {
+        // The decoder accepts only the first of the two names.
+        source.read_exact(&mut [0; OTHER_HDR.len()])?;
+        no_panic(|| decode_hdr(HDR.chain(source), limits))
     } else if begins(b"PF") || begins(b"Pf") {
         decode_pfm(source, limits)
     } else if begins(b"II*\0") || begins(b"MM\0*") {
@@ -176,7 +244,10 @@ fn decode_hdr(source: impl BufRead, limits: Limits) -> Result<Picture, ReadFault
     if !(exposure.is_finite() && exposure > 0.0) {
         return Err(ReadFault::Damaged(format!("the exposure is {exposure}")));
     }
-    let mut picture = from_decoder(decoder, limits)?;
+    let mut picture = Picture {
+        codes: Codes::SharedExponent,
+        ..from_decoder(decoder, limits)?
+    };
     if exposure != 1.0 {
         for name in RGB {
             let plane = picture.image.channel_mut(name).into_iter().flatten();
@@ -360,6 +431,33 @@ mod tests {
     }
 
     #[test]
+    fn rounded_numbers_stand_for_an_interval() {
+        assert_eq!(Codes::Float.rounded_from(0.1, 1.0), [0.1, 0.1]);
+        let [low, high] = Codes::Bits8.rounded_from(0.0, 1.0);
+        assert_eq!((low, high), (f64::NEG_INFINITY, 0.5 / 255.0));
+        assert_eq!(Codes::Bits16.rounded_from(1.0, 1.0)[1], f64::INFINITY);
+        // Between 1 and 2 a half-precision number has steps of 2^-10, below 2^-14 of 2^-24.
+        let step = 1.0 / 1024.0;
+        assert_eq!(
+            Codes::Half.rounded_from(1.5, 1.5),
+            [1.5 - step / 2.0, 1.5 + step / 2.0]
+        );
+        let least = libm::exp2(-25.0);
+        assert_eq!(Codes::Half.rounded_from(0.0, 1.0), [-least, least]);
+        // The exponent is that of the largest channel: steps of 2^-7 from 1 on.
+        let step = 1.0 / 128.0;
+        assert_eq!(
+            Codes::SharedExponent.rounded_from(0.25, 1.0),
+            [0.25 - step / 2.0, 0.25 + step]
+        );
+        for value in (1..1000_u16).map(|value| f64::from(value) / 300.0) {
+            let half = exr::prelude::f16::from_f64(value).to_f64();
+            let [low, high] = Codes::Half.rounded_from(half, 0.0);
+            assert!(low <= value && value <= high, "{value} as {half}");
+        }
+    }
+
+    #[test]
     fn transfers_are_decoded() {
         let code = 188.0 / 255.0;
         assert_eq!(Transfer::Linear.decode(code), code);
@@ -379,12 +477,15 @@ mod tests {
         let picture = decoded(&hdr);
         assert_eq!(
             (picture.codes, at(&picture, 0, 0)),
-            (Codes::Float, [2.0, 0.5, 1.0])
+            (Codes::SharedExponent, [2.0, 0.5, 1.0])
         );
         let text = b"FORMAT=32-bit_rle_rgbe\n";
         let place = hdr.windows(text.len()).position(|part| part == text).unwrap();
         hdr.splice(place..place, *b"EXPOSURE=4\n");
         assert_eq!(at(&decoded(&hdr), 0, 0), [0.5, 0.125, 0.25]);
+        let radiance = decoded(&hdr);
+        hdr.splice(..HDR.len(), OTHER_HDR.iter().copied());
+        assert_eq!(decoded(&hdr), radiance);
     }
 
     #[test]

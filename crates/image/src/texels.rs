@@ -129,6 +129,7 @@ pub fn to_png(bytes: &[u8], limits: Limits) -> Option<Result<Vec<u8>, ReadFault>
             let decoder = JpegDecoder::new(source).map_err(to_fault)?;
             let (width, height) = decoder.dimensions();
             limits.check(width as usize, height as usize, size_of::<[f32; 3]>())?;
+            check_end_of_jpeg(bytes)?;
             DynamicImage::from_decoder(decoder)
         } else {
             let decoder = WebPDecoder::new(source).map_err(to_fault)?;
@@ -169,11 +170,11 @@ fn decode_from<R: BufRead + Seek>(mut source: R, limits: Limits, part: Part) -> 
         .read_to_end(&mut start)?;
     source.rewind()?;
     if start == exr_io::MAGIC {
-        let (image, names) = exr_io::decode_channels(source, limits, |name| match part {
+        let decoded = exr_io::decode_channels(source, limits, |name| match part {
             Part::Color => RGB.contains(&name) || name == "Y",
             Part::Alpha => name == "A",
         })?;
-        from_floats(&image, names, part)
+        from_floats(&decoded.image, decoded.names, part)
     } else {
         Err(ReadFault::UnknownFormat {
             expected: "a PNG, JPEG, WebP or EXR file",
@@ -224,16 +225,38 @@ fn jpeg_codes(source: impl BufRead, limits: Limits) -> Result<DynamicImage, Read
         .read_to_end(&mut bytes)?;
     let decoder = JpegDecoder::new(Cursor::new(&bytes)).map_err(to_fault)?;
     let decoded = checked(decoder, limits)?;
-    // The decoder fills missing pixels at the end with grey. The end marker cannot occur inside a
-    // scan, where 0xff is followed by 0 or a restart marker.
-    let scan = bytes
-        .windows(2)
-        .position(|pair| pair == [0xff, 0xda])
-        .unwrap_or(bytes.len());
-    if !bytes[scan..].windows(2).any(|pair| pair == [0xff, 0xd9]) {
-        return Err(ReadFault::Damaged("the file is truncated".to_owned()));
-    }
+    check_end_of_jpeg(&bytes)?;
     Ok(decoded)
+}
+
+/// An error if a JPEG file is truncated: the decoder fills missing pixels at the end with grey.
+fn check_end_of_jpeg(bytes: &[u8]) -> Result<(), ReadFault> {
+    // The end marker cannot occur inside a scan, where 0xff is followed by 0 or a restart marker.
+    let scan = first_scan(bytes).and_then(|start| bytes.get(start..));
+    if scan.is_some_and(|scan| scan.windows(2).any(|pair| pair == [0xff, 0xd9])) {
+        return Ok(());
+    }
+    Err(ReadFault::Damaged("the file is truncated".to_owned()))
+}
+
+/// The offset of the marker that begins the first scan of a JPEG file. Segments before it are
+/// skipped by their lengths: a thumbnail in one of them has markers of its own.
+fn first_scan(bytes: &[u8]) -> Option<usize> {
+    // After the marker that begins the image.
+    let mut at = 2;
+    loop {
+        match *bytes.get(at..at + 2)? {
+            [0xff, 0xda] => return Some(at),
+            // Markers without a segment.
+            [0xff, 0 | 1 | 0xd0..=0xd9] => at += 2,
+            [0xff, marker] if marker != 0xff => {
+                let length = bytes.get(at + 2..at + 4)?;
+                at += 2 + usize::from(u16::from_be_bytes([length[0], length[1]]).max(2));
+            }
+            // A fill byte, or one that the decoder skips, too.
+            _ => at += 1,
+        }
+    }
 }
 
 /// The codes of an image within the limits.

@@ -3,7 +3,7 @@
 //! Everything is computed in `f64` over the channels R, G, B with compensated sums, in one fixed
 //! order: rows, or parts of 2^14 values, are summed in parallel and then added in order. With `d =
 //! ours - reference` at one channel of one pixel, `N` = 3 * pixels, and `mean_reference` = (1/N) *
-//! sum |reference|:
+//! sum min(|reference|, b) with the bound b of [`mean_reference`]:
 //!
 //! | name | definition |
 //! |---|---|
@@ -209,7 +209,7 @@ pub struct Metrics {
     pub psnr: Option<f64>,
     /// The peak that `psnr` refers to.
     pub psnr_peak: f64,
-    /// Mean of |reference|.
+    /// Mean of |reference|, without the excess of very bright values: see [`mean_reference`].
     pub mean_reference: f64,
     /// The block of 16 x 16 pixels with the largest bias; `None` if all pixels are excluded.
     pub signed_block_bias: Option<BlockBias>,
@@ -412,7 +412,9 @@ pub fn count_not_finite(ours: &Image, reference: &Image) -> Result<NotFinite, Co
     Ok(Pair::new(ours, reference)?.not_finite())
 }
 
-/// Mean of |reference| over the finite values of R, G, B; 0 if none is finite.
+/// Mean of |reference| over the finite values of R, G, B; 0 if none is finite. A value above
+/// [`BRIGHT`] times 2^k, the least power of two above the median of the values other than 0, counts
+/// as that much: a lamp in the picture does not hide errors elsewhere.
 ///
 /// # Errors
 /// [`ImageError::MissingChannel`].
@@ -430,13 +432,46 @@ pub fn relative_residual(ours: f64, reference: f64, mean_reference: f64) -> f64 
 /// The number of values that are handled at once by one thread.
 pub(crate) const PART: usize = 1 << 14;
 
+/// A value this many times larger than usual ones counts as this many times.
+pub const BRIGHT: f64 = 64.0;
+
+/// The largest value that counts fully in [`mean_reference`].
+fn brightest(planes: [&[f32]; 3]) -> f64 {
+    /// Bits of the mantissa.
+    const MANTISSA: u32 = f32::MANTISSA_DIGITS - 1;
+    let add = |mut all: [usize; 256], part: [usize; 256]| {
+        all.iter_mut().zip(part).for_each(|(all, part)| *all += part);
+        all
+    };
+    // Values by their exponents: 2^(exponent - 127) is the largest power of two that is not above.
+    let of_part = |part: &[f32]| {
+        let mut counts = [0_usize; 256];
+        for value in part.iter().filter(|value| value.is_finite() && **value != 0.0) {
+            counts[(value.abs().to_bits() >> MANTISSA) as usize] += 1;
+        }
+        counts
+    };
+    let parts = planes.into_par_iter().flat_map(|plane| plane.par_chunks(PART));
+    let counts = parts.map(of_part).reduce(|| [0; 256], add);
+    let values: usize = counts.iter().sum();
+    let mut below = 0;
+    let median = counts.iter().position(|count| {
+        below += count;
+        2 * below > values
+    });
+    median.map_or(f64::INFINITY, |exponent| {
+        BRIGHT * libm::exp2(exponent as f64 - 126.0)
+    })
+}
+
 fn mean_absolute(planes: [&[f32]; 3]) -> f64 {
+    let most = brightest(planes);
     let of_part = |part: &[f32]| {
         let finite = part.iter().filter(|value| value.is_finite());
         let mut count = 0_usize;
         let sum: Sum = finite
             .inspect(|_| count += 1)
-            .map(|value| f64::from(value.abs()))
+            .map(|value| f64::from(value.abs()).min(most))
             .collect();
         (sum, count)
     };

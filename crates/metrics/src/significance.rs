@@ -34,6 +34,7 @@
 use crate::mask::Mask;
 use crate::metrics::{CompareError, Pair, Side, Tolerance};
 use serde::Serialize;
+use std::collections::BTreeMap;
 use whitstone_image::planes::{Image, ImageError, RGB};
 
 /// Side of the window around a pixel whose mean variance is the minimum variance of the pixel, if
@@ -143,8 +144,7 @@ pub fn significance(
         _ => None,
     };
     let tests = RGB.len() * pair.pixels();
-    // 1 - (1 - level)^(1/N), written so that it does not round to zero.
-    let threshold = -libm::expm1(libm::log1p(-level) / tests as f64);
+    let threshold = threshold(level, tests);
     let mean = pair.mean_reference();
     let mut mask = Mask::new(pair.width, pair.pixels() / pair.width);
     let (mut least_p, mut least_at) = (1.0_f64, None);
@@ -191,8 +191,54 @@ pub fn significance(
     }))
 }
 
+/// The largest differences from exact values that noise explains, for each channel and pixel of an
+/// image with layers of variance; `None` without them. The test is that of [`significance()`].
+///
+/// # Errors
+/// As of [`significance()`].
+pub fn explained_by_noise(image: &Image, level: f64) -> Result<Option<[Vec<f64>; 3]>, SignificanceError> {
+    let Some(noise) = Noise::of(image, Side::Ours)? else {
+        return Ok(None);
+    };
+    let (width, pixels) = (image.width(), image.pixel_count());
+    let threshold = threshold(level, RGB.len() * pixels);
+    let floor = noise.neighbourhood(width, pixels)?;
+    // Usually all pixels have as many samples.
+    let mut critical = BTreeMap::new();
+    let mut limits = RGB.map(|_| Vec::with_capacity(pixels));
+    for (channel, limits) in limits.iter_mut().enumerate() {
+        for index in 0..pixels {
+            let part = noise.at(index, channel, [index % width, index / width])?;
+            let degrees = part.samples - 1.0;
+            let t = *(critical.entry(degrees.to_bits())).or_insert_with(|| critical_t(threshold, degrees));
+            limits.push(t * (part.variance.max(floor[channel][index]) / part.samples).sqrt());
+        }
+    }
+    Ok(Some(limits))
+}
+
+/// The p below which one of `tests` values is significant: 1 - (1 - level)^(1/tests), written so
+/// that it does not round to zero.
+fn threshold(level: f64, tests: usize) -> f64 {
+    -libm::expm1(libm::log1p(-level) / tests as f64)
+}
+
+/// The t that [`student`] gives this probability.
+fn critical_t(probability: f64, degrees: f64) -> f64 {
+    // Powers of two, by bisection.
+    let (mut low, mut high) = (-10.0_f64, 100.0_f64);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        match student(libm::exp2(middle), degrees) > probability {
+            true => low = middle,
+            false => high = middle,
+        }
+    }
+    libm::exp2(high)
+}
+
 /// The noise layers of an image.
-struct Noise<'a> {
+pub(crate) struct Noise<'a> {
     side: Side,
     means: [&'a [f32]; 3],
     /// Variances, or means of squares.
@@ -221,7 +267,7 @@ impl Part {
 }
 
 impl<'a> Noise<'a> {
-    fn of(image: &'a Image, side: Side) -> Result<Option<Self>, SignificanceError> {
+    pub(crate) fn of(image: &'a Image, side: Side) -> Result<Option<Self>, SignificanceError> {
         let name = |layer: &str, channel: &str| format!("{layer}.{channel}");
         let has = |layer: &str| RGB.iter().any(|c| image.channel(&name(layer, c)).is_some());
         let layer = match (has("variance"), has("m2")) {
@@ -246,6 +292,22 @@ impl<'a> Noise<'a> {
             are_squares: layer == "m2",
             samples,
         }))
+    }
+
+    /// Adds the variances of the means, of which none is below the mean of those around it.
+    pub(crate) fn add_variances(
+        &self,
+        width: usize,
+        sums: &mut [Vec<f64>; 3],
+    ) -> Result<(), SignificanceError> {
+        let floor = self.neighbourhood(width, sums[0].len())?;
+        for (channel, sums) in sums.iter_mut().enumerate() {
+            for (index, sum) in sums.iter_mut().enumerate() {
+                let part = self.at(index, channel, [index % width, index / width])?;
+                *sum += part.variance.max(floor[channel][index]) / part.samples;
+            }
+        }
+        Ok(())
     }
 
     /// The mean of the variances of one sample in the window around each pixel, per channel.

@@ -1,17 +1,19 @@
 //! Compares with a reference that has noise, and decides by the rule of [`Noisy`].
 
 use crate::explain::Reason;
-use crate::noisy::{AGREEING, Noisy};
+use crate::noisy::{AGREEING, Noisy, is_noisy};
 use crate::opinion::{Ask, MAX_ASKED, Verdict};
-use crate::oracle::choose;
+use crate::oracle::{Hearing, Value, choose, verdict};
 use crate::pixels::Pictures;
 use crate::result::{CaseResult, Reference, Status, WorstPixel, counted};
+use crate::tolerance::{allowed, color_at};
 use crate::vacuous;
 use crate::validator::{Against, Ours, Validator};
+use crate::verdict::{rehits, wrong_status};
 use std::path::Path;
 use whitstone_image::Image;
-use whitstone_metrics::significance::SignificanceError;
-use whitstone_metrics::{Mask, Tolerance, metrics, significance};
+use whitstone_metrics::significance::{SignificanceError, explained_by_noise};
+use whitstone_metrics::{Mask, Tolerance, metrics, noisy_blocks, significance};
 
 /// The probability that noise alone makes any pixel of an image significant.
 const LEVEL: f64 = 0.01;
@@ -49,6 +51,7 @@ impl Validator<'_> {
         );
         let over = metrics::over_tolerance(ours, reference, tolerance)?;
         let (bias, bias_interval) = bias(ours, reference);
+        let blocks = noisy_blocks(ours, reference)?;
         let noisy = Noisy {
             integrator: meta.integrator.clone(),
             agreeing: 1.0 - significant.count() as f64 / ours.pixel_count().max(1) as f64,
@@ -56,6 +59,9 @@ impl Validator<'_> {
             least_p: found.map_or(1.0, |found| found.least_p),
             bias,
             bias_interval,
+            blocks: blocks.as_ref().map_or(0, |found| found.blocks),
+            differing_blocks: blocks.as_ref().map_or(0, |found| found.differing),
+            hidden_blocks: blocks.as_ref().map_or(0, |found| found.hidden),
         };
         crate::judge::measure(case, ours, reference, &significant)?;
         // They have no limits here, because noise is not our error.
@@ -86,7 +92,24 @@ impl Validator<'_> {
                 ..WorstPixel::default()
             });
         }
-        self.decide_noisy(path, case, ours, reference, &significant, &noisy);
+        let listed = |mask: &Mask| mask.pixels().map(|(x, y)| [x, y]).collect::<Vec<_>>();
+        let question = match &blocks {
+            _ if noisy.agreeing < AGREEING => Question::Pixels(listed(&significant)),
+            Some(found) if found.differing > 0 => Question::Blocks(listed(&found.mask)),
+            _ if meta.rehits > 0 => {
+                let rows = (0..ours.height()).flat_map(|y| (0..ours.width()).map(move |x| [x, y]));
+                Question::Rehits(rows.collect())
+            }
+            _ if !noisy.agrees() => Question::Bias(listed(&significant)),
+            _ => Question::Nothing,
+        };
+        if meta.rehits > 0 {
+            let problem = rehits(meta.rehits);
+            case.inexact.push(problem.clone());
+            case.problems.push(problem);
+        }
+        let (status, verdict) = self.decide_noisy(path, case, ours, reference, question, &noisy)?;
+        case.settle(status, verdict);
         case.noisy = Some(noisy);
         Ok(())
     }
@@ -97,61 +120,132 @@ impl Validator<'_> {
         case: &mut CaseResult,
         ours: &Image,
         reference: &Image,
-        significant: &Mask,
+        question: Question,
         noisy: &Noisy,
-    ) {
-        if noisy.agrees() {
-            case.settle(Status::Pass, noisy.to_string());
-            return;
+    ) -> Result<(Status, String), SignificanceError> {
+        let (Question::Pixels(pixels)
+        | Question::Blocks(pixels)
+        | Question::Bias(pixels)
+        | Question::Rehits(pixels)) = &question
+        else {
+            if noisy.hides_differences() {
+                let verdict = format!(
+                    "the noise could hide half of the value in {} of {} blocks of pixels: it takes more samples or runs",
+                    noisy.hidden_blocks, noisy.blocks
+                );
+                return Ok((Status::Undecided, verdict));
+            }
+            return Ok((Status::Pass, noisy.to_string()));
+        };
+        if !noisy.agrees() {
+            case.problems.push(noisy.to_string());
         }
-        case.problems.push(noisy.to_string());
+        let image = case.image_name();
         if self.oracle.when == Ask::Never {
-            let image = case.image_name();
             let verdict = format!("{image} differs from the reference, and the oracle was not queried");
-            case.settle(Status::Undecided, verdict);
-            return;
+            return Ok((Status::Undecided, verdict));
         }
-        let pixels: Vec<[usize; 2]> = significant.pixels().map(|(x, y)| [x, y]).collect();
-        let hearing = self.hear(path, &choose(&pixels, MAX_ASKED), ours, reference);
-        let verdicts: Vec<([usize; 2], Verdict)> = hearing.verdicts(ours, reference).collect();
-        let opinion = hearing.opinion(&verdicts, pixels.len());
+        let hearing = self.hear(path, &choose(pixels, MAX_ASKED), ours, reference);
+        let verdicts = verdicts(&hearing, ours, reference)?;
+        case.opinion = Some(hearing.opinion(&verdicts, pixels.len()));
         let of = |wanted: Verdict| verdicts.iter().filter(|(_, found)| *found == wanted).count();
         let wrong = of(Verdict::Reference) + of(Verdict::Neither);
-        let right = of(Verdict::Ours);
-        let image = case.image_name();
+        let (right, both) = (of(Verdict::Ours), of(Verdict::Both));
+        let decided = 2 * (right + both) >= verdicts.len() && right + both > 0;
         let other = match case.subject {
             Some(_) => "the reference",
             None => "stock Mitsuba",
         };
-        let (status, verdict) = if wrong > 0 {
-            (
-                Status::Fail,
-                format!("the oracle contradicts {image} in {}", counted(wrong, "pixel")),
-            )
-        } else if noisy.agreeing >= AGREEING {
-            // Only the bias is in question: the few pixels that differ do not explain it.
-            let verdict = "the mean differs by more than noise explains, which no single pixel shows";
-            (Status::Undecided, verdict.to_owned())
-        } else if right == verdicts.len() && right == pixels.len().min(MAX_ASKED) && right > 0 {
-            (
+        let queried = counted(verdicts.len(), "pixel");
+        if wrong > 0 {
+            let verdict = format!("the oracle contradicts {image} in {}", counted(wrong, "pixel"));
+            return Ok((wrong_status(case), verdict));
+        }
+        Ok(match question {
+            Question::Blocks(_) if is_noisy(ours) && decided && right == 0 => (
+                wrong_status(case),
+                format!(
+                    "the means of {} of {} blocks of pixels differ by more than noise explains, and the oracle confirms the \
+                     reference in {both} of {queried} there",
+                    noisy.differing_blocks, noisy.blocks
+                ),
+            ),
+            Question::Blocks(_) | Question::Rehits(_) if !is_noisy(ours) && decided => (
+                Status::Confirmed,
+                format!(
+                    "{other} is inaccurate here, and the oracle confirms {image} in {} of {queried}",
+                    right + both
+                ),
+            ),
+            Question::Rehits(_) if decided => (
+                Status::Confirmed,
+                format!(
+                    "{image} agrees with {other}, and the oracle confirms both in {} of {queried}",
+                    right + both
+                ),
+            ),
+            Question::Pixels(pixels) if right == verdicts.len() && right == pixels.len().min(MAX_ASKED) => (
                 Status::Confirmed,
                 format!(
                     "{other} differs, and the oracle confirms {image} in {right} of the {} that differ",
                     counted(pixels.len(), "pixel")
                 ),
-            )
-        } else {
-            (
+            ),
+            Question::Pixels(pixels) => (
                 Status::Undecided,
                 format!(
                     "{image} differs from {other}, and the oracle confirms it in only {right} of {}",
                     counted(pixels.len(), "pixel")
                 ),
-            )
-        };
-        case.opinion = Some(opinion);
-        case.settle(status, verdict);
+            ),
+            _ => (
+                Status::Undecided,
+                "the means differ by more than noise explains, which no single pixel shows".to_owned(),
+            ),
+        })
     }
+}
+
+/// What is in question, and the pixels that the oracle can be queried about.
+enum Question {
+    Nothing,
+    /// Single pixels differ.
+    Pixels(Vec<[usize; 2]>),
+    /// The means of blocks differ.
+    Blocks(Vec<[usize; 2]>),
+    /// Only the mean of the image differs; no pixel explains it.
+    Bias(Vec<[usize; 2]>),
+    /// Nothing differs, and the reference is not reliable.
+    Rehits(Vec<[usize; 2]>),
+}
+
+/// The oracle's verdicts. Of an image with noise counts the value nearest to the oracle's that the
+/// noise explains.
+fn verdicts(
+    hearing: &Hearing,
+    ours: &Image,
+    reference: &Image,
+) -> Result<Vec<([usize; 2], Verdict)>, SignificanceError> {
+    let noise = [
+        explained_by_noise(ours, LEVEL)?,
+        explained_by_noise(reference, LEVEL)?,
+    ];
+    let mean = metrics::mean_reference(reference).unwrap_or(0.0);
+    let width = ours.width();
+    let of_pixel = |(pixel, value): &([usize; 2], Value)| {
+        let [x, y] = *pixel;
+        let nominal = color_at(reference, *pixel);
+        let sides = [color_at(ours, *pixel), nominal];
+        let [ours, reference] = [0, 1].map(|side| match (&noise[side], value) {
+            (Some(limits), Some(([rgb, _], _))) => std::array::from_fn(|channel| {
+                let limit = limits[channel][y * width + x];
+                rgb[channel].clamp(sides[side][channel] - limit, sides[side][channel] + limit)
+            }),
+            _ => sides[side],
+        });
+        (*pixel, verdict(value, ours, reference, allowed(nominal, mean)))
+    };
+    Ok(hearing.values.iter().map(of_pixel).collect())
 }
 
 /// The relative difference of the means of all values, and half the width of its 95 % confidence

@@ -4,8 +4,10 @@
 //! A pixel agrees if it is within the pixel tolerance, or if noise explains the difference
 //! ([`whitstone_metrics::significance`]). As in Mitsuba's own `test_renders.py`, 99.75 % of the
 //! pixels must agree, because single precision moves edges, and Mitsuba's own spawn offsets are
-//! larger than the driver's. The mean of all values must be unbiased too, which detects errors that
-//! are too faint in a single pixel.
+//! larger than the driver's. The mean of all values must be unbiased too, and so must that of each
+//! channel of each block of 16 x 16 pixels ([`whitstone_metrics::noisy_blocks`]), which detects
+//! errors that are too faint in a single pixel. Where noise could hide half of the value of most
+//! blocks, nothing is decided.
 
 use serde::{Deserialize, Serialize};
 use whitstone_image::Image;
@@ -31,6 +33,15 @@ pub struct Noisy {
     pub bias: f64,
     /// Half the width of the bias's 95 % confidence interval.
     pub bias_interval: f64,
+    /// Blocks of 16 x 16 pixels.
+    #[serde(default)]
+    pub blocks: usize,
+    /// Blocks whose difference noise does not explain.
+    #[serde(default)]
+    pub differing_blocks: usize,
+    /// Blocks in which noise could hide a difference of half of the value.
+    #[serde(default)]
+    pub hidden_blocks: usize,
 }
 
 impl Noisy {
@@ -41,7 +52,14 @@ impl Noisy {
 
     /// Whether the images agree by this rule.
     pub fn agrees(&self) -> bool {
-        self.agreeing >= AGREEING && self.bias.abs() <= BIAS + self.bias_interval
+        self.agreeing >= AGREEING
+            && self.bias.abs() <= BIAS + self.bias_interval
+            && self.differing_blocks == 0
+    }
+
+    /// Whether most of the image is too noisy to show a difference.
+    pub fn hides_differences(&self) -> bool {
+        2 * self.hidden_blocks > self.blocks
     }
 }
 
@@ -65,6 +83,17 @@ impl std::fmt::Display for Noisy {
         )?;
         if self.bias_interval > 0.0 {
             write!(f, " ± {:.0e}", self.bias_interval)?;
+        }
+        if self.differing_blocks > 0 {
+            let Self {
+                differing_blocks,
+                blocks,
+                ..
+            } = self;
+            write!(
+                f,
+                "; the means of {differing_blocks} of {blocks} blocks of 16 x 16 pixels differ"
+            )?;
         }
         Ok(())
     }

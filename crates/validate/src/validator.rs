@@ -3,7 +3,6 @@
 use crate::decoded::decode_textures;
 use crate::driver::DriverError;
 use crate::environment::Installation;
-use crate::judge::Judged;
 use crate::key::{folder_of, quoted, scene_key, stored_folder};
 use crate::live::{Live, LiveError};
 use crate::opinion::OraclePolicy;
@@ -20,7 +19,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use whitstone_core::{Registry, SceneErrors};
 use whitstone_image::Image;
-use whitstone_metrics::CompareError;
+use whitstone_metrics::range::is_vacuous;
 use whitstone_render::{BuildOptions, Pipeline, RenderOptions};
 use whitstone_scene::{Description, Expect, Flattened, Sources};
 
@@ -133,10 +132,24 @@ impl From<String> for NoImage {
 /// Our side of a case.
 pub(crate) struct Ours {
     pub(crate) image: Image,
-    /// For an image with codes: the smallest and the largest values that they can stand for.
+    /// For a file with rounded numbers: the smallest and the largest values that they can stand
+    /// for.
     bounds: Option<[Image; 2]>,
     pub(crate) flattened: Flattened,
     pub(crate) pipeline: Pipeline,
+}
+
+impl Ours {
+    /// Takes rounded numbers to the nearest to the reference's that they can stand for. Returns
+    /// whether the image says anything about the scene.
+    fn says_something(&mut self, against: &Against) -> bool {
+        let Some(bounds) = &self.bounds else {
+            return true;
+        };
+        let reference = &against.stored.image;
+        let varies = !is_vacuous(reference, reference).unwrap_or(false);
+        render::nearest_to(reference, bounds, &mut self.image) || !varies
+    }
 }
 
 impl<'a> Validator<'a> {
@@ -279,13 +292,20 @@ impl<'a> Validator<'a> {
                             "the reference cannot render this scene".to_owned(),
                         );
                     }
+                    Ok(against) if !ours.says_something(&against) => {
+                        case.settle(
+                            Status::Undecided,
+                            "the file is black or white all over, so that it shows nothing of the scene"
+                                .to_owned(),
+                        );
+                    }
                     Ok(against) if noisy::is_noisy(&against.stored.image) || noisy::is_noisy(&ours.image) => {
                         if let Err(error) = self.judge_noisy(path, &mut case, &ours, &against) {
                             case.problems.push(error.to_string());
                             case.settle(Status::Fail, "the images cannot be compared".to_owned());
                         }
                     }
-                    Ok(against) => match self.judge_exact(&mut case, &mut ours, &against) {
+                    Ok(against) => match self.judge(&mut case, &ours, &against) {
                         Err(error) => {
                             case.problems.push(error.to_string());
                             case.settle(Status::Fail, "the images cannot be compared".to_owned());
@@ -318,19 +338,6 @@ impl<'a> Validator<'a> {
     fn command(&self, verb: &str, path: &Path) -> String {
         let Options { program, flags, .. } = &self.options;
         format!("{program} {verb} {}{flags}", quoted(&path.display().to_string()))
-    }
-
-    /// Compares an image without noise with a reference without noise.
-    fn judge_exact(
-        &mut self,
-        case: &mut CaseResult,
-        ours: &mut Ours,
-        against: &Against,
-    ) -> Result<Vec<Judged>, CompareError> {
-        if let Some(bounds) = &ours.bounds {
-            render::nearest_to(&against.stored.image, bounds, &mut ours.image);
-        }
-        self.judge(case, ours, against)
     }
 
     fn render(&self, path: &Path, case: &mut CaseResult) -> Result<Ours, NoImage> {

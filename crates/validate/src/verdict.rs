@@ -35,11 +35,16 @@ const OTHERS_OF_INTERIOR: usize = 32;
 /// Maximum ratio of an error to the largest deviation under a few other roundings.
 const ROUNDINGS: f64 = 4.0;
 
-/// The confidence that a sample gives, as text. If all of `asked` queried pixels are right, at most
-/// this fraction of the others is wrong, with a confidence of 95 % (0.05 = (1 - p)^n).
-fn confidence(asked: usize, of: usize) -> String {
+/// The confidence that a sample gives, as text. If all of the queried pixels that the oracle decides
+/// are right, at most this fraction of the others is wrong, with a confidence of 95 % (0.05 =
+/// (1 - p)^n).
+fn confidence(queried: usize, undecided: usize, of: usize) -> String {
+    let asked = queried - undecided;
     if asked >= of {
         return format!("all {of}");
+    }
+    if queried >= of {
+        return format!("{asked} of {of}; it cannot decide the others");
     }
     let part = 100.0 * (1.0 - 0.05_f64.powf(1.0 / asked.max(1) as f64));
     format!("{asked} of {of}; with 95 % confidence at most {part:.1} % of the others are wrong")
@@ -57,11 +62,8 @@ impl Validator<'_> {
     ) {
         let (ours, reference) = (&our_side.image, &against.stored.image);
         let mut broken = case.broken_limits();
-        let rehits = against.stored.meta.rehits;
-        if rehits > 0 {
-            let problem = format!(
-                "{rehits} of the reference's spawned rays hit again the surface that they had just left"
-            );
+        if against.stored.meta.rehits > 0 {
+            let problem = rehits(against.stored.meta.rehits);
             case.inexact.push(problem.clone());
             broken.push(problem);
         }
@@ -109,7 +111,9 @@ impl Validator<'_> {
         judged: &[Judged],
     ) -> (Status, String) {
         let (ours, reference) = (&our_side.image, &against.stored.image);
-        let explained_too = case.explained().is_over() || self.oracle.when == Ask::Always;
+        // If no pixel is left that the reference does not explain, nothing else could be queried.
+        let explained_too =
+            case.explained().is_over() || case.rel_rmse_interior.is_none() || self.oracle.when == Ask::Always;
         let mut in_question: Vec<[usize; 2]> = (judged.iter())
             .filter(|one| explained_too || !matches!(one.explanation, Explanation::Value(_)))
             .map(|one| one.pixel)
@@ -187,11 +191,15 @@ impl Validator<'_> {
         let unknown_edges = count(&|explanation, verdict| {
             verdict == Verdict::Unknown && matches!(explanation, Explanation::Value(_))
         });
-        if unknown_edges > case.explained_limit {
+        // The limit is for the whole image, of which a part was queried.
+        let queried = opinion.asked.max(1);
+        if unknown_edges * in_question.len() > case.explained_limit * queried {
             open.push(format!(
-                "the oracle cannot decide {} that the reference's variation explains, more than {}",
-                counted(unknown_edges, "pixel"),
-                case.explained_limit
+                "the oracle cannot decide {unknown_edges} of {} that the reference's variation explains, and at most {} of \
+                 {} may be undecided",
+                counted(queried, "queried pixel"),
+                case.explained_limit,
+                in_question.len()
             ));
         }
         let unsupported =
@@ -234,7 +242,7 @@ impl Validator<'_> {
         if measure(case, ours, reference, &all).is_err() {
             (case.rel_rmse_interior, case.signed_block_bias) = before;
         }
-        let confirmed = confidence(opinion.asked, in_question.len());
+        let confirmed = confidence(opinion.asked, opinion.unknown, in_question.len());
         if case.interior().is_over() || case.bias().is_over() || case.rel_rmse_interior.is_none() {
             return self.decide_interior(path, case, our_side, against, &all);
         }
@@ -419,9 +427,14 @@ fn contradicted(case: &CaseResult, opinion: &Opinion, wrong: usize) -> String {
     )
 }
 
+/// What makes a reference unreliable everywhere.
+pub(crate) fn rehits(count: u64) -> String {
+    format!("{count} of the reference's spawned rays hit again the surface that they had just left")
+}
+
 /// The verdict on a wrong image. A subject whose scene is an approximation may be right about that
 /// scene, and the oracle knows only the original one.
-fn wrong_status(case: &CaseResult) -> Status {
+pub(crate) fn wrong_status(case: &CaseResult) -> Status {
     match &case.subject {
         Some(subject) if !subject.approximated.is_empty() => Status::Undecided,
         _ => Status::Fail,
@@ -445,8 +458,10 @@ mod tests {
 
     #[test]
     fn a_sample_says_how_sure_it_is() {
-        assert_eq!(confidence(7, 7), "all 7");
+        assert_eq!(confidence(7, 0, 7), "all 7");
+        assert_eq!(confidence(7, 2, 7), "5 of 7; it cannot decide the others");
         // The rule of three: 3/200.
-        assert!(confidence(200, 3000).contains("at most 1.5 % of the others"));
+        assert!(confidence(200, 0, 3000).contains("at most 1.5 % of the others"));
+        assert!(confidence(220, 20, 3000).starts_with("200 of 3000; with 95 % confidence at most 1.5 %"));
     }
 }

@@ -183,6 +183,14 @@ def _load(path: str, modified: int, size: int, part: Optional[str]) -> Triangles
     return _checked(path, triangles)
 
 
+def _decoded(name: bytes) -> str:
+    """A name, which may be in any encoding: UTF-8, else each byte is a character of Latin-1."""
+    try:
+        return name.decode("utf-8")
+    except UnicodeDecodeError:
+        return name.decode("latin-1")
+
+
 def _obj(data: bytes, part: Optional[str] = None) -> Triangles:
     """Wavefront OBJ: v, vt, vn, f; everything else is ignored. With `part` only the faces after
     `usemtl` with this name, or before any for an empty one.
@@ -194,12 +202,12 @@ def _obj(data: bytes, part: Optional[str] = None) -> Triangles:
     corners: List[Tuple[int, int, int]] = []
     colors: Dict[int, List[float]] = {}
 
-    def corner(text: str) -> Tuple[int, int, int]:
+    def corner(text: bytes) -> Tuple[int, int, int]:
         """Indices into v, vt, vn, counted from 0; -1 if missing. Negative ones in the file count
         from the end.
         """
         found = [-1, -1, -1]
-        for place, (part, pool) in enumerate(zip(text.split("/"), (points, texcoords, normals))):
+        for place, (part, pool) in enumerate(zip(text.split(b"/"), (points, texcoords, normals))):
             if part:
                 number = int(part)
                 found[place] = number - 1 if number > 0 else len(pool) + number
@@ -209,21 +217,21 @@ def _obj(data: bytes, part: Optional[str] = None) -> Triangles:
             raise ValueError("a corner of a face has no vertex index")
         return found[0], found[1], found[2]
 
-    for line in data.decode("utf-8", "replace").replace("\\\r\n", " ").replace("\\\n", " ").splitlines():
-        words = line.split("#", 1)[0].split()
+    for line in data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines():
+        words = line.split(b"#", 1)[0].split()
         if not words:
             continue
-        if words[0] == "usemtl":
-            material = line.strip()[len("usemtl") :].strip()
-        elif words[0] == "v":
+        if words[0] == b"usemtl":
+            material = _decoded(line.strip()[len("usemtl") :].strip())
+        elif words[0] == b"v":
             if len(words) >= 7:
                 colors[len(points)] = [float(word) for word in words[4:7]]
             points.append([float(word) for word in words[1:4]])
-        elif words[0] == "vt":
-            texcoords.append([float(word) for word in (words[1:3] + ["0"])[:2]])
-        elif words[0] == "vn":
+        elif words[0] == b"vt":
+            texcoords.append([float(word) for word in (words[1:3] + [b"0"])[:2]])
+        elif words[0] == b"vn":
             normals.append([float(word) for word in words[1:4]])
-        elif words[0] == "f":
+        elif words[0] == b"f":
             ring = [corner(word) for word in words[1:]]
             if len(ring) < 3:
                 raise ValueError("a face has fewer than three corners")
@@ -282,7 +290,8 @@ def _ply_header(data: bytes) -> Tuple[str, List[Tuple[str, int, List[Tuple[str, 
     body = data.index(b"\n", end) + 1
     form = ""
     elements: List[Tuple[str, int, List[Tuple[str, ...]]]] = []
-    for line in data[:end].decode("ascii").splitlines():
+    # Comments may be in any encoding.
+    for line in data[:end].decode("ascii", "replace").splitlines():
         words = line.split()
         if words[:1] == ["format"]:
             form = words[1]

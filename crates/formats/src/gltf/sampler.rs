@@ -198,7 +198,11 @@ fn texture_map(given: &TextureTransform) -> DAffine3 {
 /// that no texel is left.
 fn not_zero(scale: f64) -> f64 {
     let least = 1e-6;
-    if scale.abs() < least { least.copysign(scale) } else { scale }
+    if scale.abs() < least {
+        least.copysign(scale)
+    } else {
+        scale
+    }
 }
 
 #[cfg(test)]

@@ -329,11 +329,11 @@ fn bsdfs_are_materials() {
         ))
     );
     let blend = material(
-        "<bsdf type='blendbsdf'><float name='weight' value='0.25'/><bsdf type='dielectric'/><bsdf type='null'/></bsdf>",
+        "<bsdf type='blendbsdf'><float name='weight' value='0.25'/><bsdf type='thindielectric'/><bsdf type='null'/></bsdf>",
     );
     assert_eq!(
         (number(&blend["weight"]), blend["a"]["type"].as_str()),
-        (0.25, Some("dielectric"))
+        (0.25, Some("thin_dielectric"))
     );
     let sides = material("<bsdf type='twosided'><bsdf type='diffuse'/><bsdf type='conductor'/></bsdf>");
     assert_eq!(

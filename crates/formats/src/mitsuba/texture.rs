@@ -6,12 +6,9 @@ use super::material::Look;
 use super::translate::{Fields, Translator};
 use super::xml::{At, Data};
 use crate::document::{color, numbers, table, transform, typed};
-use crate::files::{Named, shorten};
+use crate::files::{self, Named, shorten};
 use toml::{Table, Value};
 use whitstone_core::{DAffine3, DMat3, DVec3};
-
-/// Extensions of image files that can be read.
-const IMAGES: [&str; 5] = ["png", "jpg", "jpeg", "webp", "exr"];
 
 impl<'a> Translator<'a> {
     /// A parameter that is a colour or a texture.
@@ -103,13 +100,7 @@ impl<'a> Translator<'a> {
 
     /// Reports an image file of another format.
     pub(super) fn check_image(&mut self, named: &Named, at: At) {
-        let extension = named
-            .path
-            .extension()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .to_ascii_lowercase();
-        if !IMAGES.contains(&extension.as_str()) {
+        if !files::is_image(&named.path) {
             let name = shorten(&named.relative);
             self.error(
                 at,

@@ -1,5 +1,6 @@
 //! MTL files: statements of materials.
 
+use super::decoded;
 use crate::files::shorten;
 use std::str::SplitAsciiWhitespace;
 
@@ -59,10 +60,9 @@ pub(super) fn parse(bytes: &[u8]) -> (Vec<Mtl>, Vec<LineError>) {
     let mut errors = Vec::new();
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     for (number, line) in (1..).zip(bytes.split(|&byte| byte == b'\n')) {
-        let text = String::from_utf8_lossy(line);
-        let text = text.trim();
+        let text = decoded(line.trim_ascii());
         let keyword = text.split_ascii_whitespace().next().unwrap_or_default();
-        let rest = text[keyword.len()..].trim();
+        let rest = text[keyword.len()..].trim_ascii();
         if keyword.eq_ignore_ascii_case("newmtl") {
             materials.push(Mtl {
                 name: rest.to_owned(),
@@ -78,6 +78,18 @@ pub(super) fn parse(bytes: &[u8]) -> (Vec<Mtl>, Vec<LineError>) {
 }
 
 impl Mtl {
+    /// All textures of the material.
+    pub(super) fn maps_mut(&mut self) -> [&mut Option<Map>; 6] {
+        [
+            &mut self.diffuse_map,
+            &mut self.specular_map,
+            &mut self.emission_map,
+            &mut self.opacity_map,
+            &mut self.normal_map,
+            &mut self.bump_map,
+        ]
+    }
+
     fn statement(&mut self, keyword: &str, rest: &str, line: usize) -> Result<(), String> {
         // A name may contain `#`, a number may not.
         let numbers = rest.split('#').next().unwrap_or_default();

@@ -2,6 +2,8 @@
 //!
 //! The scan accepts everything: the shape `mesh` reports malformed statements with their lines.
 
+use super::decoded;
+use crate::mesh_file::fan_covers_more;
 use std::collections::{BTreeMap, HashMap};
 use whitstone_core::DVec3;
 
@@ -24,7 +26,7 @@ pub(super) struct Scan {
     /// The bounds of all vertices of faces, in metres; empty (low > high) without faces.
     pub(super) low: DVec3,
     pub(super) high: DVec3,
-    /// Statements without effect: name of the feature and its first line.
+    /// Features to report: the name and the first line.
     pub(super) noted: BTreeMap<&'static str, usize>,
 }
 
@@ -36,6 +38,8 @@ pub(super) fn scan(bytes: &[u8]) -> Scan {
         ..Scan::default()
     };
     let mut positions: Vec<DVec3> = Vec::new();
+    // Those of the face of a line.
+    let mut corners: Vec<DVec3> = Vec::new();
     let mut parts: HashMap<String, ()> = HashMap::new();
     let (mut material, mut material_is_new) = (String::new(), true);
     let mut normals = false;
@@ -57,7 +61,7 @@ pub(super) fn scan(bytes: &[u8]) -> Scan {
             line = &joined;
         }
         let keyword = line.split(u8::is_ascii_whitespace).next().unwrap_or_default();
-        let rest = || String::from_utf8_lossy(&line[keyword.len()..]).trim().to_owned();
+        let rest = || decoded(line[keyword.len()..].trim_ascii()).into_owned();
         match keyword {
             b"v" => {
                 let text = rest();
@@ -72,7 +76,8 @@ pub(super) fn scan(bytes: &[u8]) -> Scan {
             }
             b"vn" => normals = true,
             b"f" => {
-                let mut corners = 0_u64;
+                let mut count = 0_u64;
+                corners.clear();
                 for word in rest()
                     .split('#')
                     .next()
@@ -83,7 +88,7 @@ pub(super) fn scan(bytes: &[u8]) -> Scan {
                     let index = indices.next().and_then(|text| text.parse::<i64>().ok());
                     scan.uvs |= indices.next().is_some_and(|text| !text.is_empty());
                     scan.normals |= indices.next().is_some_and(|text| !text.is_empty());
-                    corners += 1;
+                    count += 1;
                     let place = match index {
                         Some(index @ 1..) => usize::try_from(index - 1).ok(),
                         Some(index) => usize::try_from(positions.len() as i64 + index).ok(),
@@ -92,11 +97,15 @@ pub(super) fn scan(bytes: &[u8]) -> Scan {
                     if let Some(position) = place.and_then(|place| positions.get(place))
                         && position.is_finite()
                     {
+                        corners.push(*position);
                         scan.low = scan.low.min(*position);
                         scan.high = scan.high.max(*position);
                     }
                 }
-                scan.triangles += corners.saturating_sub(2);
+                scan.triangles += count.saturating_sub(2);
+                if corners.len() as u64 == count && fan_covers_more(&corners) {
+                    scan.noted.entry("concave faces").or_insert(number);
+                }
                 if material_is_new {
                     material_is_new = false;
                     if parts.insert(material.clone(), ()).is_none() {
@@ -150,6 +159,25 @@ mod tests {
         assert_eq!((scan.low, scan.high), (DVec3::ZERO, DVec3::new(1.0, 2.0, 0.0)));
         assert!(scan.colors && scan.uvs);
         assert_eq!(scan.noted, BTreeMap::from([("p, l", 16), ("s", 2)]));
+    }
+
+    #[test]
+    fn concave_faces_are_noted_where_their_triangles_cover_more() {
+        let noted = |faces: &str| {
+            let vertices = "v 0 0 0\nv 4 0 0\nv 1 1 0\nv 0 4 0\nv 4 4 0\n";
+            scan(format!("{vertices}{faces}").as_bytes()).noted
+        };
+        // The triangles of the second face meet at its first corner and do not overlap.
+        let good = "f 1 2 5 4\nf 1 2 3 4\nf 4 5 2 1\nf 1 2 3\nf 3 2 1 9\n";
+        assert_eq!(noted(good), BTreeMap::new());
+        let concave = format!("{good}f 2 3 4 1\nf 1 4 3 2\nf 2/1 1/1 4/1 3/1\n");
+        assert_eq!(noted(&concave), BTreeMap::from([("concave faces", 11)]));
+    }
+
+    #[test]
+    fn names_that_are_not_utf_8_stay_different() {
+        let scan = scan(b"usemtl gr\xfcn\nf 1 2 3\nusemtl  gr\xe4n\t\nf 1 2 3\nusemtl \xc3\xa0\nf 1 2 3\n");
+        assert_eq!(scan.parts, ["gr\u{fc}n", "gr\u{e4}n", "\u{e0}"]);
     }
 
     #[test]

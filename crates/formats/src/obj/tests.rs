@@ -15,6 +15,11 @@ fn files(obj: &str, mtl: &str) -> Files {
     let path = folder.path().join("x.obj");
     fs::write(&path, obj).unwrap();
     fs::write(folder.path().join("m.mtl"), mtl).unwrap();
+    for name in ["t.png", "o.png", "n.png", "h.png", "dir/t.png", "s/t.png"] {
+        let image = folder.path().join(name);
+        fs::create_dir_all(image.parent().unwrap()).unwrap();
+        fs::write(image, "an image").unwrap();
+    }
     Files {
         _folder: folder,
         path,
@@ -189,6 +194,57 @@ fn vertex_colours_multiply() {
         Some("vertex_color")
     );
     assert!(shape.get("part").is_none());
+    let imported = import(&files(obj, "").path, &ImportOptions::all()).unwrap();
+    let treatment = imported.notes[0].feature.treatment;
+    assert_eq!(treatment, whitstone_core::Treatment::Approximated);
+}
+
+#[test]
+fn faces_whose_triangles_cover_more_are_noted() {
+    let obj = "v 4 0 0\nv 1 1 0\nv 0 4 0\nv 0 0 0\nf 1 2 3 4\n";
+    let (_, notes) = load(obj, "", &ImportOptions::all());
+    assert_eq!(notes, [("concave faces", vec!["line 5".to_owned()])]);
+}
+
+#[test]
+fn maps_without_a_readable_file_leave_the_plain_colour() {
+    let mtl = "newmtl a\nKd 0.1 0.2 0.3\nmap_Kd none.png\nmap_Ks m.mtl\nmap_Ke none.exr\nmap_d none.png\n\
+               norm none.png\nbump h.tga\nnewmtl b\n";
+    let (scene, notes) = load(CUBE, mtl, &ImportOptions::all());
+    assert_eq!(
+        scene["material"]["a"],
+        Value::Table(toml("type = \"matte\"\nreflectance = [0.1, 0.2, 0.3]"))
+    );
+    assert!(scene.get("texture").is_none());
+    let places: Vec<String> = (3..=8).map(|line| format!("m.mtl:{line}")).collect();
+    assert_eq!(notes, [("map without a readable file", places)]);
+}
+
+#[test]
+fn an_image_of_another_machine_is_found_next_to_its_library() {
+    for path in ["C:\\Users\\me\\t.png", "d:/maps/t.png", "\\\\server\\maps\\t.png"] {
+        let found = material(&format!("map_Kd {path}\n"));
+        assert_eq!(found["textures"]["t"]["file"].as_str(), Some("t.png"), "{path}");
+    }
+}
+
+#[test]
+fn names_of_materials_may_be_in_latin_1() {
+    let files = files("", "");
+    let obj = b"mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl gr\xfcn\nf 1 2 3\nusemtl gr\xe0\nf 1 2 3\n";
+    let mtl = b"newmtl gr\xfcn\nKd 0.25\nnewmtl gr\xe0 \nKd 0.75\n";
+    fs::write(&files.path, obj).unwrap();
+    fs::write(files.path.with_file_name("m.mtl"), mtl).unwrap();
+    let imported = import(&files.path, &ImportOptions::all()).unwrap();
+    let scene: Table = toml::from_str(&imported.text).unwrap();
+    let names = [("gr\u{fc}n", 0.25), ("gr\u{e0}", 0.75)];
+    for (place, (name, reflectance)) in names.into_iter().enumerate() {
+        assert_eq!(scene["shape"][place]["part"].as_str(), Some(name));
+        let found = &scene["material"][name]["reflectance"];
+        assert_eq!(found.as_float(), Some(reflectance), "{name}");
+    }
+    let part = only_part(obj, names[0].0);
+    assert_eq!(part.iter().filter(|byte| **byte == b'f').count(), 1);
 }
 
 #[test]
@@ -218,7 +274,7 @@ fn missing_materials_are_noted_and_errors_name_file_and_line() {
 fn every_noted_feature_is_in_the_table() {
     let mtl = "newmtl a\nillum 11\nKs 1\nNs 0\nKa 1 0 1\nTf 0.5\nd -halo 0.5\nKd spectral x\nmap_Ka a\nmap_Ns a\nmap_Tr a\n\
                disp a\ndecal a\nrefl -type sphere a\nsharpness 60\nmap_aat on\nPr 0.5\nwhat\nmap_Kd -t 1 1 1 -mm 0 1 -boost 2 \
-               -texres 5 -blendu on -cc on -bm 2 a\n";
+               -texres 5 -blendu on -cc on -bm 2 t.png\n";
     let obj = format!("{CUBE}s 1\nl 1 2\nsurf 1\nwhat\n");
     for illum in [0, 3, 4, 5, 10] {
         load(

@@ -5,12 +5,10 @@
 use super::params::Args;
 use super::scene::{Importer, MAX_NESTING};
 use crate::document::{numbers, transform, typed};
-use crate::files::shorten;
+use crate::files::{self, shorten};
 use toml::{Table, Value};
 use whitstone_core::{DAffine3, DMat3, DVec3};
 
-/// Extensions of image files that can be read.
-const IMAGES: [&str; 5] = ["png", "jpg", "jpeg", "webp", "exr"];
 const CLASSES: [&str; 5] = ["constant", "scale", "mix", "imagemap", "checkerboard"];
 
 /// A texture or a colour, whether it depends on (u, v), and the depth of its nesting.
@@ -111,7 +109,7 @@ impl Importer<'_> {
         if let Some(named) = self.file(args, "filename") {
             let extension = named.path.extension().unwrap_or_default();
             let extension = extension.to_string_lossy().to_ascii_lowercase();
-            if !IMAGES.contains(&extension.as_str()) {
+            if !files::is_image(&named.path) {
                 let message = format!("\"{}\" has a format that is not read", shorten(&named.relative));
                 let fault = self.fault(at, message);
                 self.report(fault.with_help("convert it to EXR or PNG"));

@@ -29,7 +29,7 @@ const MIN_CHUNK_BYTES: u64 = 8 + 4 + 4;
 pub fn read(path: impl AsRef<Path>, limits: Limits) -> Result<Image, ReadError> {
     let path = path.as_ref();
     let file = limits::open(path).map_err(|fault| fault.at(path))?;
-    let (image, _) = decode_channels(file, limits, |_| true).map_err(|fault| fault.at(path))?;
+    let Decoded { image, .. } = decode_channels(file, limits, |_| true).map_err(|fault| fault.at(path))?;
     Ok(image)
 }
 
@@ -38,16 +38,24 @@ pub fn read(path: impl AsRef<Path>, limits: Limits) -> Result<Image, ReadError> 
 /// # Errors
 /// As [`read`].
 pub fn decode(bytes: &[u8], limits: Limits) -> Result<Image, ReadFault> {
-    decode_channels(Cursor::new(bytes), limits, |_| true).map(|(image, _)| image)
+    decode_channels(Cursor::new(bytes), limits, |_| true).map(|decoded| decoded.image)
 }
 
-/// Reads the channels whose names `keep` accepts; the others do not count towards the limits. Also
-/// returns the names of all channels.
+/// What [`decode_channels`] reads.
+pub(crate) struct Decoded {
+    pub(crate) image: Image,
+    /// The names of all channels of the file.
+    pub(crate) names: Vec<String>,
+    /// Whether a colour channel holds half-precision numbers.
+    pub(crate) half_colors: bool,
+}
+
+/// Reads the channels whose names `keep` accepts; the others do not count towards the limits.
 pub(crate) fn decode_channels(
     mut source: impl Read + Seek,
     limits: Limits,
     keep: impl Fn(&str) -> bool,
-) -> Result<(Image, Vec<String>), ReadFault> {
+) -> Result<Decoded, ReadFault> {
     let length = source.seek(SeekFrom::End(0))?;
     source.rewind()?;
     let mut magic = [0; MAGIC.len()];
@@ -69,7 +77,7 @@ fn decode_parts(
     length: u64,
     limits: Limits,
     keep: impl Fn(&str) -> bool,
-) -> Result<(Image, Vec<String>), ReadFault> {
+) -> Result<Decoded, ReadFault> {
     let reader = exr::block::read(source, false).map_err(to_fault)?;
     let meta = reader.meta_data().clone();
     check_headers(&meta, length, limits)?;
@@ -138,8 +146,16 @@ fn decode_parts(
     if covered.iter().any(|&pixels| pixels != width * height) {
         return Err(ReadFault::Damaged("the file lacks some blocks".to_owned()));
     }
+    let kinds = meta.headers.iter().flat_map(|header| &header.channels.list);
+    let half_colors = names.iter().flatten().zip(kinds).any(|(name, channel)| {
+        channel.sample_type == SampleType::F16 && name.ends_with(['R', 'G', 'B', 'Y'])
+    });
     let all = names.iter().flatten().cloned().collect();
-    Ok((assemble(&meta, names, planes)?, all))
+    Ok(Decoded {
+        image: assemble(&meta, names, planes)?,
+        names: all,
+        half_colors,
+    })
 }
 
 /// Converts native-endian samples of the decoder to `f32`.

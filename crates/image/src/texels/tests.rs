@@ -150,6 +150,35 @@ fn jpeg_is_read_and_its_truncation_found() {
     }
 }
 
+/// The thumbnail in the metadata is a whole JPEG file with an end marker.
+#[test]
+fn the_end_of_a_thumbnail_is_not_that_of_a_jpeg() {
+    let encoded = |size: u16| {
+        let side = usize::from(size);
+        let pixels: Vec<u8> = (0..side * side * 3).map(|i| (i % 251) as u8).collect();
+        let mut bytes = Vec::new();
+        JpegEncoder::new(&mut bytes)
+            .encode(&pixels, size.into(), size.into(), ExtendedColorType::Rgb8)
+            .unwrap();
+        bytes
+    };
+    let (image, thumbnail) = (encoded(64), encoded(8));
+    let mut bytes = image[..2].to_vec();
+    bytes.extend([0xff, 0xe1]);
+    bytes.extend((8 + thumbnail.len() as u16).to_be_bytes());
+    bytes.extend(b"Exif\0\0");
+    bytes.extend(&thumbnail);
+    bytes.extend(&image[2..]);
+    let expected = decode(&image, Limits::TEXTURE).unwrap();
+    assert_eq!(decode(&bytes, Limits::TEXTURE).unwrap(), expected);
+    assert!(to_png(&bytes, Limits::TEXTURE).unwrap().is_ok());
+    for length in bytes.len() - 200..bytes.len() {
+        let cut = &bytes[..length];
+        assert!(decode(cut, Limits::TEXTURE).is_err(), "{length}");
+        assert!(to_png(cut, Limits::TEXTURE).unwrap().is_err(), "{length}");
+    }
+}
+
 #[test]
 fn every_truncation_of_a_png_is_an_error() {
     let bytes = png(ImageBuffer::from_fn(30, 20, |x, y| {

@@ -49,6 +49,27 @@ fn equal_images_have_zero_error() {
     assert_eq!(metrics.interior_pixels, 33 * 17);
 }
 
+/// A tenth of the picture is a lamp of radiance 1e7, and everything else is missing.
+#[test]
+fn a_bright_lamp_does_not_hide_errors() {
+    let lit = |rest: f32| Image::from_fn(20, 10, |x, _| [if x < 2 { 1e7 } else { rest }; 3]).unwrap();
+    let reference = lit(0.75);
+    let metrics = compare(&lit(0.0), &reference, &CompareOptions::default()).unwrap();
+    // The least power of two above the median is 1.
+    assert_relative_eq!(
+        metrics.mean_reference,
+        0.1 * BRIGHT + 0.9 * 0.75,
+        max_relative = 1e-15
+    );
+    assert_eq!(metrics.pixels_over_tolerance, 18 * 10);
+    assert!(metrics.rel_rmse_interior.unwrap() > 0.05);
+    // Neither black pixels nor their number change what counts as bright.
+    let lamp = Image::from_fn(20, 10, |x, _| [if x == 0 { 100.0 } else { 0.0 }; 3]).unwrap();
+    assert_relative_eq!(mean_reference(&lamp).unwrap(), 5.0, max_relative = 1e-15);
+    let black = Image::from_fn(3, 2, |_, _| [0.0; 3]).unwrap();
+    assert_eq!(mean_reference(&black).unwrap(), 0.0);
+}
+
 #[test]
 fn closed_forms_for_constants() {
     // Values that f32 represents exactly.

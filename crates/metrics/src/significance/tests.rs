@@ -261,3 +261,29 @@ fn unusable_layers_are_rejected() {
     );
     assert!(significance(&good, &exact(), 1.0, Tolerance::default()).is_err());
 }
+
+/// What noise explains is what the test of a pixel explains.
+#[test]
+fn the_limits_of_noise_are_those_of_the_test() {
+    for (degrees, probability) in [(1.0, 1e-7), (3.0, 1e-3), (63.0, 2.7e-7)] {
+        let t = critical_t(probability, degrees);
+        let found = student(t, degrees);
+        assert!((found / probability - 1.0).abs() < 1e-6, "{degrees}: {found}");
+    }
+    let mut image = Image::from_rgb(1, 1, &[[1.0; 3]]).unwrap();
+    assert!(explained_by_noise(&image, 0.01).unwrap().is_none());
+    for (name, value) in [
+        ("variance.R", 0.5),
+        ("variance.G", 0.5),
+        ("variance.B", 0.5),
+        ("samples.N", 8.0),
+    ] {
+        image.add_channel(name, vec![value]).unwrap();
+    }
+    let limit = explained_by_noise(&image, 0.01).unwrap().unwrap()[0][0];
+    for (difference, expected) in [(0.99 * limit, 0), (1.01 * limit, 1)] {
+        let other = Image::from_rgb(1, 1, &[[1.0 + difference as f32, 1.0, 1.0]]).unwrap();
+        let found = significance(&image, &other, 0.01, Tolerance::default());
+        assert_eq!(found.unwrap().unwrap().pixels, expected);
+    }
+}

@@ -210,8 +210,8 @@ pub(crate) fn read(description: &Description<'_>, config: &Config) -> Result<Mes
     let because = |reason: String| unsupported(&format!("this mesh file: {reason}"));
     let mut mesh = match &*extension {
         "obj" => {
-            let text = file()?;
-            let text = String::from_utf8_lossy(&text);
+            // A character per byte: names may be in any encoding.
+            let text: String = file()?.into_iter().map(char::from).collect();
             obj::read(&text, config.part.as_deref(), colored).ok_or_else(malformed)?
         }
         "ply" => ply::read(&file()?).ok_or_else(malformed)?,

@@ -62,11 +62,11 @@ pub(super) fn parse(bytes: &[u8], request: Request<'_>) -> Result<Triangles, Fil
 
 impl File<'_> {
     fn statement(&mut self, line: &[u8], number: usize) -> Result<(), FileError> {
-        // Comments and names may be in any encoding.
+        // Comments may be in any encoding.
         let keyword = line.split(u8::is_ascii_whitespace).next();
         if let (Some(b"usemtl"), Some(part)) = (keyword, self.request.part) {
             let name = line.strip_prefix(b"usemtl").unwrap_or_default().trim_ascii();
-            self.skips = name != part.as_bytes();
+            self.skips = decoded(name) != part;
         }
         if !matches!(keyword, Some(b"v" | b"vt" | b"vn" | b"f")) {
             return Ok(());
@@ -170,6 +170,14 @@ impl File<'_> {
     }
 }
 
+/// A name, which may be in any encoding: UTF-8, else each byte is a character of Latin-1.
+fn decoded(name: &[u8]) -> Cow<'_, str> {
+    match std::str::from_utf8(name) {
+        Ok(text) => Cow::Borrowed(text),
+        Err(_) => name.iter().map(|&byte| char::from(byte)).collect(),
+    }
+}
+
 /// Converts an index that counts from 1, or backwards from -1 for the latest definition, to one
 /// from 0. The upper limit is checked at the end of the file, the lower one here.
 fn index(text: &str, count: usize) -> Option<u32> {
@@ -261,6 +269,20 @@ mod tests {
         let object = parse_all(text.as_bytes()).unwrap();
         assert_eq!(object.triangles, [[0, 1, 2], [3, 1, 2]]);
         assert_eq!(object.normals, [DVec3::ZERO, DVec3::ZERO, DVec3::ZERO, DVec3::Z]);
+    }
+
+    #[test]
+    fn names_that_are_not_utf_8_are_latin_1() {
+        let text = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl gr\xfcn\nf 1 2 3\nusemtl gr\xe0\nf 2 3 1\nf 3 1 2\n\
+                     usemtl \xc3\xa0\nf 1 2 3\n";
+        let count = |part| {
+            let request = Request {
+                part: Some(part),
+                colors: false,
+            };
+            parse(text, request).unwrap().triangles.len()
+        };
+        assert_eq!(["gr\u{fc}n", "gr\u{e0}", "\u{e0}"].map(count), [1, 2, 1]);
     }
 
     #[test]

@@ -10,7 +10,7 @@ use std::path::Path;
 use std::time::{Duration, SystemTime};
 use whitstone_core::{ExportScene, FormatErrors, Note, Registry, Treatment};
 use whitstone_image::planes::RGB;
-use whitstone_image::{Codes, Image, Limits, atomic, picture};
+use whitstone_image::{Codes, Image, Limits, Placement, atomic, picture};
 use whitstone_scene::Flattened;
 
 /// Maximum length of an image file in bytes. Larger files cannot be read.
@@ -109,19 +109,15 @@ pub(crate) fn render(subject: &Subject, job: &Job<'_>) -> Result<Rendered, Subje
             runs => format!("{}, run {} of {runs}", subject.name, index + 1),
         });
         let file = folder.join(format!("image.{}", subject.output.extension()));
-        let [image, bounds @ ..] = run_once(subject, job, &scene, &file, index, &mut run)?;
+        let (image, bounds) = run_once(subject, job, &scene, &file, index, &mut run)?;
         if subject.is_noisy() {
-            mean.add(&image)?;
+            mean.add(&image, bounds.as_ref())?;
         } else {
             single = Some((image, bounds));
         }
     }
     match single {
-        Some((image, bounds)) => Ok(Rendered {
-            image,
-            bounds: (subject.output == Output::Png).then_some(bounds),
-            run,
-        }),
+        Some((image, bounds)) => Ok(Rendered { image, bounds, run }),
         None => {
             if mean.is_constant() {
                 run.remarks.push(format!(
@@ -131,7 +127,7 @@ pub(crate) fn render(subject: &Subject, job: &Job<'_>) -> Result<Rendered, Subje
             }
             Ok(Rendered {
                 image: mean.image()?,
-                bounds: None,
+                bounds: mean.bounds()?,
                 run,
             })
         }
@@ -208,8 +204,8 @@ fn told(note: &Note) -> String {
     )
 }
 
-/// Runs the command once. Returns its image, and the smallest and largest values that its codes can
-/// stand for.
+/// Runs the command once. Returns its image, and the smallest and largest values that the numbers of
+/// its file can stand for, if they are rounded.
 fn run_once(
     subject: &Subject,
     job: &Job<'_>,
@@ -217,7 +213,7 @@ fn run_once(
     file: &Path,
     seed: u32,
     told: &mut SubjectRun,
-) -> Result<[Image; 3], SubjectError> {
+) -> Result<(Image, Option<[Image; 2]>), SubjectError> {
     let _ = fs::remove_file(file);
     let values = BTreeMap::from([
         ("scene", scene.display().to_string()),
@@ -279,54 +275,69 @@ fn run_once(
     }
     let read = picture::read(file, Limits::IMAGE).map_err(|error| failed(error.to_string()))?;
     let [width, height] = job.size;
-    if [read.image.width(), read.image.height()] != job.size {
+    let place = read.image.placement();
+    if [place.frame_width, place.frame_height] != job.size {
         return Err(failed(format!(
             "the image has {} x {} pixels, expected {width} x {height}",
-            read.image.width(),
-            read.image.height()
+            place.frame_width, place.frame_height
         )));
     }
-    if read.codes != Codes::Float && subject.output != Output::Png {
+    if !read.codes.is_float() && subject.output != Output::Png {
         return Err(failed(format!(
             "the image has {}, expected a file of the kind {}",
             read.codes,
             subject.output.extension()
         )));
     }
-    let codes = colors(&read.image, &subject.layer).map_err(failed)?;
-    let half = match read.codes {
-        Codes::Float => 0.0,
-        Codes::Bits8 => 0.5 / 255.0,
-        Codes::Bits16 => 0.5 / 65535.0,
-    };
-    let values = |change: &dyn Fn(f64) -> f64| -> Result<Image, SubjectError> {
+    let planes = colors(&read.image, &subject.layer).map_err(failed)?;
+    let planes = planes.map(|plane| framed(plane, read.image.width(), place));
+    let largest = |index: usize| planes.iter().fold(0.0_f32, |most, plane| most.max(plane[index]));
+    let values = |change: &dyn Fn(f64, f64) -> f64| -> Result<Image, SubjectError> {
         let mut image = Image::new(width, height).map_err(SubjectError::environment)?;
-        for (name, plane) in RGB.into_iter().zip(&codes) {
-            let value = |code: f32| (subject.scale * change(f64::from(code))) as f32;
-            let plane = flipped(plane, width, subject.flip).map(value).collect();
+        for (name, plane) in RGB.into_iter().zip(&planes) {
+            let value = |(index, code): (usize, &f32)| {
+                (subject.scale * change(f64::from(*code), f64::from(largest(index)))) as f32
+            };
+            let plane: Vec<f32> = plane.iter().enumerate().map(value).collect();
+            let plane = flipped(&plane, width, subject.flip).collect();
             image
                 .add_channel(name, plane)
                 .map_err(SubjectError::environment)?;
         }
         Ok(image)
     };
-    let decode = |code: f64| subject.transfer.decode(code);
-    // The first and the last code stand for all values beyond them.
-    let below = |code: f64| {
-        if code <= 0.0 {
-            f64::NEG_INFINITY
-        } else {
-            decode(code - half)
-        }
+    let decode = |code: f64| match code.is_finite() {
+        true => subject.transfer.decode(code),
+        false => code,
     };
-    let above = |code: f64| {
-        if code >= 1.0 {
-            f64::INFINITY
-        } else {
-            decode(code + half)
-        }
+    let bound =
+        |index: usize| move |code: f64, largest: f64| decode(read.codes.rounded_from(code, largest)[index]);
+    let image = values(&|code, _| decode(code))?;
+    let bounds = match read.codes {
+        Codes::Float => None,
+        _ => Some([values(&bound(0))?, values(&bound(1))?]),
     };
-    Ok([values(&decode)?, values(&below)?, values(&above)?])
+    Ok((image, bounds))
+}
+
+/// The samples of a plane in its whole frame, black where the image has no pixels: an EXR file may
+/// hold a part of the frame, and what lies outside.
+fn framed(plane: &[f32], width: usize, place: Placement) -> Vec<f32> {
+    let mut frame = vec![0.0; place.frame_width * place.frame_height];
+    for (y, row) in (i64::from(place.y)..).zip(plane.chunks_exact(width)) {
+        let Ok(y) = usize::try_from(y) else { continue };
+        if y >= place.frame_height {
+            break;
+        }
+        for (x, value) in (i64::from(place.x)..).zip(row) {
+            if let Ok(x) = usize::try_from(x)
+                && x < place.frame_width
+            {
+                frame[y * place.frame_width + x] = *value;
+            }
+        }
+    }
+    frame
 }
 
 /// Files next to an image that was not written: a command may have appended an extension.
@@ -405,11 +416,22 @@ struct Mean {
     size: [usize; 2],
     /// The mean and the sum of the squared deviations of each value.
     channels: [Vec<[f64; 2]>; 3],
+    /// The sums of the smallest and of the largest values that the files can stand for.
+    bounds: [[Vec<f64>; 3]; 2],
 }
 
 impl Mean {
-    fn add(&mut self, image: &Image) -> Result<(), SubjectError> {
+    fn add(&mut self, image: &Image, bounds: Option<&[Image; 2]>) -> Result<(), SubjectError> {
         let planes = image.rgb().map_err(SubjectError::environment)?;
+        for (sums, image) in self.bounds.iter_mut().zip(bounds.into_iter().flatten()) {
+            let planes = image.rgb().map_err(SubjectError::environment)?;
+            for (sums, plane) in sums.iter_mut().zip(planes) {
+                sums.resize(plane.len(), 0.0);
+                for (sum, &value) in sums.iter_mut().zip(plane) {
+                    *sum += f64::from(value);
+                }
+            }
+        }
         self.count += 1;
         self.size = [image.width(), image.height()];
         for (channel, plane) in self.channels.iter_mut().zip(planes) {
@@ -427,6 +449,23 @@ impl Mean {
     /// Whether all images were the same.
     fn is_constant(&self) -> bool {
         self.channels.iter().flatten().all(|[_, squares]| *squares == 0.0)
+    }
+
+    /// The means of the bounds, if the files have rounded numbers.
+    fn bounds(&self) -> Result<Option<[Image; 2]>, SubjectError> {
+        let [width, height] = self.size;
+        let of = |sums: &[Vec<f64>; 3]| -> Result<Image, SubjectError> {
+            let mut image = Image::new(width, height).map_err(SubjectError::environment)?;
+            for (name, sums) in RGB.into_iter().zip(sums) {
+                let means = sums.iter().map(|sum| (sum / f64::from(self.count)) as f32);
+                (image.add_channel(name, means.collect())).map_err(SubjectError::environment)?;
+            }
+            Ok(image)
+        };
+        if self.bounds[0][0].is_empty() {
+            return Ok(None);
+        }
+        Ok(Some([of(&self.bounds[0])?, of(&self.bounds[1])?]))
     }
 
     /// The mean, with layers of the variance of one run.
@@ -447,10 +486,19 @@ impl Mean {
     }
 }
 
-/// Takes each value of an image with codes to the value nearest to the reference's that the code
-/// can stand for.
-pub(crate) fn nearest_to(reference: &Image, bounds: &[Image; 2], image: &mut Image) {
+/// Takes each value of an image with rounded numbers to the value nearest to the reference's that
+/// the number can stand for. Returns whether the image says anything: one that is black or white
+/// all over may stand for any image of a dark or bright scene.
+pub(crate) fn nearest_to(reference: &Image, bounds: &[Image; 2], image: &mut Image) -> bool {
     let [low, high] = bounds;
+    let is_open = |image: &Image| {
+        RGB.iter().all(|name| {
+            image
+                .channel(name)
+                .is_some_and(|plane| plane.iter().all(|value| value.is_infinite()))
+        })
+    };
+    let says_something = !is_open(low) && !is_open(high);
     for name in RGB {
         let (Some(plane), Some(low), Some(high), Some(reference)) = (
             image.channel_mut(name),
@@ -461,13 +509,17 @@ pub(crate) fn nearest_to(reference: &Image, bounds: &[Image; 2], image: &mut Ima
             continue;
         };
         for (index, value) in plane.iter_mut().enumerate() {
-            // `clamp` panics if a bound is NaN, which no code gives.
+            if !value.is_finite() {
+                continue;
+            }
+            // `clamp` panics if a bound is NaN.
             let near = reference
                 .get(index)
                 .map_or(*value, |near| near.max(low[index]).min(high[index]));
             *value = if near.is_finite() { near } else { *value };
         }
     }
+    says_something
 }
 
 #[cfg(test)]
@@ -478,8 +530,8 @@ mod tests {
     fn mean_and_variance_of_runs() {
         let mut mean = Mean::default();
         for value in [1.0, 2.0, 6.0] {
-            mean.add(&Image::from_rgb(1, 1, &[[value, 1.0, -value]]).unwrap())
-                .unwrap();
+            let image = Image::from_rgb(1, 1, &[[value, 1.0, -value]]).unwrap();
+            mean.add(&image, None).unwrap();
         }
         assert!(!mean.is_constant());
         let image = mean.image().unwrap();
@@ -489,6 +541,48 @@ mod tests {
             [at("variance.R"), at("variance.G"), at("samples.N")],
             [7.0, 0.0, 3.0]
         );
+    }
+
+    #[test]
+    fn a_value_is_any_that_its_number_stands_for() {
+        let image = |values: [f32; 3]| Image::from_rgb(1, 1, &[values]).unwrap();
+        let reference = image([1.0, 2.0, 3.0]);
+        let bounds = [image([0.9, 2.1, 2.9]), image([1.1, 2.2, 3.1])];
+        let mut ours = image([1.05, 2.15, f32::NAN]);
+        assert!(nearest_to(&reference, &bounds, &mut ours));
+        let found = ours.rgb().unwrap().map(|plane| plane[0]);
+        assert_eq!(found[..2], [1.0, 2.1]);
+        assert!(found[2].is_nan());
+        // White all over.
+        let bounds = [image([0.9; 3]), image([f32::INFINITY; 3])];
+        assert!(!nearest_to(&reference, &bounds, &mut image([1.0; 3])));
+    }
+
+    #[test]
+    fn bounds_of_runs_are_averaged() {
+        let image = |value: f32| Image::from_rgb(1, 1, &[[value; 3]]).unwrap();
+        let mut mean = Mean::default();
+        assert!(mean.bounds().is_ok_and(|bounds| bounds.is_none()));
+        for (low, high) in [(1.0, 2.0), (3.0, f32::INFINITY)] {
+            mean.add(&image(low), Some(&[image(low), image(high)])).unwrap();
+        }
+        let [low, high] = mean.bounds().unwrap().unwrap();
+        assert_eq!(low.rgb().unwrap()[0], [2.0]);
+        assert_eq!(high.rgb().unwrap()[0], [f32::INFINITY]);
+    }
+
+    #[test]
+    fn an_image_is_placed_in_its_frame() {
+        let place = |x, y| Placement {
+            x,
+            y,
+            frame_width: 3,
+            frame_height: 2,
+        };
+        let plane = [1.0, 2.0, 3.0, 4.0];
+        assert_eq!(framed(&plane, 2, place(1, 0)), [0.0, 1.0, 2.0, 0.0, 3.0, 4.0]);
+        assert_eq!(framed(&plane, 2, place(-1, 1)), [0.0, 0.0, 0.0, 2.0, 0.0, 0.0]);
+        assert_eq!(framed(&plane, 2, place(2, -1)), [0.0, 0.0, 3.0, 0.0, 0.0, 0.0]);
     }
 
     #[test]

@@ -3,8 +3,8 @@
 use super::{Corner, Mesh};
 use std::collections::BTreeMap;
 
-/// Parses a file. `None` if it is malformed. With a `part`, only the faces of this material; with
-/// `colored`, the colours of vertices.
+/// Parses a file, whose bytes are the characters of `text`. `None` if it is malformed. With a
+/// `part`, only the faces of this material; with `colored`, the colours of vertices.
 pub(super) fn read(text: &str, part: Option<&str>, colored: bool) -> Option<Mesh> {
     let (mut places, mut normals, mut uvs) = (Vec::new(), Vec::new(), Vec::new());
     let mut material = String::new();
@@ -13,7 +13,7 @@ pub(super) fn read(text: &str, part: Option<&str>, colored: bool) -> Option<Mesh
     // A trailing backslash continues the line.
     let text = text.replace("\\\r\n", " ").replace("\\\n", " ");
     for line in text.lines() {
-        let mut words = line.split_whitespace();
+        let mut words = line.split_ascii_whitespace();
         match words.next() {
             Some("v") => {
                 let words: Vec<&str> = words.collect();
@@ -33,9 +33,7 @@ pub(super) fn read(text: &str, part: Option<&str>, colored: bool) -> Option<Mesh
             // The second coordinate is optional and defaults to 0.
             Some("vt") => uvs.push(numbers::<2>(words.chain(["0"]))?),
             Some("usemtl") => {
-                line.trim_start()["usemtl".len()..]
-                    .trim()
-                    .clone_into(&mut material);
+                material = name(line.trim_ascii_start()["usemtl".len()..].trim_ascii());
             }
             Some("f") if part.is_some_and(|part| part != material) => {}
             Some("f") => {
@@ -64,6 +62,12 @@ pub(super) fn read(text: &str, part: Option<&str>, colored: bool) -> Option<Mesh
         }
     }
     (part.is_none() || !mesh.triangles.is_empty()).then_some(mesh)
+}
+
+/// A name: its bytes are UTF-8, else Latin-1, whose characters are the bytes.
+fn name(text: &str) -> String {
+    let bytes = text.chars().map(|byte| byte as u8).collect();
+    String::from_utf8(bytes).unwrap_or_else(|_| text.to_owned())
 }
 
 fn numbers<'a, const N: usize>(words: impl Iterator<Item = &'a str>) -> Option<[f64; N]> {

@@ -121,6 +121,17 @@ fn parts_and_colors_of_obj() {
 }
 
 #[test]
+fn parts_that_are_not_utf_8_are_latin_1() {
+    let text = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl gr\xfcn\nf 1 2 3\nusemtl gr\xe0\nf 2 3 1\nf 3 1 2\n\
+        usemtl \xc3\xa0\nf 1 2 3\n";
+    let files = [("m.obj", &text[..])];
+    for (part, count) in [("gr\u{fc}n", 1), ("gr\u{e0}", 2), ("\u{e0}", 1)] {
+        let mesh = mesh(&format!("file = \"m.obj\"\npart = \"{part}\""), &files).unwrap();
+        assert_eq!(mesh.triangles.len(), count, "{part}");
+    }
+}
+
+#[test]
 fn colors_of_ply() {
     let text = b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
         property float z\nproperty uchar red\nproperty ushort green\nproperty float alpha\n\

@@ -36,9 +36,10 @@ pub(super) fn read(path: &Path, layer: Option<&str>, transfer: Transfer) -> Resu
     Ok(Input {
         image,
         codes,
-        transfer: match codes {
-            Codes::Float => Transfer::Linear,
-            Codes::Bits8 | Codes::Bits16 => transfer,
+        transfer: if codes.is_float() {
+            Transfer::Linear
+        } else {
+            transfer
         },
     })
 }
@@ -122,7 +123,7 @@ pub(super) fn widen(inputs: &mut [Input; 2], range: [&Path; 2]) -> Result<(), St
     let [ours, reference] = inputs;
     for (path, read) in [&least, &most] {
         let of = |image: &Image| [image.width(), image.height()];
-        if of(&read.image) != of(&reference.image) || read.codes != reference.codes {
+        if of(&read.image) != of(&reference.image) || !same_kind(read.codes, reference.codes) {
             return Err(format!(
                 "{}: a range needs an image of the size and kind of the reference",
                 path.display()
@@ -164,6 +165,11 @@ pub(super) fn widen(inputs: &mut [Input; 2], range: [&Path; 2]) -> Result<(), St
     Ok(())
 }
 
+/// Whether the numbers of two images are comparable.
+fn same_kind(one: Codes, other: Codes) -> bool {
+    one == other || one.is_float() && other.is_float()
+}
+
 /// How the codes of two images differ.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub(super) struct CodeDifference {
@@ -196,15 +202,15 @@ impl CodeDifference {
 /// differ by at most `limit` count as equal.
 pub(super) fn codes(ours: &Input, reference: &Input, limit: u32) -> Result<Option<CodeDifference>, String> {
     match (ours.codes, reference.codes) {
-        (Codes::Float, Codes::Float) => return Ok(None),
-        (kind, Codes::Float) => {
+        (ours, reference) if ours.is_float() && reference.is_float() => return Ok(None),
+        (kind, reference) if reference.is_float() => {
             return Err(mixed(
                 "ours has",
                 kind,
                 "the reference has floating-point numbers",
             ));
         }
-        (Codes::Float, kind) => {
+        (ours, kind) if ours.is_float() => {
             return Err(mixed(
                 "the reference has",
                 kind,
