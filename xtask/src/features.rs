@@ -1,63 +1,58 @@
 //! `features`: every plugin feature compiles alone, without a warning.
 
 use crate::{backends, verdict};
+use std::collections::BTreeMap;
 use std::process::Command;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use whitstone::core::Registry;
 use whitstone::{Exit, Failure};
 
-/// Checks each feature. Several checks run in parallel, with one thread each, because most of them
-/// compile only one crate.
+/// Checks each feature: the first of all packages at once, then the second, and so on. These
+/// packages do not depend on each other, so that each is compiled with one feature alone.
 pub(crate) fn run(registry: &Registry) -> Result<Exit, Failure> {
-    let plugins = registry
-        .entries()
-        .filter(|entry| entry.crate_name != backends::CRATE);
-    let plugins = plugins.map(|entry| (entry.crate_name, entry.name.to_owned()));
-    // All backends are checked, regardless of those in this program.
-    let backends = backends::names().into_iter().map(|name| (backends::CRATE, name));
-    let features: Vec<(&str, String)> = plugins.chain(backends).collect();
-    let next = AtomicUsize::new(0);
-    let worker = |number: usize| -> std::io::Result<Vec<String>> {
-        let mut problems = Vec::new();
-        while let Some((package, feature)) = features.get(next.fetch_add(1, Ordering::Relaxed)) {
-            problems.extend(problem(package, feature, number)?);
+    let mut features: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    for plugin in registry.entries() {
+        if plugin.crate_name != backends::CRATE {
+            features.entry(plugin.crate_name).or_default().push(plugin.name);
         }
-        Ok(problems)
-    };
-    let workers = std::thread::available_parallelism().map_or(1, |count| count.get().min(4));
-    let results: Vec<Result<_, Failure>> = std::thread::scope(|scope| {
-        let handles: Vec<_> = (0..workers)
-            .map(|number| std::thread::Builder::new().spawn_scoped(scope, move || worker(number)))
-            .collect();
-        handles
-            .into_iter()
-            .map(|handle| Ok(handle.map_err(Failure::environment)?.join()))
-            .collect()
-    });
-    let mut problems = Vec::new();
-    for result in results {
-        let result = result?.map_err(|_| Failure::environment("a check panicked"))?;
-        problems.extend(result.map_err(Failure::environment)?);
     }
-    verdict(
-        &problems,
-        &format!("features: each of {} compiles alone", features.len()),
-    )
+    // All backends are checked, regardless of those in this program.
+    let backends = backends::names();
+    let count = features.values().map(Vec::len).sum::<usize>() + backends.len();
+    let most = features.values().map(Vec::len).max().unwrap_or(0);
+    let mut rounds: Vec<Vec<String>> = (0..most)
+        .map(|round| {
+            let of_package = |(package, names): (&&str, &Vec<&str>)| {
+                names.get(round).map(|name| format!("{package}/{name}"))
+            };
+            features.iter().filter_map(of_package).collect()
+        })
+        .collect();
+    rounds.extend(
+        backends
+            .iter()
+            .map(|name| vec![format!("{}/{name}", backends::CRATE)]),
+    );
+    let mut problems = Vec::new();
+    for round in rounds {
+        problems.extend(problem(&round).map_err(Failure::environment)?);
+    }
+    verdict(&problems, &format!("features: each of {count} compiles alone"))
 }
 
-/// The compiler's messages for a single feature.
-fn problem(package: &str, feature: &str, worker: usize) -> std::io::Result<Option<String>> {
+/// The compiler's messages for some features, `PACKAGE/FEATURE`, each of another package.
+fn problem(features: &[String]) -> std::io::Result<Option<String>> {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let packages = features.iter().filter_map(|feature| feature.split('/').next());
     let output = Command::new(cargo)
-        .args(["check", "--quiet", "--package", package])
-        .args(["--no-default-features", "--features", feature])
+        .args(["check", "--quiet", "--no-default-features", "--keep-going"])
+        .args(packages.flat_map(|package| ["--package", package]))
+        .args(["--features", &features.join(",")])
         .env("RUSTFLAGS", "-D warnings")
         .env("CARGO_INCREMENTAL", "0")
-        // Other flags would rebuild everything, and cargo locks its folder, so each worker has its
-        // own.
-        .env("CARGO_TARGET_DIR", format!("target/features/{worker}"))
+        // Other flags would rebuild everything.
+        .env("CARGO_TARGET_DIR", "target/features")
         .output()?;
     let text = String::from_utf8_lossy(&output.stderr);
-    let problem = || format!("{package} with feature `{feature}` alone:\n{text}");
+    let problem = || format!("each of these features alone: {}\n{text}", features.join(", "));
     Ok((!output.status.success()).then(problem))
 }

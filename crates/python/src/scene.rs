@@ -18,6 +18,9 @@ use whitstone::{Change, Error, SceneOptions};
 #[pyclass(frozen, module = "whitstone._native")]
 pub(crate) struct Scene(pub(crate) whitstone::Scene);
 
+/// Radiance, layers and statistics of an image.
+type Rendered<'py> = (Bound<'py, PyArray3<f32>>, Bound<'py, PyDict>, Bound<'py, PyDict>);
+
 /// Columns of hits: parameter, shape, primitive, instance, surface parameters.
 type Columns<'py> = (
     Bound<'py, PyArray1<f64>>,
@@ -153,7 +156,7 @@ impl Scene {
         threads: usize,
         region: Option<[u32; 4]>,
         progress: Option<&Bound<'py, PyAny>>,
-    ) -> PyResult<(Bound<'py, PyArray3<f32>>, Bound<'py, PyDict>, Bound<'py, PyDict>)> {
+    ) -> PyResult<Rendered<'py>> {
         let region = region.map(|[x, y, width, height]| Region { x, y, width, height });
         let film = interruptible::run(py, progress, |watch| {
             self.0.render_with(RenderOptions {

@@ -35,9 +35,9 @@ const OTHERS_OF_INTERIOR: usize = 32;
 /// Maximum ratio of an error to the largest deviation under a few other roundings.
 const ROUNDINGS: f64 = 4.0;
 
-/// The confidence that a sample gives, as text. If all of the queried pixels that the oracle decides
-/// are right, at most this fraction of the others is wrong, with a confidence of 95 % (0.05 =
-/// (1 - p)^n).
+/// The confidence that a sample gives, as text. If all of the queried pixels that the oracle
+/// decides are right, at most this fraction of the others is wrong, with a confidence of 95 % (0.05
+/// = (1 - p)^n).
 fn confidence(queried: usize, undecided: usize, of: usize) -> String {
     let asked = queried - undecided;
     if asked >= of {

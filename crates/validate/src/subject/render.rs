@@ -204,8 +204,8 @@ fn told(note: &Note) -> String {
     )
 }
 
-/// Runs the command once. Returns its image, and the smallest and largest values that the numbers of
-/// its file can stand for, if they are rounded.
+/// Runs the command once. Returns its image, and the smallest and largest values that the numbers
+/// of its file can stand for, if they are rounded.
 fn run_once(
     subject: &Subject,
     job: &Job<'_>,
