@@ -38,7 +38,7 @@ def skip(reason):
 def only(table, what, **known):
     """The values of the keys of a table, with defaults; other keys are not supported."""
     for key in table:
-        if key not in known and key not in ("type", "id", "transform", "material"):
+        if key not in known and key not in ("type", "id", "transform"):
             skip(f"{what}: the key {key}")
     return {key: table.get(key, default) for key, default in known.items()}
 
@@ -252,6 +252,9 @@ def read(path, shadows="opaque", cameras=("perspective",)):
         skip(f"the integrator {tracing['type']}")
     if (found := tracing.get("shadows", "opaque")) != shadows:
         skip(f"{found} shadows")
+    for key in ("light_cutoff", "min_contribution"):
+        if tracing.get(key, 0) > 0:
+            skip(f"the integrator's {key}")
     depth = 0 if tracing["type"] == "appel" else tracing.get("max_depth", 6)
     scene = Scene(width, height, read_camera(document["camera"], width, height, cameras), depth)
     for light in document.get("light", []):
@@ -261,7 +264,8 @@ def read(path, shadows="opaque", cameras=("perspective",)):
             scene.ambient = scene.ambient + color(light["radiance"], "ambient light")
         else:
             scene.lights.append(light)
-    if tracing.get("at_max_depth", "background") == "background":
+    # Appel 1968 traces no reflections: they are black.
+    if tracing["type"] == "whitted" and tracing.get("at_max_depth", "background") == "background":
         scene.beyond = scene.background
     add_shapes(scene, document, document.get("shape", []), Path(path).parent, np.eye(4), [])
     return scene
@@ -275,7 +279,7 @@ def add_shapes(scene, document, tables, folder, matrix, replacements):
             skip("a shape without a shadow")
         if "motion" in table:
             skip("a shape that moves")
-        keys = {key: value for key, value in table.items() if key != "casts_shadow"}
+        keys = {key: value for key, value in table.items() if key not in ("casts_shadow", "material")}
         place = matrix @ matrix_of(table.get("transform"))
         if table["type"] == "instance":
             inner = only({**keys, "id": ""}, "an instance", group=None, materials={})

@@ -35,6 +35,8 @@ def text_of(scene, scale):
     view = scene.camera
     if abs(view.left + view.right) > 1e-9 or abs(view.bottom + view.top) > 1e-9:
         document.skip("a window that is not centred")
+    if abs((view.right - view.left) * scene.height - (view.top - view.bottom) * scene.width) > 1e-9 * scene.width:
+        document.skip("pixels that are not square")
     lines = ["BEGIN_SCENE", f"RESOLUTION {scene.width} {scene.height}", "SHADER_MODE FULL", "END_SHADER_MODE", "CAMERA"]
     lines += ["PROJECTION PERSPECTIVE", f"ZOOM {view.distance / (view.top - view.bottom)!r}", "ASPECTRATIO 1.0", "ANTIALIASING 0", "RAYDEPTH 1"]
     lines += [f"CENTER {triple(view.origin)}", f"VIEWDIR {triple(-view.w)}", f"UPDIR {triple(view.v)}", "END_CAMERA"]

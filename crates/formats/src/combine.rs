@@ -5,6 +5,7 @@
 //! takes what is nearest to them instead.
 
 use crate::document::typed;
+use crate::table::as_color;
 use std::collections::HashMap;
 use toml::{Table, Value};
 
@@ -13,11 +14,11 @@ use toml::{Table, Value};
 pub(crate) struct Rays {
     reflects: bool,
     /// Its reflections are spread.
-    spreads: bool,
+    glossy: bool,
     /// Its normals are those of a map.
-    bends: bool,
+    normal_mapped: bool,
     /// Rays pass, straight or refracted.
-    passes: bool,
+    transmits: bool,
     refracts: bool,
 }
 
@@ -47,9 +48,9 @@ impl Rays {
                 "thin_dielectric",
             ]
             .contains(&kind),
-            spreads: kind == "glossy",
-            bends: ["bump", "normal_map"].contains(&kind),
-            passes: ["dielectric", "thin_dielectric", "mask"].contains(&kind),
+            glossy: kind == "glossy",
+            normal_mapped: ["bump", "normal_map"].contains(&kind),
+            transmits: ["dielectric", "thin_dielectric", "mask"].contains(&kind),
             refracts: kind == "dielectric",
         })
     }
@@ -57,9 +58,9 @@ impl Rays {
     fn or(self, other: Self) -> Self {
         Self {
             reflects: self.reflects || other.reflects,
-            spreads: self.spreads || other.spreads,
-            bends: self.bends || other.bends,
-            passes: self.passes || other.passes,
+            glossy: self.glossy || other.glossy,
+            normal_mapped: self.normal_mapped || other.normal_mapped,
+            transmits: self.transmits || other.transmits,
             refracts: self.refracts || other.refracts,
         }
     }
@@ -67,13 +68,13 @@ impl Rays {
     /// Whether the two can be blended.
     fn blends_with(self, other: Self) -> bool {
         let either = self.or(other);
-        let two_pass = self.passes && other.passes && either.refracts;
-        let two_reflect = self.reflects && other.reflects && (either.spreads || either.bends);
+        let two_pass = self.transmits && other.transmits && either.refracts;
+        let two_reflect = self.reflects && other.reflects && (either.glossy || either.normal_mapped);
         !two_pass && !two_reflect
     }
 }
 
-/// What stands for a material that was asked for.
+/// The material that replaces a requested one.
 pub(crate) enum Nearest {
     /// That material.
     Exact(Table),
@@ -107,7 +108,7 @@ pub(crate) fn open() -> Table {
     typed("mask", [("material", black), ("opacity", Value::Float(0.0))])
 }
 
-/// A weight; half of a texture or a colour.
+/// A weight: the mean of a colour, half of a texture.
 fn share(weight: &Value) -> f64 {
-    weight.as_float().unwrap_or(0.5)
+    as_color(weight).map_or(0.5, |rgb| rgb.iter().sum::<f64>() / 3.0)
 }

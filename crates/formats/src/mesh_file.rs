@@ -397,6 +397,7 @@ fn ply(bytes: &[u8], scan: &mut Scan, with_faces: bool) -> Option<()> {
         _ => return None,
     };
     let mut positions = None;
+    let has_faces = (header.elements.iter()).any(|element| element.name == "face" && element.count > 0);
     // Without properties an element has no values, however many of it there are.
     for element in header
         .elements
@@ -404,8 +405,11 @@ fn ply(bytes: &[u8], scan: &mut Scan, with_faces: bool) -> Option<()> {
         .filter(|element| !element.properties.is_empty())
     {
         if element.name == "vertex" {
-            positions = Some(vertices(element, &mut values, scan, with_faces)?);
-            if !with_faces {
+            let has = |name: &str| element.properties.iter().any(|property| property.name == name);
+            // Positions take more memory than the file.
+            let keep = with_faces && has_faces && ["x", "y", "z"].into_iter().all(has);
+            positions = Some(vertices(element, &mut values, scan, keep)?);
+            if !keep {
                 break;
             }
         } else if element.name == "face"

@@ -108,6 +108,7 @@ const FEATURES: &[Feature] = features! {
     Approximated "[[light]] environment": "envmap or constant: it lights from all directions, and its rows are stretched to the poles.";
     Dropped "[[light]] several environments": "Mitsuba has one: the first with an image.";
     Dropped "[[light]] environment that is no plain image": "Only a colour, or an image that is not turned or transformed, is written.";
+    Approximated "[texture] image of another format": "The mean of the colours, since Mitsuba reads neither WebP nor images in glTF files.";
     Approximated "[[shape]] plane with a texture": "The texture has the coordinates of a disk.";
     Dropped "[[shape]] cylinder that is stretched": "Mitsuba's cylinders have circular sections.";
     Kept "[[shape]] triangles": "Meshes of glTF and STL, subdivided meshes and height fields are written as PLY.";

@@ -27,7 +27,10 @@ pub enum Codes {
     /// Half-precision numbers, linear.
     Half,
     /// Three mantissas of 8 bits and a shared exponent (HDR), linear.
-    SharedExponent,
+    SharedExponent {
+        /// An exposure was divided out: the exponent may be one lower than in the file.
+        exposed: bool,
+    },
 }
 
 impl Codes {
@@ -62,9 +65,9 @@ impl Codes {
                 let unit = libm::ldexp(1.0, (exponent(value) - 11).max(-24));
                 [value - 0.5 * unit, value + 0.5 * unit]
             }
-            Self::SharedExponent => {
+            Self::SharedExponent { exposed } => {
                 // Some writers round, and some (Ward's) leave out what follows the 8 bits.
-                let unit = libm::ldexp(1.0, exponent(largest) - 8);
+                let unit = libm::ldexp(1.0, exponent(largest) - 8 + i32::from(exposed));
                 [value - 0.5 * unit, value + unit]
             }
         }
@@ -88,7 +91,7 @@ impl fmt::Display for Codes {
             Self::Bits16 => "16-bit codes",
             Self::Float => "floating-point numbers",
             Self::Half => "half-precision numbers",
-            Self::SharedExponent => "numbers with a shared exponent",
+            Self::SharedExponent { .. } => "numbers with a shared exponent",
         })
     }
 }
@@ -245,7 +248,9 @@ fn decode_hdr(source: impl BufRead, limits: Limits) -> Result<Picture, ReadFault
         return Err(ReadFault::Damaged(format!("the exposure is {exposure}")));
     }
     let mut picture = Picture {
-        codes: Codes::SharedExponent,
+        codes: Codes::SharedExponent {
+            exposed: exposure != 1.0,
+        },
         ..from_decoder(decoder, limits)?
     };
     if exposure != 1.0 {
@@ -447,7 +452,7 @@ mod tests {
         // The exponent is that of the largest channel: steps of 2^-7 from 1 on.
         let step = 1.0 / 128.0;
         assert_eq!(
-            Codes::SharedExponent.rounded_from(0.25, 1.0),
+            Codes::SharedExponent { exposed: false }.rounded_from(0.25, 1.0),
             [0.25 - step / 2.0, 0.25 + step]
         );
         for value in (1..1000_u16).map(|value| f64::from(value) / 300.0) {
@@ -477,7 +482,7 @@ mod tests {
         let picture = decoded(&hdr);
         assert_eq!(
             (picture.codes, at(&picture, 0, 0)),
-            (Codes::SharedExponent, [2.0, 0.5, 1.0])
+            (Codes::SharedExponent { exposed: false }, [2.0, 0.5, 1.0])
         );
         let text = b"FORMAT=32-bit_rle_rgbe\n";
         let place = hdr.windows(text.len()).position(|part| part == text).unwrap();

@@ -11,8 +11,8 @@ use crate::{Mask, Side};
 use whitstone_image::Image;
 use whitstone_image::planes::RGB;
 
-/// Standard errors that noise may cause: 5 by chance in one of a million blocks, three times as
-/// many because a pixel filter correlates the noise of neighbours.
+/// Standard errors that noise may cause: chance exceeds 5 in about one of a million blocks, and a
+/// pixel filter, which correlates the noise of neighbours, needs three times as many.
 pub const STANDARD_ERRORS: f64 = 15.0;
 /// Relative differences up to this are not taken as one: rare bright paths that no run has found
 /// are missing from the mean and from its variance.
@@ -27,7 +27,7 @@ pub struct NoisyBlocks {
     pub blocks: usize,
     /// Blocks that differ.
     pub differing: usize,
-    /// Blocks in which noise could hide a difference of half of the value.
+    /// Whole blocks in which noise could hide a difference of half of the value.
     pub hidden: usize,
     /// The pixels of the blocks that differ.
     pub mask: Mask,
@@ -78,7 +78,9 @@ pub fn noisy_blocks(ours: &Image, reference: &Image) -> Result<Option<NoisyBlock
                 hidden |= noise > HIDDEN * size;
             }
             found.blocks += 1;
-            found.hidden += usize::from(hidden);
+            // Those at the borders may be small, and their noise large.
+            let is_whole = right - left == BLOCK && bottom - top == BLOCK;
+            found.hidden += usize::from(hidden && is_whole);
             if differs {
                 found.differing += 1;
                 for [x, y] in pixels() {

@@ -96,7 +96,7 @@ impl Validator<'_> {
         let question = match &blocks {
             _ if noisy.agreeing < AGREEING => Question::Pixels(listed(&significant)),
             Some(found) if found.differing > 0 => Question::Blocks(listed(&found.mask)),
-            _ if meta.rehits > 0 => {
+            _ if meta.rehits > 0 && (noisy.agrees() || !is_noisy(ours)) => {
                 let rows = (0..ours.height()).flat_map(|y| (0..ours.width()).map(move |x| [x, y]));
                 Question::Rehits(rows.collect())
             }
@@ -130,7 +130,7 @@ impl Validator<'_> {
         else {
             if noisy.hides_differences() {
                 let verdict = format!(
-                    "the noise could hide half of the value in {} of {} blocks of pixels: it takes more samples or runs",
+                    "the noise could hide half of the value in {} of {} blocks of pixels: use more samples or runs",
                     noisy.hidden_blocks, noisy.blocks
                 );
                 return Ok((Status::Undecided, verdict));
@@ -162,7 +162,7 @@ impl Validator<'_> {
             return Ok((wrong_status(case), verdict));
         }
         Ok(match question {
-            Question::Blocks(_) if is_noisy(ours) && decided && right == 0 => (
+            Question::Blocks(_) if is_noisy(ours) && !is_noisy(reference) && decided && right == 0 => (
                 wrong_status(case),
                 format!(
                     "the means of {} of {} blocks of pixels differ by more than noise explains, and the oracle confirms the \
@@ -177,11 +177,17 @@ impl Validator<'_> {
                     right + both
                 ),
             ),
-            Question::Rehits(_) if decided => (
+            Question::Rehits(_) if decided && !noisy.hides_differences() => (
                 Status::Confirmed,
                 format!(
                     "{image} agrees with {other}, and the oracle confirms both in {} of {queried}",
                     right + both
+                ),
+            ),
+            Question::Rehits(_) => (
+                Status::Undecided,
+                format!(
+                    "{other} is unreliable here, and the noise or the oracle leaves open whether {image} is right"
                 ),
             ),
             Question::Pixels(pixels) if right == verdicts.len() && right == pixels.len().min(MAX_ASKED) => (
@@ -200,7 +206,8 @@ impl Validator<'_> {
             ),
             _ => (
                 Status::Undecided,
-                "the means differ by more than noise explains, which no single pixel shows".to_owned(),
+                "the means differ by more than noise explains, but no single pixel differs significantly"
+                    .to_owned(),
             ),
         })
     }
@@ -219,8 +226,8 @@ enum Question {
     Rehits(Vec<[usize; 2]>),
 }
 
-/// The oracle's verdicts. Of an image with noise counts the value nearest to the oracle's that the
-/// noise explains.
+/// The oracle's verdicts. For an image with noise, takes the value within the noise that is nearest
+/// to the oracle's.
 fn verdicts(
     hearing: &Hearing,
     ours: &Image,

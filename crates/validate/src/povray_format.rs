@@ -29,6 +29,7 @@ const LAYERS: &str = "[film] layers";
 const DEPTH: &str = "[integrator] at_max_depth";
 const CUTOFF: &str = "[integrator] min_contribution";
 const LIGHT_CUTOFF: &str = "[integrator] light_cutoff";
+const LENS: &str = "[camera] thin_lens";
 const SAMPLES: &str = "[sampler]";
 const CHANNELS: &str = "[texture] of three channels";
 
@@ -52,6 +53,11 @@ const FEATURES: &[Feature] = &[
         name: LIGHT_CUTOFF,
         treatment: Treatment::Approximated,
         how: "All lights count, however faint.",
+    },
+    Feature {
+        name: LENS,
+        treatment: Treatment::Dropped,
+        how: "A pinhole camera: the blur of POV-Ray's lens is random.",
     },
     Feature {
         name: SAMPLES,
@@ -111,6 +117,9 @@ impl PovRayFormat {
         if document.remove("sampler").is_some() {
             notes.add(FEATURES, SAMPLES, "sampler");
         }
+        if let Some(lens) = remove_lens(&mut document) {
+            notes.add(FEATURES, LENS, format!("camera.aperture={lens}"));
+        }
         if let Some(near) = remove_near(&mut document) {
             notes.add(FEATURES, NEAR, format!("camera.near={near}"));
         }
@@ -158,6 +167,18 @@ fn wrong(error: impl std::fmt::Display) -> FormatErrors {
 
 fn save(path: &Path, text: &str) -> Result<(), FormatErrors> {
     atomic::write_bytes(path, text.as_bytes()).map_err(wrong)
+}
+
+/// Turns a thin lens into a pinhole. Returns its aperture, unless that is 0 anyway.
+fn remove_lens(document: &mut Table) -> Option<Value> {
+    let camera = document.get_mut("camera")?.as_table_mut()?;
+    if camera.get("type")?.as_str()? != "thin_lens" {
+        return None;
+    }
+    camera.remove("lens_samples");
+    let aperture = camera.insert("aperture".to_owned(), Value::Float(0.0))?;
+    let zero = aperture.as_float() == Some(0.0) || aperture.as_integer() == Some(0);
+    (!zero).then_some(aperture)
 }
 
 /// Removes the near limit of a perspective camera, unless rays start at the camera anyway.

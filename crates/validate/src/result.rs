@@ -180,7 +180,7 @@ pub struct CaseResult {
     pub mae: Option<f64>,
     /// Largest absolute error.
     pub max_abs: Option<f64>,
-    /// Mean of |reference|.
+    /// Mean of |reference|; very bright values are limited.
     pub mean_reference: Option<f64>,
     /// The block of 16 x 16 pixels with the largest bias.
     pub signed_block_bias: Option<BlockBias>,

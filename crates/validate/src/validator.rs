@@ -142,7 +142,7 @@ pub(crate) struct Ours {
 impl Ours {
     /// Takes rounded numbers to the nearest to the reference's that they can stand for. Returns
     /// whether the image says anything about the scene.
-    fn says_something(&mut self, against: &Against) -> bool {
+    fn is_informative(&mut self, against: &Against) -> bool {
         let Some(bounds) = &self.bounds else {
             return true;
         };
@@ -292,10 +292,11 @@ impl<'a> Validator<'a> {
                             "the reference cannot render this scene".to_owned(),
                         );
                     }
-                    Ok(against) if !ours.says_something(&against) => {
+                    Ok(against) if !ours.is_informative(&against) => {
+                        case.compared = true;
                         case.settle(
                             Status::Undecided,
-                            "the file is black or white all over, so that it shows nothing of the scene"
+                            "the file is black or white all over, and could stand for any such scene"
                                 .to_owned(),
                         );
                     }

@@ -195,8 +195,8 @@ impl Validator<'_> {
         let queried = opinion.asked.max(1);
         if unknown_edges * in_question.len() > case.explained_limit * queried {
             open.push(format!(
-                "the oracle cannot decide {unknown_edges} of {} that the reference's variation explains, and at most {} of \
-                 {} may be undecided",
+                "of {}, the oracle cannot decide {unknown_edges} that the reference's variation explains; at most {} of all \
+                 {} in question may be undecided",
                 counted(queried, "queried pixel"),
                 case.explained_limit,
                 in_question.len()

@@ -58,6 +58,9 @@ pub(crate) const FEATURES: &[Feature] = features! {
     Approximated "[material] glossy": "A metal of the same width of reflection; it is kept for Whitstone.";
     Approximated "[material] conductor": "A metal with the reflectance at normal incidence; it is kept for Whitstone.";
     Approximated "[material] priority": "Other programs do not order overlapping bodies; it is kept for Whitstone.";
+    Approximated "[material] mirror": "A metal, which reflects everything at grazing angles; it is kept for Whitstone.";
+    Approximated "[material] refraction below 1": "An index of 1, the smallest that glTF has; it is kept for Whitstone.";
+    Approximated "[material] exterior_absorption": "Nothing is absorbed outside; it is kept for Whitstone.";
     Approximated "[material] mix": "One material with parameters in between; it is kept for Whitstone.";
     Approximated "[material] reflection_map": "Its material, which traces reflections; it is kept for Whitstone.";
     Approximated "[material] two_sided": "The front on both sides; it is kept for Whitstone.";

@@ -194,8 +194,8 @@ fn texture_map(given: &TextureTransform) -> DAffine3 {
     flip * down * flip
 }
 
-/// A scale that can be inverted. One of 0, with which all points show the same texel, is so small
-/// that no texel is left.
+/// Replaces a scale near 0 by 1e-6, so that the transform can be inverted. All points then still
+/// show one texel.
 fn not_zero(scale: f64) -> f64 {
     let least = 1e-6;
     if scale.abs() < least {

@@ -147,9 +147,15 @@ fn decode_parts(
         return Err(ReadFault::Damaged("the file lacks some blocks".to_owned()));
     }
     let kinds = meta.headers.iter().flat_map(|header| &header.channels.list);
-    let half_colors = names.iter().flatten().zip(kinds).any(|(name, channel)| {
-        channel.sample_type == SampleType::F16 && name.ends_with(['R', 'G', 'B', 'Y'])
-    });
+    let is_plain = |name: &str| ["R", "G", "B"].contains(&name);
+    // Of files with layers the colours are those of one of them.
+    let has_plain = names.iter().flatten().any(|name| is_plain(name));
+    let is_color = |name: &str| match has_plain {
+        true => is_plain(name),
+        false => name.ends_with(['R', 'G', 'B', 'Y']),
+    };
+    let half_colors = (names.iter().flatten().zip(kinds))
+        .any(|(name, channel)| channel.sample_type == SampleType::F16 && is_color(name));
     let all = names.iter().flatten().cloned().collect();
     Ok(Decoded {
         image: assemble(&meta, names, planes)?,

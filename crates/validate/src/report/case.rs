@@ -321,7 +321,11 @@ impl<'a> CaseView<'a> {
             ),
             row("mean |d|", Number::error(case.mae), ""),
             row("largest |d|", Number::error(case.max_abs), ""),
-            row("mean |reference|", Number::plain(case.mean_reference), ""),
+            row(
+                "mean |reference|",
+                Number::plain(case.mean_reference),
+                "very bright values are limited",
+            ),
             row(
                 "floor",
                 Number::error((case.floor > 0.0).then_some(case.floor))

@@ -72,7 +72,7 @@ pub(crate) struct Job<'a> {
 /// The image of a subject.
 pub(crate) struct Rendered {
     pub(crate) image: Image,
-    /// The smallest and the largest values that the codes of an image can stand for.
+    /// The smallest and the largest values that the rounded numbers of a file can stand for.
     pub(crate) bounds: Option<[Image; 2]>,
     pub(crate) run: SubjectRun,
 }
@@ -428,7 +428,9 @@ impl Mean {
             for (sums, plane) in sums.iter_mut().zip(planes) {
                 sums.resize(plane.len(), 0.0);
                 for (sum, &value) in sums.iter_mut().zip(plane) {
-                    *sum += f64::from(value);
+                    // Radiance is not negative: a black run does not leave the mean without a
+                    // bound.
+                    *sum += f64::from(value.max(0.0));
                 }
             }
         }
@@ -488,17 +490,18 @@ impl Mean {
 
 /// Takes each value of an image with rounded numbers to the value nearest to the reference's that
 /// the number can stand for. Returns whether the image says anything: one that is black or white
-/// all over may stand for any image of a dark or bright scene.
+/// all over, and equals the reference then, could stand for any dark or bright image.
 pub(crate) fn nearest_to(reference: &Image, bounds: &[Image; 2], image: &mut Image) -> bool {
     let [low, high] = bounds;
-    let is_open = |image: &Image| {
-        RGB.iter().all(|name| {
+    let all = |image: &Image, is: fn(f32) -> bool| {
+        let plane_is = |name| {
             image
                 .channel(name)
-                .is_some_and(|plane| plane.iter().all(|value| value.is_infinite()))
-        })
+                .is_some_and(|plane| plane.iter().all(|value| is(*value)))
+        };
+        RGB.into_iter().all(plane_is)
     };
-    let says_something = !is_open(low) && !is_open(high);
+    let is_open = all(low, |value| value < 0.0) || all(high, |value| value == f32::INFINITY);
     for name in RGB {
         let (Some(plane), Some(low), Some(high), Some(reference)) = (
             image.channel_mut(name),
@@ -519,7 +522,11 @@ pub(crate) fn nearest_to(reference: &Image, bounds: &[Image; 2], image: &mut Ima
             *value = if near.is_finite() { near } else { *value };
         }
     }
-    says_something
+    // An image that cannot stand for the reference is wrong.
+    !is_open
+        || RGB
+            .iter()
+            .any(|name| image.channel(name) != reference.channel(name))
 }
 
 #[cfg(test)]
@@ -553,9 +560,10 @@ mod tests {
         let found = ours.rgb().unwrap().map(|plane| plane[0]);
         assert_eq!(found[..2], [1.0, 2.1]);
         assert!(found[2].is_nan());
-        // White all over.
+        // White all over: it could stand for this reference, and not for a darker one.
         let bounds = [image([0.9; 3]), image([f32::INFINITY; 3])];
         assert!(!nearest_to(&reference, &bounds, &mut image([1.0; 3])));
+        assert!(nearest_to(&image([0.5; 3]), &bounds, &mut image([1.0; 3])));
     }
 
     #[test]
@@ -563,8 +571,8 @@ mod tests {
         let image = |value: f32| Image::from_rgb(1, 1, &[[value; 3]]).unwrap();
         let mut mean = Mean::default();
         assert!(mean.bounds().is_ok_and(|bounds| bounds.is_none()));
-        for (low, high) in [(1.0, 2.0), (3.0, f32::INFINITY)] {
-            mean.add(&image(low), Some(&[image(low), image(high)])).unwrap();
+        for (low, high) in [(f32::NEG_INFINITY, 2.0), (4.0, f32::INFINITY)] {
+            mean.add(&image(1.0), Some(&[image(low), image(high)])).unwrap();
         }
         let [low, high] = mean.bounds().unwrap().unwrap();
         assert_eq!(low.rgb().unwrap()[0], [2.0]);

@@ -161,7 +161,13 @@ impl<'a> Exporter<'a> {
         match kind {
             "matte" => Look::new(self.tint(material, "reflectance", 0.5, place), 0.0, 1.0),
             "phong" | "blinn_phong" | "whitted" => self.shaded(material, kind, place),
-            "mirror" => Look::new(self.tint(material, "reflectance", 1.0, place), 1.0, 0.0),
+            "mirror" => {
+                let base = self.tint(material, "reflectance", 1.0, place);
+                if base.image.is_some() || base.color != [1.0; 3] {
+                    self.note("[material] mirror", place);
+                }
+                Look::new(base, 1.0, 0.0)
+            }
             "glossy" => {
                 self.note("[material] glossy", place);
                 let exponent = table::number(material, "exponent").unwrap_or(100.0);
@@ -193,14 +199,14 @@ impl<'a> Exporter<'a> {
                 }
                 Look {
                     transmission: 1.0,
-                    ior: Some(relative_ior(material)),
+                    ior: Some(self.relative_ior(material, place)),
                     absorption: Some(table::color(material, "absorption", [0.0; 3])),
                     ..Look::new(Tint::constant([1.0; 3]), 0.0, 0.0)
                 }
             }
             "thin_dielectric" => Look {
                 transmission: 1.0,
-                ior: Some(relative_ior(material)),
+                ior: Some(self.relative_ior(material, place)),
                 ..Look::new(self.tint(material, "tint", 1.0, place), 0.0, 0.0)
             },
             "emissive" => {
@@ -302,7 +308,7 @@ impl<'a> Exporter<'a> {
         };
         Look {
             transmission: through.largest().min(1.0),
-            ior: Some(relative_ior(material)),
+            ior: Some(self.relative_ior(material, place)),
             absorption: Some(table::color(material, "absorption", [0.0; 3])),
             ..Look::new(base, 0.0, 0.0)
         }
@@ -450,6 +456,19 @@ impl<'a> Exporter<'a> {
             && table::text(texture, "file").is_some_and(|file| !file.to_lowercase().ends_with(".exr"))
     }
 
+    /// The index of refraction inside relative to outside. In glTF it is at least 1.
+    fn relative_ior(&mut self, material: &Table, place: &str) -> f64 {
+        let number = |key: &str, default: f64| table::number(material, key).unwrap_or(default);
+        let ratio = number("interior_ior", 1.5) / number("exterior_ior", 1.0);
+        if ratio < 1.0 {
+            self.note("[material] refraction below 1", place);
+        }
+        if material.contains_key("exterior_absorption") {
+            self.note("[material] exterior_absorption", place);
+        }
+        ratio.max(1.0)
+    }
+
     fn write_material(&mut self, look: &Look<'a>, name: Option<&str>, place: &str) -> Written {
         let mut written = Written {
             index: self.root.materials.len(),
@@ -531,6 +550,10 @@ impl<'a> Exporter<'a> {
                 }
                 extensions.insert("KHR_materials_volume".into(), volume);
             }
+        }
+        // In glTF, what is no metal has a clear coat unless it says otherwise.
+        if look.metallic == 0.0 && look.roughness == 1.0 && look.transmission == 0.0 {
+            extensions.insert("KHR_materials_specular".into(), json!({ "specularFactor": 0.0 }));
         }
         if let Some(ior) = look.ior {
             extensions.insert("KHR_materials_ior".into(), json!({ "ior": single(ior) }));
@@ -656,12 +679,6 @@ impl<'a> Exporter<'a> {
         }
         Ok(entry)
     }
-}
-
-/// The index of refraction inside relative to outside. In glTF it is at least 1.
-fn relative_ior(material: &Table) -> f64 {
-    let number = |key: &str, default: f64| table::number(material, key).unwrap_or(default);
-    (number("interior_ior", 1.5) / number("exterior_ior", 1.0)).max(1.0)
 }
 
 /// The position of a value in a list, to which it is added if it is new.

@@ -27,6 +27,9 @@ impl<'a> Exporter<'a> {
             "image" if text_or(texture, "channel", "color") != "color" => {
                 self.mean(texture, "[texture] image with a channel", place)
             }
+            "image" if !is_bitmap(text_or(texture, "file", "")) => {
+                self.mean(texture, "[texture] image of another format", place)
+            }
             "checker" | "image" => match uv(texture) {
                 Some(map) => Item::Node(self.by_uv(texture, kind, &map, sides, place)),
                 None => self.mean(texture, "[texture] mapping", place),
@@ -41,6 +44,7 @@ impl<'a> Exporter<'a> {
         texture.is_some_and(|texture| {
             table::kind(texture) == "image"
                 && text_or(texture, "channel", "color") == "color"
+                && is_bitmap(text_or(texture, "file", ""))
                 && uv(texture).is_some()
         })
     }
@@ -138,6 +142,12 @@ impl<'a> Exporter<'a> {
         }
         false
     }
+}
+
+/// Whether Mitsuba reads an image file of this name: not those of glTF, nor WebP.
+pub(super) fn is_bitmap(file: &str) -> bool {
+    let extension = file.rsplit('.').next().unwrap_or_default().to_lowercase();
+    !["gltf", "glb", "webp"].contains(&extension.as_str())
 }
 
 fn text_or<'t>(table: &'t Table, key: &str, default: &'static str) -> &'t str {

@@ -2,6 +2,7 @@
 
 use super::material::{LIT, TRACED};
 use super::node::{Item, Node};
+use super::texture::is_bitmap;
 use super::{Exporter, PLAIN, looking, table};
 use crate::image_size::image_size;
 use std::collections::BTreeSet;
@@ -358,6 +359,7 @@ impl<'a> Exporter<'a> {
         let Some(file) = texture
             .filter(|texture| plain(texture))
             .and_then(|texture| table::text(texture, "file"))
+            .filter(|file| is_bitmap(file))
         else {
             self.note("[[light]] environment that is no plain image", name);
             return None;
