@@ -214,3 +214,21 @@ fn set(document: &mut Table, change: &str) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lens_becomes_a_pinhole() {
+        let camera = |text: &str| {
+            format!("[camera]\ntype = 'thin_lens'\n{text}")
+                .parse::<Table>()
+                .unwrap()
+        };
+        let mut document = camera("aperture = 0.2\nlens_samples = 3");
+        assert_eq!(remove_lens(&mut document), Some(Value::Float(0.2)));
+        assert_eq!(document, camera("aperture = 0.0"));
+        assert_eq!(remove_lens(&mut document), None);
+    }
+}

@@ -325,6 +325,11 @@ fn other_programs_see_materials_and_lights() {
     };
     let pbr = |name: &str| named(name)["pbrMetallicRoughness"].clone();
     assert_eq!(pbr("matte")["baseColorFactor"], json!([0.1, 0.2, 0.3, 1.0]));
+    // Without a coat, which glTF has otherwise.
+    let coat = |name: &str| named(name)["extensions"]["KHR_materials_specular"].clone();
+    assert_eq!(coat("matte"), json!({ "specularFactor": 0.0 }));
+    assert!(coat("mirror").is_null() && coat("glass").is_null());
+    assert!(exported.noted("[material] mirror"));
     assert_eq!(
         (&pbr("matte")["metallicFactor"], &pbr("matte")["roughnessFactor"]),
         (&json!(0.0), &json!(1.0))

@@ -303,6 +303,14 @@ fn what_has_no_counterpart_is_noted() {
             shape("type = 'matte', reflectance = { type = 'checker', mapping = { projection = 'solid' } }"),
             "[texture] mapping",
         ),
+        (
+            shape("type = 'matte', reflectance = { type = 'image', file = 'm.glb', image = 0 }"),
+            "[texture] image of another format",
+        ),
+        (
+            "[[light]]\ntype = 'environment'\nradiance = { type = 'image', file = 'sky.webp' }".to_owned(),
+            "[[light]] environment that is no plain image",
+        ),
         (shape("type = 'phong'"), "[material] phong, blinn_phong, whitted"),
         (shape("type = 'whitted', k_refr = 1"), "[material] k_refr"),
         (shape("type = 'emissive'"), "[material] emissive"),
