@@ -24,7 +24,7 @@ pub(crate) struct Rays {
 
 impl Rays {
     /// Those of a material: a table, or the id of one of `known`.
-    pub(crate) fn of(material: &Value, known: &HashMap<String, Rays>) -> Self {
+    fn of(material: &Value, known: &HashMap<String, Rays>) -> Self {
         match material {
             Value::String(id) => known.get(id).copied().unwrap_or_default(),
             Value::Table(table) => Self::of_table(table, known),

@@ -405,9 +405,8 @@ fn ply(bytes: &[u8], scan: &mut Scan, with_faces: bool) -> Option<()> {
         .filter(|element| !element.properties.is_empty())
     {
         if element.name == "vertex" {
-            let has = |name: &str| element.properties.iter().any(|property| property.name == name);
             // Positions take more memory than the file.
-            let keep = with_faces && has_faces && ["x", "y", "z"].into_iter().all(has);
+            let keep = with_faces && has_faces && ["x", "y", "z"].iter().all(|name| element.has(name));
             positions = Some(vertices(element, &mut values, scan, keep)?);
             if !keep {
                 break;

@@ -142,7 +142,7 @@ pub(crate) struct Ours {
 impl Ours {
     /// Takes rounded numbers to the nearest to the reference's that they can stand for. Returns
     /// whether the image says anything about the scene.
-    fn is_informative(&mut self, against: &Against) -> bool {
+    fn take_nearest(&mut self, against: &Against) -> bool {
         let Some(bounds) = &self.bounds else {
             return true;
         };
@@ -292,7 +292,7 @@ impl<'a> Validator<'a> {
                             "the reference cannot render this scene".to_owned(),
                         );
                     }
-                    Ok(against) if !ours.is_informative(&against) => {
+                    Ok(against) if !ours.take_nearest(&against) => {
                         case.compared = true;
                         case.settle(
                             Status::Undecided,
