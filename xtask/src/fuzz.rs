@@ -26,6 +26,8 @@ const KINDS: [&str; 17] = [
     SCENES, MITSUBA, "toml", "gltf", "glb", "xml", "pbrt", "obj", "mtl", "ply", "stl", "exr", "png", "jpg",
     "hdr", "pfm", "tif",
 ];
+/// Those that have a target of their own.
+const PICTURES: [&str; 6] = ["exr", "png", "jpg", "hdr", "pfm", "tif"];
 const SCENES: &str = "scenes";
 const MITSUBA: &str = "mitsuba";
 /// Larger seeds make an execution slow.
@@ -102,7 +104,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         kinds => kinds.iter().map(String::as_str).collect(),
     };
     let is_file = |kind: &&str| ![SCENES, MITSUBA].contains(kind);
-    let program = kinds.iter().any(is_file).then(build).transpose()?;
+    let programs = kinds.iter().any(is_file).then(build).transpose()?;
     let totals = || match &arguments.json {
         Some(path) => Totals::read(path),
         None => Ok(Totals::default()),
@@ -116,10 +118,10 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         let mut left = arguments.seconds;
         while left > 0 {
             let start = Instant::now();
-            let (run, seconds) = match (kind, &program) {
+            let (run, seconds) = match (kind, &programs) {
                 (SCENES, _) => (scenes::run(first, left.min(PART))?, PART),
                 (MITSUBA, _) => (against_mitsuba::run(first, left.min(PART), registry)?, PART),
-                (_, Some(program)) => (fuzz(program, kind, left)?, left),
+                (_, Some(programs)) => (fuzz(programs, kind, left)?, left),
                 (_, None) => break,
             };
             left = left.saturating_sub(seconds);
@@ -135,7 +137,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     Ok(if found == 0 { Exit::Pass } else { Exit::Differs })
 }
 
-/// Compiles the target; returns its path.
+/// Compiles the targets; returns their folder.
 fn build() -> Result<PathBuf, Failure> {
     let version = Command::new("rustc").arg("-vV").output();
     let version = version.map_err(Failure::environment)?.stdout;
@@ -157,16 +159,19 @@ fn build() -> Result<PathBuf, Failure> {
         .status()
         .map_err(Failure::environment)?;
     if !status.success() {
-        return Err(Failure::environment(
-            "the fuzz target does not compile; see above",
-        ));
+        return Err(Failure::environment("the fuzz targets do not compile; see above"));
     }
-    let program = Path::new(FOLDER).join(host).join("release/whitstone-fuzz");
-    std::path::absolute(program).map_err(Failure::environment)
+    let programs = Path::new(FOLDER).join(host).join("release");
+    std::path::absolute(programs).map_err(Failure::environment)
 }
 
 /// Fuzzes one kind of file.
-fn fuzz(program: &Path, kind: &str, seconds: u64) -> Result<Run, Failure> {
+fn fuzz(programs: &Path, kind: &str, seconds: u64) -> Result<Run, Failure> {
+    let program = programs.join(if PICTURES.contains(&kind) {
+        "pictures"
+    } else {
+        "scenes"
+    });
     let folder = |name: &str| -> Result<PathBuf, Failure> {
         let path = Path::new(FOLDER).join(name).join(kind);
         fs::create_dir_all(&path).map_err(Failure::environment)?;
@@ -187,7 +192,7 @@ fn fuzz(program: &Path, kind: &str, seconds: u64) -> Result<Run, Failure> {
     };
     let inputs = tempfile::tempdir_in(parent).map_err(Failure::environment)?;
     let before = count(&findings);
-    let output = Command::new(program)
+    let output = Command::new(&program)
         .args([&corpus, &seeds])
         .arg(format!("-max_total_time={seconds}"))
         .arg(format!("-artifact_prefix={}/", findings.display()))

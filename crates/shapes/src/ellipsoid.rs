@@ -129,6 +129,34 @@ mod tests {
         );
     }
 
+    /// Rays through the plane of ellipsoids without thickness, inside and outside of the rim.
+    #[test]
+    fn ellipsoids_flatter_than_rounding_errors_are_hit_inside_of_their_rim_only() {
+        let mut random = Random::new(11);
+        for exponent in (1..=29).step_by(2) {
+            let flat = ellipsoid(&format!("radii = [0.7, 1e-{exponent}, 1.1]"));
+            for _ in 0..200 {
+                let (x, z) = (3.0 * random.unit() - 1.5, 3.0 * random.unit() - 1.5);
+                let rim = (x / 0.7).powi(2) + (z / 1.1).powi(2) - 1.0;
+                let origin = DVec3::new(4.0 * random.unit() - 2.0, 1.0 + random.unit(), 1.7);
+                let ray = Ray::new(origin, (DVec3::new(x, 0.0, z) - origin).normalize());
+                let found = flat.intersect(&ray, Interval::FORWARD, None);
+                // The thick ones are met beside the plane.
+                let beside = 4.0 * 10f64.powi(-exponent);
+                if rim.abs() > 1e-9 + 10.0 * beside {
+                    assert_eq!(found.is_some(), rim < 0.0, "1e-{exponent}: {x} {z}");
+                }
+                if let Some(found) = found {
+                    let expected = (DVec3::new(x, 0.0, z) - origin).length();
+                    assert!(
+                        (found.t - expected).abs() < 1e-14 + beside,
+                        "1e-{exponent}: {found:?}"
+                    );
+                }
+            }
+        }
+    }
+
     #[test]
     fn bounds_are_tight() {
         let bounds = ellipsoid("radii = [1, 2, 3]").bounds();

@@ -3,7 +3,7 @@
 //!
 //! The instructions are chosen once in a process, so each set has its own: a worker. Another worker
 //! makes the scenes. Each reads a line for each scene and prints one. A group of workers renders
-//! the same scenes; there are as many groups as keep the cores busy.
+//! the same scenes; there are as many groups as cores.
 
 use super::Run;
 use super::random_scene::Generator;
@@ -22,7 +22,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 use toml::Table;
 use whitstone::core::{FamilyName, Registry};
-use whitstone::render::{BuildOptions, Film, Pipeline, RenderOptions};
+use whitstone::render::{BuildOptions, Film, Pipeline, RenderOptions, Shared};
 use whitstone::scene::{Sources, scene_schema};
 use whitstone::{Exit, Failure};
 
@@ -44,6 +44,9 @@ const LIMIT: Duration = Duration::from_secs(10);
 /// Time of a ray that hits a fractal, or a repeated field of 768 long shapes that overlap, with
 /// much to spare.
 const PER_RAY: Duration = Duration::from_millis(20);
+/// A scene that takes longer is rendered once: a dozen times would take the time of a thousand
+/// other scenes.
+const VARIED: Duration = Duration::from_millis(500);
 /// Time of the clock after which a worker is given up.
 const PATIENCE: Duration = Duration::from_secs(1200);
 /// Scenes that wait for a worker at a time: no worker is ahead of another by more.
@@ -78,6 +81,8 @@ impl Answer {
 pub(super) struct Scenes<'a> {
     registry: &'a Registry,
     schema: Json,
+    /// Contents of the few files that scenes refer to.
+    files: Shared,
 }
 
 impl<'a> Scenes<'a> {
@@ -85,6 +90,7 @@ impl<'a> Scenes<'a> {
         Self {
             registry,
             schema: scene_schema(registry),
+            files: Shared::default(),
         }
     }
 
@@ -115,6 +121,7 @@ impl<'a> Scenes<'a> {
         let options = BuildOptions {
             max_memory: Some(MEMORY),
             max_tree_rays: Some(TREE_RAYS),
+            shared: Some(&self.files),
             ..BuildOptions::default()
         };
         let sources = Sources::from_text("scene.toml", text, Path::new(BASE), changes)
@@ -152,8 +159,7 @@ impl<'a> Scenes<'a> {
             Ok(first) => first,
             Err(error) => return Answer::Refused(error),
         };
-        // A scene this slow is rendered once, so that the worker stays within [`PATIENCE`].
-        if !vary || elapsed() > LIMIT {
+        if !vary || elapsed() > VARIED {
             return Answer::Image(first);
         }
         let compare = |image: Result<u64, String>, with: &str| match image {
@@ -499,9 +505,8 @@ fn finding(renderers: &[Worker], lines: &[Result<String, String>]) -> Option<Str
 pub(super) fn run(first: u64, seconds: u64) -> Result<Run, Failure> {
     let end = Instant::now() + Duration::from_secs(seconds);
     let next = AtomicU64::new(first);
-    // A group keeps about two cores busy.
-    let cores = thread::available_parallelism().map_or(1, usize::from);
-    let groups = cores.div_ceil(2);
+    // In a group, the renderer that varies takes three quarters of the time.
+    let groups = thread::available_parallelism().map_or(1, usize::from);
     let outcomes: Vec<Result<Outcome, Failure>> = thread::scope(|scope| {
         let examine = || Group::start().and_then(|group| group.examine(&next, end));
         let groups: Vec<_> = (0..groups)

@@ -1,6 +1,7 @@
 //! What all runs have tried together, in a file.
 
 use super::Run;
+use crate::labels::grouped;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -101,23 +102,29 @@ impl Totals {
     }
 }
 
-/// The stored totals as a table.
+/// The stored totals as a table; the last row has the sums of all kinds of files.
 pub(crate) fn table(value: &Value) -> String {
     let mut page =
         "| kind | executions | scenes | valid | hours | findings |\n|---|---|---|---|---|---|\n".to_owned();
-    for (kind, total) in value["kinds"].as_object().into_iter().flatten() {
-        let number = |key: &str| total[key].as_u64();
-        let known = |key: &str| number(key).map_or_else(|| "–".to_owned(), |known| known.to_string());
+    let mut row = |kind: &str, [executions, seconds, findings]: [u64; 3], scenes: [Option<u64>; 2]| {
+        let [scenes, valid] = scenes.map(|number| number.map_or_else(|| "–".to_owned(), grouped));
         let _ = writeln!(
             page,
-            "| `{kind}` | {} | {} | {} | {:.1} | {} |",
-            number("executions").unwrap_or(0),
-            known("scenes"),
-            known("valid"),
-            number("seconds").unwrap_or(0) as f64 / 3600.0,
-            number("findings").unwrap_or(0),
+            "| {kind} | {} | {scenes} | {valid} | {:.1} | {findings} |",
+            grouped(executions),
+            seconds as f64 / 3600.0,
         );
+    };
+    let mut files = [0; 3];
+    for (kind, total) in value["kinds"].as_object().into_iter().flatten() {
+        let number = |key: &str| total[key].as_u64();
+        let counts = ["executions", "seconds", "findings"].map(|key| number(key).unwrap_or(0));
+        row(&format!("`{kind}`"), counts, ["scenes", "valid"].map(number));
+        if number("scenes").is_none() {
+            files = std::array::from_fn(|index| files[index] + counts[index]);
+        }
     }
+    row("all kinds of files", files, [None; 2]);
     page
 }
 
@@ -153,7 +160,8 @@ mod tests {
         assert_eq!(
             table(&stored),
             "| kind | executions | scenes | valid | hours | findings |\n|---|---|---|---|---|---|\n\
-             | `ply` | 3000 | – | – | 3.0 | 3 |\n| `scenes` | 22 | 9 | 9 | 0.0 | 3 |\n"
+             | `ply` | 3,000 | – | – | 3.0 | 3 |\n| `scenes` | 22 | 9 | 9 | 0.0 | 3 |\n\
+             | all kinds of files | 3,000 | – | – | 3.0 | 3 |\n"
         );
         fs::write(&path, "{\"kinds\": {\"ply\": {\"executions\": 1}}}").unwrap();
         assert!(Totals::read(&path).is_err());

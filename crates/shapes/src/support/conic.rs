@@ -19,6 +19,13 @@ use whitstone_core::{
 /// Upper limit on the coordinates of finite bounds, in metres: keeps squares finite.
 const MAX_REACH: f64 = 1e150;
 
+/// Condition number of a transform from which on the point of a ray that is nearest to the center
+/// needs a second step: the rounding error of the first one is so many times as long, measured in
+/// the thickness of the shape.
+const STRETCHED: f64 = (1u64 << 40) as f64;
+/// A condition number for which the second step is not enough.
+const MAX_STRETCH: f64 = 1e30;
+
 /// A quadric in object space. Its inside is where the function is at most 0.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Conic {
@@ -58,6 +65,8 @@ pub(crate) trait Mapping: Clone + Send + Sync {
 pub(crate) struct Clipped<M> {
     frame: Frame,
     conic: Conic,
+    /// Whether the transform is [`STRETCHED`].
+    stretched: bool,
     mapping: M,
     bounds: Aabb,
     /// Center and radius of a bounding sphere.
@@ -112,17 +121,23 @@ impl Conic {
 
     /// The two intervals, in object space, on which the line of a ray may be inside.
     #[inline(always)]
-    fn parts(&self, ray: &Ray) -> [Part; 2] {
+    fn parts(&self, ray: &Ray, stretched: bool) -> [Part; 2] {
         let [entry, exit] = self.slabs(ray.origin, ray.direction);
         let start = self.turn * (ray.origin - self.center);
         let d = self.turn * ray.direction;
         let weight = self.square.abs();
-        let nearest = -(weight * start).dot(d) / (weight * d).dot(d);
+        let from_nearest = |y: DVec3| (weight * y).dot(d) / (weight * d).dot(d);
+        let nearest = -from_nearest(start);
         // NaN (no squared term determines the nearest point) is ignored.
         let moved = nearest.max(entry.t).min(exit.t);
         // From here on t is measured from `near`, not the ray origin: the rounding error of a
         // distant origin would make the order of close roots random where the box is thin.
         let near = ray.origin + moved * ray.direction;
+        // Where the step was cut off at the box, so is this one.
+        let rest = -from_nearest(self.turn * (near - self.center));
+        let rest = select(stretched & (moved == nearest), rest, 0.0);
+        let near = near + rest * ray.direction;
+        let moved = moved + rest;
         let [entry, exit] = self.slabs(near, ray.direction);
         let y = self.turn * (near - self.center);
         // -0 would flip the sign of the root at infinity.
@@ -247,6 +262,21 @@ impl<M: Mapping> Clipped<M> {
         mapping: M,
         bounds: impl FnOnce(&Frame) -> Aabb,
     ) -> Result<Self, SceneError> {
+        let maps = [transform.world_from_object(), transform.object_from_world()];
+        let largest = maps.map(|map| {
+            map.matrix3
+                .to_cols_array()
+                .map(f64::abs)
+                .into_iter()
+                .fold(0.0, f64::max)
+        });
+        // Within a factor of 9 of the condition number.
+        let stretch = largest[0] * largest[1];
+        if stretch > MAX_STRETCH {
+            return Err(SceneError::anywhere(format!(
+                "the shape is {stretch:.0e} times as long as thick; the limit is {MAX_STRETCH:.0e}"
+            )));
+        }
         let frame = Frame::new(transform);
         let bounds = bounds(&frame);
         let reach = bounds.min.abs().max(bounds.max.abs());
@@ -266,6 +296,7 @@ impl<M: Mapping> Clipped<M> {
             bounds,
             frame,
             conic,
+            stretched: stretch > STRETCHED,
             mapping,
         })
     }
@@ -312,7 +343,7 @@ impl<M: Mapping> ShapeKernel for Clipped<M> {
     fn hit(&self, ray: &Ray, min: f64, origin_primitive: u32) -> ShapeHit {
         let conic = &self.conic;
         let ray = self.frame.ray_to_object(ray);
-        let [first, again] = conic.parts(&ray);
+        let [first, again] = conic.parts(&ray, self.stretched);
         let (one, two) = (first.there, again.there);
         // A ray spawned inward meets an exit first, a ray spawned outward an entry. This tells the
         // spawn point from the far side without an estimate of how far rounding has moved it.
@@ -370,7 +401,7 @@ impl<M: Mapping> ShapeKernel for Clipped<M> {
 
     fn spans(&self, ray: &Ray, spans: &mut Spans) {
         let ray = self.frame.ray_to_object(ray);
-        for part in self.conic.parts(&ray) {
+        for part in self.conic.parts(&ray, self.stretched) {
             let [enter, exit] = [part.enter, part.exit].map(|end| ShapeHit {
                 primitive: end.primitive,
                 ..ShapeHit::plain(end.t)

@@ -1,5 +1,6 @@
-//! The fuzz target. The environment variable `WHITSTONE_FUZZ` names the kind of file that the input
-//! is read as, by its extension; `WHITSTONE_FUZZ_FOLDER` the folder where that file is written.
+//! The fuzz target of scenes and meshes. The environment variable `WHITSTONE_FUZZ` names the kind
+//! of file that the input is read as, by its extension; `WHITSTONE_FUZZ_FOLDER` the folder where
+//! that file is written.
 //!
 //! An input may be refused with an error. A panic, a hang, too much memory, or an error without a
 //! message or place is a finding.
@@ -11,17 +12,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 use whitstone::core::{ImportOptions, Registry, SceneErrors};
-use whitstone::image::{Limits, picture};
 use whitstone::render::{BuildOptions, Pipeline, RenderOptions};
 use whitstone::scene::Sources;
 
 /// Memory that a scene may take, in bytes.
 const MEMORY: u64 = 256 << 20;
-/// Of pictures. Decoding many pixels shows nothing that decoding few does not.
-const PICTURE: Limits = Limits {
-    max_bytes: 1 << 20,
-    ..Limits::IMAGE
-};
 /// Rays that a camera ray may become, so that no image takes long.
 const TREE_RAYS: u32 = 1 << 12;
 
@@ -38,9 +33,6 @@ const AROUND: &str = "[camera]\ntype = \"perspective\"\n\
     look_at = { origin = [3, 2, 4], target = [0, 0, 0] }\n\
     [[light]]\ntype = \"directional\"\ndirection = [-1, -2, -1]\nirradiance = 1\n\
     [[shape]]\ntype = \"mesh\"\n";
-
-/// Kinds of pictures, which are decoded in memory: writing a file would take most of the time.
-const PICTURES: [&str; 6] = ["exr", "png", "jpg", "hdr", "pfm", "tif"];
 
 struct Target {
     extension: String,
@@ -62,15 +54,8 @@ static TARGET: LazyLock<Target> = LazyLock::new(|| {
 fuzz_target!(|data: &[u8]| {
     let target = &*TARGET;
     let file = target.folder.join(format!("input.{}", target.extension));
-    if !PICTURES.contains(&target.extension.as_str()) {
-        fs::write(&file, data).expect("the input can be written");
-    }
+    fs::write(&file, data).expect("the input can be written");
     match target.extension.as_str() {
-        kind if PICTURES.contains(&kind) => {
-            if let Err(error) = picture::decode(data, PICTURE) {
-                assert!(!error.to_string().is_empty());
-            }
-        }
         "obj" | "ply" | "stl" => {
             let text = format!("{AROUND}file = {:?}\n", file.display().to_string());
             let sources = Sources::from_text("scene.toml", &text, &target.folder, &SMALL.map(str::to_owned));
