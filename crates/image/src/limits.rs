@@ -37,7 +37,8 @@ impl Limits {
         if width == 0 || height == 0 {
             return Err(ReadFault::Empty { width, height });
         }
-        let bytes = (width as u128) * (height as u128) * (bytes_per_pixel as u128);
+        // Two numbers of 63 bits leave two bits of 128.
+        let bytes = (width as u128 * height as u128).saturating_mul(bytes_per_pixel as u128);
         let too_large =
             width > self.max_width || height > self.max_height || bytes > u128::from(self.max_bytes);
         if too_large || width.saturating_mul(height) > crate::planes::MAX_PIXELS {

@@ -515,6 +515,9 @@ mod tests {
         assert!(fault(b"PF x 2 -1\n").contains("the width is \"x\""));
         assert!(fault(b"PF 2 2 0\n").contains("expected a number other than 0"));
         assert!(fault(b"PF 2 99999999 -1\n").contains("the limits are"));
+        // The number of bytes has more than 128 bits.
+        let most = usize::MAX;
+        assert!(fault(format!("PF {most} {most} -1\n").as_bytes()).contains("the limits are"));
         assert!(fault(b"#?RADIANCE\n").contains("damaged"));
         assert!(fault(b"MM\0*\0\0").contains("damaged"));
         assert_eq!(fault(b"GIF89a...."), format!("not {EXPECTED}"));
