@@ -141,7 +141,7 @@ mod tests {
                 let origin = DVec3::new(4.0 * random.unit() - 2.0, 1.0 + random.unit(), 1.7);
                 let ray = Ray::new(origin, (DVec3::new(x, 0.0, z) - origin).normalize());
                 let found = flat.intersect(&ray, Interval::FORWARD, None);
-                // The thick ones are met beside the plane.
+                // A thick ellipsoid is hit at some distance from the plane.
                 let beside = 4.0 * 10f64.powi(-exponent);
                 if rim.abs() > 1e-9 + 10.0 * beside {
                     assert_eq!(found.is_some(), rim < 0.0, "1e-{exponent}: {x} {z}");

@@ -1,7 +1,7 @@
 //! The fuzz target of pictures, which are decoded in memory.
 //!
-//! It is a program of its own because libFuzzer looks at the counters of the whole program after
-//! each input: beside the rest of Whitstone, an input takes several times as long.
+//! It is a separate program because libFuzzer scans the counters of the whole program after each
+//! input. In a program with all of Whitstone, that takes several times as long as decoding.
 //!
 //! An input may be refused with an error. A panic, a hang, too much memory, or an error without a
 //! message is a finding.

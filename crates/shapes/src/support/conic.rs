@@ -19,9 +19,8 @@ use whitstone_core::{
 /// Upper limit on the coordinates of finite bounds, in metres: keeps squares finite.
 const MAX_REACH: f64 = 1e150;
 
-/// Condition number of a transform from which on the point of a ray that is nearest to the center
-/// needs a second step: the rounding error of the first one is so many times as long, measured in
-/// the thickness of the shape.
+/// Condition number of a transform above which the nearest point of a ray to the center is computed
+/// in two steps: the rounding error of the first step grows with the condition number.
 const STRETCHED: f64 = (1u64 << 40) as f64;
 /// A condition number for which the second step is not enough.
 const MAX_STRETCH: f64 = 1e30;
