@@ -385,6 +385,41 @@ mod tests {
         near("vector_map = [0.5, 0.5, 0]", [0.0, 0.0, 1.0]);
     }
 
+    /// A texture over v.
+    struct Upwards;
+
+    impl Texture for Upwards {
+        fn needs(&self) -> SurfaceAttributes {
+            SurfaceAttributes::UV
+        }
+
+        fn value(&self, point: &SurfaceInteraction) -> Rgb {
+            Rgb::splat(point.uv.y)
+        }
+    }
+
+    #[test]
+    fn a_height_over_uv_rises_along_the_gradient_of_v() {
+        let mut context = TestContext::default()
+            .with_material::<Mirror>("mirror", "")
+            .with_texture("upwards", Upwards);
+        let text = "height = \"upwards\"\nscale = 0.25\nmaterial = \"mirror\"";
+        let material = build_in::<Materials, Bump>(text, (), &mut context).unwrap();
+        let mut point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
+        point.uv_gradient = [DVec3::X, DVec3::new(0.0, 3.0, 7.0)];
+        let mut branches = SpecularRays::default();
+        material.specular_rays(&point, DVec3::Z, &mut branches);
+        let found = branches.iter().next().unwrap().direction;
+        assert!((found - DVec3::new(0.0, -0.96, 0.28)).length() < 1e-12, "{found}");
+    }
+
+    #[test]
+    fn vectors_need_what_their_texture_needs() {
+        let needs = |text: &str| bump(&format!("{text}\nmaterial = \"mirror\"")).unwrap().needs();
+        assert!(needs("vector_map = \"flat\"").contains(SurfaceAttributes::UV));
+        assert!(!needs("vector_map = 0.5").contains(SurfaceAttributes::UV));
+    }
+
     /// The height rises by `u`; the gradient of u is neither a unit vector nor in the plane.
     #[test]
     fn a_height_over_uv_rises_along_the_gradient_of_u() {

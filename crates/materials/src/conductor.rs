@@ -320,6 +320,30 @@ mod tests {
     }
 
     #[test]
+    fn metals_have_their_colours() {
+        let reflected = |metal: &str| {
+            let text = format!("metal = \"{metal}\"");
+            let material = build::<Materials, Conductor>(&text, ()).unwrap();
+            let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
+            let mut branches = SpecularRays::default();
+            material.specular_rays(&point, DVec3::Z, &mut branches);
+            branches.iter().next().unwrap().weight
+        };
+        for (metal, expected) in [("Ag", [0.97, 0.95, 0.91]), ("Au", [0.97, 0.81, 0.32])] {
+            for (a, b) in reflected(metal).to_array().into_iter().zip(expected) {
+                assert!((a - b).abs() < 0.02, "{metal}: {a}, not {b}");
+            }
+        }
+        let copper = reflected("Cu");
+        assert!(copper.r > copper.g && copper.g > copper.b);
+    }
+
+    #[test]
+    fn without_absorption_the_critical_angle_reflects_totally() {
+        assert_eq!(Index::new(0.5, 0.0).reflectance(0.75_f64.sqrt(), 0.5), 1.0);
+    }
+
+    #[test]
     fn lobes_are_exact() {
         let lobes = |text| build::<Materials, Conductor>(text, ()).unwrap().flags();
         assert_eq!(lobes("metal = \"Cu\"\ntint = 0"), BsdfFlags::NOTHING);

@@ -308,6 +308,19 @@ mod tests {
     }
 
     #[test]
+    fn streams_tell_whether_a_side_absorbs() {
+        let is_clear = |text: &str| {
+            let mut out = SpecularRayStreams::default();
+            let material = build::<Materials, Dielectric>(text, ()).unwrap();
+            material.specular_rays_stream(&SurfaceStream::default(), &mut out);
+            out.clear_media
+        };
+        assert!(is_clear(""));
+        assert!(!is_clear("absorption = [0, 0, 1]"));
+        assert!(!is_clear("exterior_absorption = [0, 1, 0]"));
+    }
+
+    #[test]
     fn total_internal_reflection_is_one_branch() {
         let found = specular_rays("", DVec3::NEG_Z, DVec3::new(0.8, 0.0, 0.6));
         let [r] = found[..] else { panic!("{found:?}") };

@@ -141,7 +141,7 @@ impl Material for Emissive {
 #[cfg(all(test, feature = "all"))]
 mod tests {
     use super::*;
-    use crate::mirror::Mirror;
+    use crate::{matte::Matte, mirror::Mirror};
     use whitstone_testkit::{TestContext, build, build_in, material_laws};
 
     #[test]
@@ -149,9 +149,13 @@ mod tests {
         for text in ["", "radiance = [0, 0.3, 1e9]", "radiance = 0"] {
             material_laws(&*build::<Materials, Emissive>(text, ()).unwrap());
         }
-        let mut context = TestContext::default().with_material::<Mirror>("under", "reflectance = 0.5");
-        let text = "radiance = 2\nmaterial = \"under\"";
-        material_laws(&*build_in::<Materials, Emissive>(text, (), &mut context).unwrap());
+        let mut context = TestContext::default()
+            .with_material::<Mirror>("mirror", "reflectance = 0.5")
+            .with_material::<Matte>("matte", "");
+        for under in ["mirror", "matte"] {
+            let text = format!("radiance = 2\nmaterial = \"{under}\"");
+            material_laws(&*build_in::<Materials, Emissive>(&text, (), &mut context).unwrap());
+        }
     }
 
     #[test]

@@ -56,6 +56,9 @@ pub mod two_sided;
 #[cfg(feature = "whitted")]
 pub mod whitted;
 
+#[cfg(all(test, feature = "all"))]
+mod without_effect;
+
 /// Registers every material whose feature is enabled.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     let from = env!("CARGO_PKG_NAME");

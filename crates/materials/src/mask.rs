@@ -116,10 +116,6 @@ impl Material for Mask {
         self.inner.reflections()
     }
 
-    fn transmissions(&self) -> u32 {
-        self.inner.transmissions()
-    }
-
     fn glossy_lobe(
         &self,
         point: &SurfaceInteraction,

@@ -174,8 +174,9 @@ impl Material for Mix {
 mod tests {
     use super::*;
     use crate::{
-        conductor::Conductor, dielectric::Dielectric, emissive::Emissive, mask::Mask, matte::Matte,
-        mirror::Mirror, thin_dielectric::ThinDielectric,
+        conductor::Conductor, dielectric::Dielectric, emissive::Emissive, glossy::Glossy, mask::Mask,
+        matte::Matte, mirror::Mirror, reflection_map::ReflectionMap, rough::Rough,
+        thin_dielectric::ThinDielectric,
     };
     use whitstone_testkit::{TestContext, build_in, furnace_laws, material_laws};
 
@@ -186,6 +187,9 @@ mod tests {
             .with_material::<Conductor>("gold", "metal = \"Au\"")
             .with_material::<ThinDielectric>("pane", "tint = 0.5")
             .with_material::<Dielectric>("glass", "absorption = 2")
+            .with_material::<Rough>("frosted", "material = \"pane\"\nsamples = 3")
+            .with_material::<ReflectionMap>("mapped", "radiance = 1\nmaterial = \"frosted\"")
+            .with_material::<Glossy>("glossy", "samples = 3")
             .with_material::<Emissive>("lamp", "radiance = 3")
             .with_material::<Mask>("net", "material = \"matte\"")
     }
@@ -234,10 +238,29 @@ mod tests {
     }
 
     #[test]
+    fn light_is_weighted() {
+        let material = mix("a = \"matte\"\nb = \"lamp\"\nweight = [0, 0.25, 1]").unwrap();
+        let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let ambient = LightSamples {
+            ambient: Rgb::splat(4.0),
+            lights: &[],
+        };
+        let local = material.local_illumination(&point, DVec3::Z, &ambient);
+        assert_eq!(local, Rgb::new(2.0, 1.5, 0.0));
+        assert_eq!(material.emission(&point, DVec3::Z), Rgb::new(0.0, 0.75, 3.0));
+    }
+
+    #[test]
     fn what_cannot_be_is_refused_at_its_place() {
         for (text, place) in [
             ("a = \"glass\"\nb = \"pane\"", "\"pane\""),
             ("a = \"net\"\nb = \"glass\"", "\"glass\""),
+            ("a = \"pane\"\nb = \"frosted\"", "\"frosted\""),
+            ("a = \"frosted\"\nb = \"net\"", "\"net\""),
+            // Only its transmission is spread.
+            ("a = \"pane\"\nb = \"mapped\"", "\"mapped\""),
+            ("a = \"mirror\"\nb = \"glossy\"", "\"glossy\""),
+            ("a = \"glossy\"\nb = \"gold\"", "\"gold\""),
             ("a = \"matte\"\nb = \"mirror\"\nweight = 2", "2"),
         ] {
             let error = mix(text).err().unwrap().0.remove(0);

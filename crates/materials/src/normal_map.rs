@@ -146,6 +146,39 @@ mod tests {
         material.specular_rays(&point, view, &mut branches);
         let found = branches.iter().next().unwrap().direction;
         assert!((found - DVec3::new(-0.6, 0.0, 0.8)).length() < 1e-15);
+        // (0.8, 0, -0.6) looks away only a little, and (1, 0, 0) sees the viewer edge-on.
+        for map in ["[0.9, 0.5, 0.2]", "[1, 0.5, 0.5]"] {
+            let material = normal_map(&format!("map = {map}\nmaterial = \"mirror\"")).unwrap();
+            branches = SpecularRays::default();
+            material.specular_rays(&point, DVec3::Z, &mut branches);
+            assert_eq!(branches.iter().next().unwrap().direction, DVec3::Z, "{map}");
+        }
+    }
+
+    #[test]
+    fn a_left_handed_mesh_turns_the_bitangent() {
+        let mut point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
+        point.vertex.tangent = DVec3::X;
+        for (handedness, expected) in [(1.0, DVec3::Y), (-1.0, DVec3::NEG_Y)] {
+            point.vertex.handedness = handedness;
+            let map = NormalMap {
+                map: ColorSource::Constant(Rgb::new(0.5, 1.0, 0.5)),
+                frame: Frame::Mesh,
+                strength: 3.0,
+            };
+            assert_eq!(map.normal(&point), Some(expected));
+        }
+    }
+
+    #[test]
+    fn the_tangents_of_a_mesh_are_declared() {
+        let needs = |text: &str| {
+            normal_map(&format!("map = 0.5\nmaterial = \"matte\"\n{text}"))
+                .unwrap()
+                .needs()
+        };
+        assert!(needs("tangent = \"mesh\"").contains(SurfaceAttributes::TANGENT));
+        assert!(!needs("").contains(SurfaceAttributes::TANGENT));
     }
 
     #[test]

@@ -264,7 +264,11 @@ mod tests {
         let material = plastic("interior_ior = 1\nsamples = 2");
         assert_eq!(material.flags(), BsdfFlags::LOCAL);
         assert_eq!(material.reflections(), 1);
-        assert_eq!(plastic("samples = 3").reflections(), 9);
+        let blurred = plastic("samples = 3");
+        assert_eq!(blurred.reflections(), 9);
+        let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let lobe = blurred.glossy_lobe(&point, DVec3::Z, SpecularRayKind::Reflection);
+        assert_eq!(lobe.unwrap().lobe.len(), 9);
         assert_eq!(plastic("reflectance = 0").flags(), BsdfFlags::REFLECTION);
         let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
         let light = LightSamples {

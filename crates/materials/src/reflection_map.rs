@@ -257,6 +257,17 @@ mod tests {
         assert!(!glass.flags().contains(BsdfFlags::REFLECTION));
     }
 
+    #[test]
+    fn only_what_is_looked_up_counts_as_emission() {
+        let flags = |map: &str, inner: &str| {
+            let text = format!("radiance = {map}\nmaterial = \"{inner}\"");
+            built(&text).unwrap().flags()
+        };
+        assert_eq!(flags("1", "matte"), BsdfFlags::LOCAL);
+        assert_eq!(flags("0", "mirror"), BsdfFlags::NOTHING);
+        assert_eq!(flags("1", "mirror"), BsdfFlags::EMISSION);
+    }
+
     /// A slope of 0.75 along x turns the normal (0, 0, 1) to (0.6, 0, 0.8).
     #[test]
     fn bumps_bend_what_is_looked_up() {

@@ -185,6 +185,7 @@ mod tests {
             .with_material::<Conductor>("gold", "metal = \"Au\"")
             .with_material::<Dielectric>("glass", "absorption = 2")
             .with_material::<ThinDielectric>("pane", "tint = 0.5")
+            .with_material::<Emissive>("lamp", "radiance = 3")
             .with_material::<Whitted>("varnish", "k_d = 0.3\nk_refl = 0.2\nk_refr = 0.4")
     }
 
@@ -228,7 +229,9 @@ mod tests {
             material_laws(&*material);
             furnace_laws(&*material);
         }
-        material_laws(&*rough("material = \"varnish\"\nsamples = 2").unwrap());
+        for inner in ["varnish", "lamp"] {
+            material_laws(&*rough(&format!("material = \"{inner}\"\nsamples = 2")).unwrap());
+        }
         let glass = rough("material = \"glass\"\nsamples = 2").unwrap();
         material_laws(&*glass);
         dielectric_laws(&*glass, 1.5, 1.0);
@@ -301,8 +304,7 @@ mod tests {
                 smooth.shadow_transmittance(&point, -view, filtered)
             );
         }
-        let mut context = context.with_material::<Emissive>("lamp", "radiance = 3");
-        let glow = build_in::<Materials, Rough>("material = \"lamp\"", (), &mut context).unwrap();
+        let glow = rough("material = \"lamp\"").unwrap();
         assert_eq!(glow.emission(&point, view), Rgb::splat(3.0));
     }
 
@@ -366,12 +368,18 @@ mod tests {
 
     #[test]
     fn faults_are_refused_at_their_places() {
-        let mut context = context().with_material::<Mask>("net", "opacity = 0.5\nmaterial = \"mirror\"");
+        let mut context = context()
+            .with_material::<Mask>("net", "opacity = 0.5\nmaterial = \"mirror\"")
+            .with_material::<Rough>("frosted", "material = \"glass\"\nsamples = 2")
+            .with_material::<ReflectionMap>("mapped", "radiance = 1\nmaterial = \"frosted\"");
         for (text, place) in [
             ("material = \"mirror\"\nexponent = 0", "0"),
             ("material = \"mirror\"\nsamples = 9", "9"),
             ("material = \"glossy\"", "\"glossy\""),
             ("material = \"net\"", "\"net\""),
+            ("material = \"frosted\"", "\"frosted\""),
+            // Only its transmission is spread.
+            ("material = \"mapped\"", "\"mapped\""),
             ("material = 3", "3"),
         ] {
             let error = build_in::<Materials, Rough>(text, (), &mut context);

@@ -505,6 +505,52 @@ mod tests {
         }
     }
 
+    /// f = 1 at 22.5 degrees and 0 at 0 and 45: 2 pi times the integral of f sin(4 θ) is 2. The
+    /// quadrature must not step over the kink.
+    #[test]
+    fn entries_are_ends_of_intervals() {
+        let over_h = "values = [[0, 0], [0.5, 0.5], [0, 0], [0, 0], [0, 0]]";
+        let row = "[0, 0.5, 0, 0, 0]";
+        for text in [over_h, &format!("values = [{row}, {row}]")] {
+            let albedo = brdf(text).normal_albedo().g;
+            assert!((albedo - 1.0).abs() < 1e-12, "{text}: {albedo}");
+        }
+    }
+
+    /// The quadrature of the model, in vectors.
+    #[test]
+    fn the_check_is_that_of_the_model() {
+        // Rows, and the steps from row to row: two, or as many as make 32 in all.
+        for (rows, parts) in [(2, 32), (4, 11), (20, 2)] {
+            let table: Vec<String> = (0..rows).map(|i| format!("[0.{i}, 0.05, 0.1]")).collect();
+            let found = brdf(&format!("values = [{}]", table.join(", ")));
+            let theta_v = 0.9_f64;
+            let v = DVec3::new(theta_v.sin(), 0.0, theta_v.cos());
+            let width = FRAC_PI_2 / f64::from((rows - 1) * parts);
+            let mut expected = 0.0;
+            for step in 0..(rows - 1) * parts {
+                for offset in [-0.5, 0.5].map(|x| x / 3.0_f64.sqrt()) {
+                    let (sin, cos) = ((f64::from(step) + 0.5 + offset) * width).sin_cos();
+                    for k in 0..32 {
+                        let phi = (f64::from(k) + 0.5) * PI / 32.0;
+                        let h = DVec3::new(sin * phi.cos(), sin * phi.sin(), cos);
+                        let l = 2.0 * h.dot(v) * h - v;
+                        if h.dot(v) > 0.0 && l.z > 0.0 {
+                            let area = 0.5 * width * sin * TAU / 32.0;
+                            expected += found.between(DVec3::Z, l, v).g * l.z * 4.0 * h.dot(v) * area;
+                        }
+                    }
+                }
+            }
+            let albedo = found.albedo(theta_v).g;
+            assert!(
+                (albedo / expected - 1.0).abs() < 1e-12,
+                "{rows}: {albedo} {expected}"
+            );
+        }
+        assert_eq!(brdf("values = [[0, 0], [0, 0]]").largest_albedo(), (0.0, 0));
+    }
+
     fn faults(text: &str) -> Vec<(String, String)> {
         let errors = build::<Materials, Tabulated>(text, ()).err().unwrap().0;
         let found = errors.into_iter();

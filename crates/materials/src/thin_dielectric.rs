@@ -220,6 +220,13 @@ mod tests {
     }
 
     #[test]
+    fn a_pane_of_what_is_around_it_reflects_nothing() {
+        let found = specular_rays("interior_ior = 1", DVec3::Z);
+        let [t] = found[..] else { panic!("{found:?}") };
+        assert_eq!((t.weight, t.kind), (Rgb::WHITE, SpecularRayKind::Null));
+    }
+
+    #[test]
     fn only_filtered_shadows_go_through() {
         let material = build::<Materials, ThinDielectric>("tint = 0.5", ()).unwrap();
         let point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);

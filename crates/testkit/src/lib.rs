@@ -58,7 +58,8 @@ pub use cameras::camera_laws;
 pub use integrators::{Lamp, Simple, Wall, floor, integrator_laws, world_of_walls};
 pub use lights::{light_laws, light_near_laws};
 pub use materials::{
-    dielectric_laws, energy_laws, furnace_laws, material_laws, reciprocity_laws, sided_material_laws,
+    dielectric_laws, energy_laws, furnace_laws, material_laws, materials_agree, reciprocity_laws,
+    sided_material_laws,
 };
 pub use samplers::{random_sampler_laws, sampler_laws};
 pub use test_shapes::tiny_ball;

@@ -1,5 +1,9 @@
 //! Laws of materials.
 
+mod agree;
+
+pub use agree::materials_agree;
+
 use crate::spread::{COSINES, at_cosine, directions};
 use crate::streams::material_streams;
 use crate::textures::is_colour;

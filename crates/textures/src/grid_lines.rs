@@ -144,13 +144,19 @@ mod tests {
         }
         assert_eq!(at("width = [0.3, 0]", 0.14, 0.5), 0.2);
         assert_eq!(at("width = [0.3, 0]", 0.5, 0.0), 0.8);
+        assert_eq!(at("width = [0, 0.3]", 0.0, 0.5), 0.8);
+        assert_eq!(at("width = [0.2, 0.4]", 0.5, 0.85), 0.2);
+        // Where lines cross, too.
+        assert_eq!(at("", 0.04, 7.04), 0.2);
         assert_eq!(at("scale = 2\noffset = [0.5, 0.5]", 0.25, 0.1), 0.2);
+        assert_eq!(at("offset = [0.25, 0]", 0.76, 0.5), 0.2);
     }
 
     #[test]
     fn widths_that_are_no_share_are_refused_at_their_place() {
-        let text = "width = [0.5, 1.5]";
-        let error = build::<Textures, GridLines>(text, ()).err().unwrap().0.remove(0);
-        assert_eq!(error.span, Some(8..text.len()));
+        for text in ["width = [0.5, 1.5]", "width = [-0.5, 0.5]"] {
+            let error = build::<Textures, GridLines>(text, ()).err().unwrap().0.remove(0);
+            assert_eq!(error.span, Some(8..text.len()));
+        }
     }
 }

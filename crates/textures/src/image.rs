@@ -537,6 +537,28 @@ mod tests {
     }
 
     #[test]
+    fn images_inside_gltf_files_are_chosen_by_number() {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, code) in [("a.png", 10), ("b.png", 20)] {
+            let raster = png::Raster::from_fn(2, 2, |_, _| [code; 3]);
+            raster.write_png(folder.path().join(name)).unwrap();
+        }
+        let text = r#"{"asset": {"version": "2.0"}, "images": [{"uri": "a.png"}, {"uri": "b.png"}]}"#;
+        std::fs::write(folder.path().join("two.gltf"), text).unwrap();
+        let seen = |text: &str| {
+            let text = format!("file = \"two.gltf\"\n{text}");
+            code(&*build(folder.path(), &text).unwrap(), 0.5, 0.5).round()
+        };
+        assert_eq!(seen("color_space = \"linear\""), 10.0);
+        assert_eq!(seen("color_space = \"linear\"\nimage = 1"), 20.0);
+        // An image without alpha is opaque.
+        assert_eq!(seen("image = 1\nchannel = \"alpha\""), 255.0);
+        let text = "file = \"a.png\"\nimage = 1";
+        let error = build(folder.path(), text).err().unwrap().0.remove(0);
+        assert_eq!(&text[error.span.unwrap()], "1");
+    }
+
+    #[test]
     fn bad_files_are_refused_at_their_place() {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("text.png"), "no picture").unwrap();

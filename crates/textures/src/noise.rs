@@ -330,6 +330,79 @@ mod tests {
         assert!((found - 0.136_919_958_784_000_12).abs() < 1e-15, "{found}");
     }
 
+    /// Noise with the gradients of Perlin's program, from the bits of the hash.
+    fn by_bits(table: &Table, q: DVec3) -> f64 {
+        let p = |i: usize| usize::from(table.0[i % 256]);
+        let ease = |t: f64| t.powi(3) * (10.0 - 15.0 * t + 6.0 * t.powi(2));
+        let corner = |number: usize| {
+            let side = [number & 1, number >> 1 & 1, number >> 2];
+            let [mut weight, mut hash, mut offset] = [1.0, 0.0, 0.0].map(|x| [x; 3]);
+            for axis in 0..3 {
+                let cell = q[axis].floor();
+                let share = ease(q[axis] - cell);
+                weight[axis] = [1.0 - share, share][side[axis]];
+                hash[axis] = cell.rem_euclid(256.0) + side[axis] as f64;
+                offset[axis] = q[axis] - cell - side[axis] as f64;
+            }
+            let [i, j, k] = hash.map(|i| i as usize);
+            let h = p(p(p(i) + j) + k) & 15;
+            let [x, y, z] = offset;
+            let u = if h < 8 { x } else { y };
+            let v = match h {
+                0..4 => y,
+                12 | 14 => x,
+                _ => z,
+            };
+            let signed = |bit: usize, t: f64| if h & bit == 0 { t } else { -t };
+            weight.into_iter().product::<f64>() * (signed(1, u) + signed(2, v))
+        };
+        (0..8).map(corner).sum()
+    }
+
+    #[test]
+    fn noise_is_the_sum_over_eight_corners() {
+        for table in [Table::new(None), Table::new(Some(3))] {
+            for i in 0..200 {
+                let q = DVec3::new(7.37, 3.61, 5.83) * f64::from(i) - DVec3::splat(400.0);
+                let (found, expected) = (table.noise(q), by_bits(&table, q));
+                assert!((found - expected).abs() < 1e-13, "{q}: {found}, not {expected}");
+            }
+        }
+    }
+
+    /// Each kind, written out for two octaves.
+    #[test]
+    fn kinds_are_sums_of_octaves() {
+        let table = Table::new(None);
+        for i in 0..40 {
+            let p = DVec3::new(0.173, 0.311, -0.247) * f64::from(i);
+            let q = 1.5 * p;
+            let octaves =
+                |shape: fn(f64) -> f64| (shape(table.noise(q)) + 0.25 * shape(table.noise(3.0 * q))) / 1.25;
+            let wave = |s: f64| 0.5 + 0.5 * (TAU * s).sin();
+            let [signed, positive] = [octaves(|n| n), octaves(f64::abs)];
+            for (kind, t) in [
+                ("fbm", 0.5 + 0.5 * signed),
+                ("turbulence", positive),
+                ("marble", wave(q.x + 0.75 * positive)),
+                ("wood", wave(q.x.hypot(q.y) + 0.75 * signed)),
+            ] {
+                let waves = ["marble", "wood"].contains(&kind);
+                let distortion = if waves { "distortion = 0.75" } else { "" };
+                let text = format!(
+                    "kind = \"{kind}\"\na = 0.25\nb = 2\nscale = 1.5\noctaves = 2\nlacunarity = 3\ngain = 0.25\n{distortion}"
+                );
+                let point = SurfaceInteraction::new(p, 0.0, DVec3::Z);
+                let found = build::<Textures, Noise>(&text, ()).unwrap().value(&point).g;
+                let expected = 0.25 * (1.0 - t) + 2.0 * t;
+                assert!(
+                    (found - expected).abs() < 1e-12,
+                    "{kind} at {p}: {found}, not {expected}"
+                );
+            }
+        }
+    }
+
     #[test]
     fn tables_are_permutations_and_differ() {
         let tables = [None, Some(0), Some(1)].map(|seed| Table::new(seed).0);
@@ -387,5 +460,9 @@ mod tests {
         let errors = build::<Textures, Noise>(text, ()).err().unwrap().0;
         let places: Vec<&str> = errors.iter().map(|e| &text[e.span.clone().unwrap()]).collect();
         assert_eq!(places, ["1e40", "1e300"]);
+        // The highest frequency is that of the last octave, and the limit itself is allowed.
+        let lacunarity = |text: &str| build::<Textures, Noise>(&format!("kind = \"fbm\"\n{text}"), ());
+        assert!(lacunarity("octaves = 2\nlacunarity = 1e100").is_ok());
+        assert!(lacunarity("octaves = 3\nlacunarity = 1e51").is_err());
     }
 }

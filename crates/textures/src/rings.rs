@@ -115,5 +115,6 @@ mod tests {
             assert_eq!(at("", position), expected, "{position:?}");
         }
         assert_eq!(at("scale = 2\noffset = 1", [0.3, 0.0, 0.0]), 0.2);
+        assert_eq!(at("scale = 2\noffset = 0.25", [0.4, 0.0, 0.0]), 0.2);
     }
 }

@@ -365,6 +365,24 @@ mod tests {
     }
 
     #[test]
+    fn layers_follow_each_other() {
+        let text = "size = [2, 3, 2]\nvalues = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]\nwrap = \"clamp\"";
+        let texture = build::<Textures, Solid>(text, ()).unwrap();
+        for (x, y, z) in [(0.3, 0.2, 0.3), (0.5, 0.5, 0.6), (0.7, 0.8, 0.75)] {
+            let expected = 6.0 * (2.0 * z - 0.5) + 2.0 * (3.0 * y - 0.5) + (2.0 * x - 0.5);
+            assert!((at(&*texture, [x, y, z]) - expected).abs() < 1e-14);
+        }
+        assert_eq!(texture.bytes().unwrap().texels, 12 * 8);
+    }
+
+    #[test]
+    fn channels_are_written_as_they_are_read() {
+        for count in [1, 3] {
+            assert_eq!(u8::from(Channels::try_from(count).unwrap()), count);
+        }
+    }
+
+    #[test]
     fn files_hold_bytes_or_numbers() {
         let folder = tempfile::tempdir().unwrap();
         let mut context = TestContext::in_folder(folder.path());
@@ -380,6 +398,8 @@ mod tests {
             value("size = [1, 1, 1]\nchannels = 3\nfile = \"numbers\"\nformat = \"f32\""),
             7.0
         );
+        // A file of floats is in memory twice while it is read.
+        assert_eq!(context.reserved, 3 + 2 * 12);
     }
 
     #[test]
@@ -387,6 +407,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let mut context = TestContext::in_folder(folder.path());
         std::fs::write(folder.path().join("a"), f32::NAN.to_le_bytes()).unwrap();
+        std::fs::write(folder.path().join("negative"), (-1_f32).to_le_bytes()).unwrap();
         for (text, place, why) in [
             (
                 "size = [2, 1, 1]\nvalues = [1]",
@@ -410,6 +431,12 @@ mod tests {
                 "\"a\"",
                 "number 0 (from 0) is NaN",
             ),
+            (
+                "size = [1, 1, 1]\nfile = \"negative\"\nformat = \"f32\"",
+                "\"negative\"",
+                "number 0 (from 0) is -1",
+            ),
+            ("size = [1, 1, 1]\nvalues = 7", "7", "an array of numbers"),
             ("size = [1, 1, 1]", "[1, 1, 1]", "either `values` or `file`"),
             (
                 "size = [1, 1, 1]\nvalues = [1]\nformat = \"u8\"",

@@ -77,6 +77,7 @@ mod tests {
         ] {
             let texture = build::<Textures, VertexColor>(text, ()).unwrap();
             texture_laws(&*texture);
+            assert!(texture.needs().contains(SurfaceAttributes::VERTEX_COLOR));
             point.vertex = Default::default();
             assert_eq!(texture.value(&point), Rgb::WHITE);
             point.vertex.color = Rgb::new(0.5, 0.25, 2.0);

@@ -257,6 +257,24 @@ mod tests {
         assert!(missed > 0, "the 27 cells around are too few for some points");
     }
 
+    /// All cells up to two away, those with the least bound first, then the nearest.
+    #[test]
+    fn cells_around_are_in_order() {
+        let mut expected = Vec::new();
+        for number in 0..125 {
+            let cell = [number % 5, number / 5 % 5, number / 25].map(|x| x as i8 - 2);
+            let bound = cell.iter().filter(|x| x.abs() == 2).count() as u8;
+            let steps: i8 = cell.iter().map(|x| x.abs()).sum();
+            expected.push((bound, steps, number, cell));
+        }
+        expected.sort_unstable();
+        let expected: Vec<([i8; 3], u8)> = expected
+            .into_iter()
+            .map(|(bound, _, _, cell)| (cell, bound))
+            .collect();
+        assert_eq!(AROUND.to_vec(), expected);
+    }
+
     #[test]
     fn distances_are_continuous_across_cells() {
         let texture = worley(0);

@@ -132,11 +132,14 @@ impl Conic {
         // From here on t is measured from `near`, not the ray origin: the rounding error of a
         // distant origin would make the order of close roots random where the box is thin.
         let near = ray.origin + moved * ray.direction;
-        // Where the step was cut off at the box, so is this one.
-        let rest = -from_nearest(self.turn * (near - self.center));
-        let rest = select(stretched & (moved == nearest), rest, 0.0);
-        let near = near + rest * ray.direction;
-        let moved = moved + rest;
+        let (near, moved) = if stretched {
+            let rest = -from_nearest(self.turn * (near - self.center));
+            // Where the first step was cut off at the box, so is this one.
+            let rest = select(moved == nearest, rest, 0.0);
+            (near + rest * ray.direction, moved + rest)
+        } else {
+            (near, moved)
+        };
         let [entry, exit] = self.slabs(near, ray.direction);
         let y = self.turn * (near - self.center);
         // -0 would flip the sign of the root at infinity.
