@@ -276,6 +276,26 @@ mod tests {
     }
 
     #[test]
+    fn distances_become_colours() {
+        let nearest = worley(5);
+        for i in 0..40 {
+            let p = DVec3::new(0.61, -0.35, 0.57) * f64::from(i);
+            let [first, second] = nearest.nearest(2.0 * p);
+            for (value, t) in [("f1", first), ("f2", second), ("f2_minus_f1", second - first)] {
+                let text = format!("value = \"{value}\"\na = 0.25\nb = 2\nscale = 2\nseed = 5");
+                let point = whitstone_core::SurfaceInteraction::new(p, 0.0, DVec3::Z);
+                let found = build::<Textures, Worley>(&text, ()).unwrap().value(&point).g;
+                let t = t.min(1.0);
+                let expected = 0.25 * (1.0 - t) + 2.0 * t;
+                assert!(
+                    (found - expected).abs() < 1e-12,
+                    "{value} at {p}: {found}, not {expected}"
+                );
+            }
+        }
+    }
+
+    #[test]
     fn distances_are_continuous_across_cells() {
         let texture = worley(0);
         for i in 0..500 {

@@ -100,6 +100,21 @@ fn on_disk(p: f64, q: f64) -> (f64, f64) {
 mod tests {
     use super::*;
 
+    #[test]
+    fn squares_become_rings() {
+        for (p, q, expected) in [
+            (0.5, 0.25, (0.5, 0.125)),
+            (0.25, 0.5, (0.5, 0.375)),
+            (-0.5, 0.25, (-0.5, -0.125)),
+            (0.25, -0.5, (-0.5, 0.625)),
+            (0.5, 0.5, (0.5, 0.25)),
+            (0.0, 0.0, (0.0, 0.0)),
+        ] {
+            let (radius, angle) = on_disk(p, q);
+            assert_eq!((radius, angle / std::f64::consts::PI), expected, "{p} {q}");
+        }
+    }
+
     /// For each ring of the concentric map, the weight of the lobe inside equals the disk area
     /// inside.
     #[test]

@@ -44,3 +44,36 @@ impl whitstone_core::Texture for Halves {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::PathBuf;
+    use whitstone_core::config::FilePath;
+    use whitstone_core::{Diagnostics, Resources, SceneError, Storage};
+
+    /// Textures that could not be built, and have told why before.
+    struct Told;
+
+    impl Resources for Told {
+        fn texture(&mut self, _: &TextureRef) -> Result<ColorSource, SceneErrors> {
+            Err(SceneErrors::default())
+        }
+
+        fn file(&self, file: &FilePath) -> Result<PathBuf, SceneError> {
+            Err(SceneError::at(file.span.clone(), "no files"))
+        }
+    }
+
+    impl Storage for Told {}
+
+    impl Diagnostics for Told {
+        fn warn(&mut self, _: SceneError) {}
+    }
+
+    #[test]
+    fn a_part_that_is_missing_fails_the_whole_without_another_error() {
+        let found = parts(&[TextureRef::grey(0.5)], &mut Told);
+        assert!(found.is_err_and(|errors| errors.0.is_empty()));
+    }
+}

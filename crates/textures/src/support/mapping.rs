@@ -272,12 +272,10 @@ impl Projection {
             Self::Cylindrical => DVec3::new(turn(q), q.z, 0.0),
             Self::Cube => {
                 let size = q.abs();
-                let (far, b, c) = if size.x >= size.y && size.x >= size.z {
-                    (size.x, q.y, q.z)
-                } else if size.y >= size.z {
-                    (size.y, q.z, q.x)
-                } else {
-                    (size.z, q.x, q.y)
+                let (far, b, c) = match cube_face(q) {
+                    0 => (size.x, q.y, q.z),
+                    1 => (size.y, q.z, q.x),
+                    _ => (size.z, q.x, q.y),
                 };
                 DVec3::new((b / far + 1.0) / 2.0, (c / far + 1.0) / 2.0, 0.0)
             }
@@ -313,6 +311,7 @@ impl Projection {
 }
 
 /// The axis of the largest component of q by magnitude; the lowest axis if several are equal.
+#[inline(always)]
 fn cube_face(q: DVec3) -> usize {
     let size = q.abs();
     if size.x >= size.y && size.x >= size.z {
@@ -401,9 +400,120 @@ mod tests {
         }
     }
 
+    fn mapping(text: &str) -> Mapping {
+        decode(&toml::de::DeTable::parse(text).unwrap()).unwrap()
+    }
+
     fn put(text: &str) -> Arc<dyn Texture> {
-        let mapping: Mapping = decode(&toml::de::DeTable::parse(text).unwrap()).unwrap();
-        mapping.put(Projection::Uv, Place).unwrap()
+        mapping(text).put(Projection::Uv, Place).unwrap()
+    }
+
+    /// An image that shows the magnitudes of the steps to its neighbours.
+    struct Steps;
+
+    impl TextureFunction for Steps {
+        fn at(&self, _: DVec3) -> Rgb {
+            Rgb::BLACK
+        }
+
+        fn filters(&self) -> bool {
+            true
+        }
+
+        fn filtered(&self, _: DVec3, [right, below]: [DVec3; 2]) -> Rgb {
+            Rgb::new(right.x.abs(), right.y.abs(), below.x.abs() + 10.0 * below.y.abs())
+        }
+
+        fn bytes(&self) -> TextureBytes {
+            TextureBytes {
+                texels: 12,
+                ..TextureBytes::default()
+            }
+        }
+
+        fn size(&self) -> Option<[usize; 2]> {
+            Some([3, 4])
+        }
+    }
+
+    #[test]
+    fn patterns_have_no_size_unless_they_say_so() {
+        let (plain, image) = (put(""), mapping("").put(Projection::Uv, Steps).unwrap());
+        assert_eq!((plain.size(), image.size()), (None, Some([3, 4])));
+        let texels = |texture: &dyn Texture| texture.bytes().unwrap().texels;
+        assert_eq!((texels(&*plain), texels(&*image)), (0, 12));
+        assert_eq!(Place.filtered(DVec3::X, [DVec3::Y; 2]), Rgb::new(1.0, 0.0, 0.0));
+    }
+
+    #[test]
+    fn footprints_are_mapped_as_points_are() {
+        let mut point = SurfaceInteraction::new(DVec3::new(1.0, 2.0, 3.0), 0.0, DVec3::Z);
+        point.footprint.uv = [[0.25, 0.5], [0.125, 1.0]].map(|step| DVec2::from(step).as_vec2());
+        point.footprint.position =
+            [[2.0, 4.0, 8.0], [0.5, 0.25, 0.0]].map(|step| DVec3::from(step).as_vec3());
+        for (text, expected) in [
+            ("", [0.25, 0.5, 10.125]),
+            // A translation moves no step.
+            (
+                "transform = [{ translate = [9, 9, 9] }, { scale = [2, 4, 1] }]",
+                [0.5, 2.0, 40.25],
+            ),
+            // The footprint of the second set is not known.
+            ("uv_set = 1", [0.0; 3]),
+            ("projection = \"planar\"", [2.0, 4.0, 3.0]),
+            // Along z, which the normal selects.
+            ("projection = \"triplanar\"", [2.0, 4.0, 3.0]),
+        ] {
+            let texture = mapping(text).put(Projection::Uv, Steps).unwrap();
+            assert!(texture.needs().contains(SurfaceAttributes::FOOTPRINT));
+            assert_eq!(texture.value(&point).to_array(), expected, "{text}");
+        }
+    }
+
+    /// A step is the derivative of the projection.
+    #[test]
+    fn steps_are_differences_of_points() {
+        for projection in [
+            Projection::Uv,
+            Projection::Solid,
+            Projection::Planar,
+            Projection::Spherical,
+            Projection::Cylindrical,
+            Projection::Cube,
+        ] {
+            for i in 1..50 {
+                let spread = DVec3::new(0.618, 0.755, 0.57) * f64::from(i);
+                let q = spread.fract() - 0.5;
+                let step = (1.7 * spread).fract() - 0.5;
+                let at = |t: f64| projection.project(q + t * step);
+                let expected = (at(1e-6) - at(-1e-6)) / 2e-6;
+                // Where the projection jumps there is no derivative.
+                if expected.length() > 100.0 {
+                    continue;
+                }
+                let found = projection.step(q, step);
+                let error = (found - expected).length() / expected.length();
+                assert!(error < 1e-6, "{projection:?} at {q}: {found}, not {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn ties_of_a_cube_belong_to_the_first_face() {
+        for (q, face) in [
+            ([1.0, -1.0, 1.0], 0),
+            ([1.0, 0.5, -1.0], 0),
+            ([0.5, 1.0, 1.0], 1),
+            ([0.5, -2.0, 1.0], 1),
+            ([0.5, 1.0, -2.0], 2),
+            ([2.0, 1.0, -3.0], 2),
+        ] {
+            let q = DVec3::from_array(q);
+            assert_eq!(cube_face(q), face, "{q}");
+            let (b, c) = ((face + 1) % 3, (face + 2) % 3);
+            let expected = DVec3::new(q[b], q[c], 0.0) / (2.0 * q[face].abs());
+            assert_eq!(Projection::Cube.project(q), expected + DVec3::new(0.5, 0.5, 0.0));
+        }
     }
 
     fn at(text: &str, position: [f64; 3]) -> DVec3 {
@@ -471,11 +581,24 @@ mod tests {
     }
 
     #[test]
-    fn sharpness_without_effect_is_refused_at_its_place() {
-        let text = "projection = \"cube\"\nsharpness = 2";
-        let mapping: Mapping = decode(&toml::de::DeTable::parse(text).unwrap()).unwrap();
-        let error = mapping.put(Projection::Uv, Place).err().unwrap().0.remove(0);
-        assert_eq!(&text[error.span.unwrap()], "2");
+    fn keys_without_effect_are_refused_at_their_places() {
+        for (text, place) in [
+            ("projection = \"cube\"\nsharpness = 2", "2"),
+            ("projection = \"solid\"\nuv_set = 1", "1"),
+        ] {
+            let error = mapping(text)
+                .put(Projection::Uv, Place)
+                .err()
+                .unwrap()
+                .0
+                .remove(0);
+            assert_eq!(&text[error.span.unwrap()], place);
+        }
+        assert_eq!(put("uv_set = 1").needs(), SurfaceAttributes::SECOND_UV);
+        let mut point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
+        point.vertex.second_uv = DVec2::new(2.0, 4.0);
+        assert_eq!(put("uv_set = 1").value(&point), Rgb::new(2.0, 4.0, 0.0));
+        assert_eq!(put("uv_set = 0").needs(), SurfaceAttributes::UV);
     }
 
     #[test]

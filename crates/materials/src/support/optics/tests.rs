@@ -539,6 +539,17 @@ fn total_internal_reflection_begins_at_the_critical_angle() {
 }
 
 #[test]
+fn a_normal_that_faces_away_is_turned() {
+    let (n, v) = (DVec3::Z, DVec3::new(0.6, 0.0, 0.8));
+    for (n_i, n_t) in [(1.0, 1.5), (1.5, 1.0)] {
+        let interface = Interface::new(n_i, n_t);
+        let [same, turned] = [n, -n].map(|n| interface.cross(n, v));
+        assert_eq!((same.direction, same.total), (turned.direction, turned.total));
+        assert_eq!(interface.fresnel(&same), interface.fresnel(&turned));
+    }
+}
+
+#[test]
 fn equal_indices_change_nothing() {
     let interface = Interface::new(1.3, 1.3);
     let (n, v) = (
