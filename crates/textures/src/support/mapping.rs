@@ -570,6 +570,8 @@ mod tests {
         near(seen("", [0.0, 1.0, 2.0]), (y + 16.0 * z) / 17.0);
         near(seen("sharpness = 1", [0.0, -1.0, 2.0]), (y + 2.0 * z) / 3.0);
         near(seen("sharpness = 1e300", [0.0, 1.0, 2.0]), z);
+        near(seen("sharpness = 1e300", [0.0, 2.0, 1.0]), y);
+        near(seen("", [f64::NAN; 3]), z);
         // Stretched by 2 along z, which makes the transformed normals flatter.
         let long = "sharpness = 1\ntransform = { scale = [1, 1, 2] }";
         let y2 = DVec3::new(8.0, 1.0, 0.0);
