@@ -505,15 +505,16 @@ mod tests {
         }
     }
 
-    /// f = 1 at 22.5 degrees and 0 at 0 and 45: 2 pi times the integral of f sin(4 θ) is 2. The
-    /// quadrature must not step over the kink.
+    /// f is 1 at 30 degrees and falls linearly to 0 at 0 and 60: 2 pi times the integral of
+    /// f sin(4 θ) to 45 degrees is pi/4 + sqrt(27)/4. The quadrature must not step over the kink.
     #[test]
     fn entries_are_ends_of_intervals() {
-        let over_h = "values = [[0, 0], [0.5, 0.5], [0, 0], [0, 0], [0, 0]]";
-        let row = "[0, 0.5, 0, 0, 0]";
-        for text in [over_h, &format!("values = [{row}, {row}]")] {
+        let over_h = "values = [[0, 0], [1, 1], [0, 0], [0, 0]]";
+        let over_d = "values = [[0, 1, 0, 0], [0, 1, 0, 0]]";
+        for text in [over_h, over_d, &format!("{over_d}\nspacing = \"square_root\"")] {
+            let expected = FRAC_PI_4 + 27_f64.sqrt() / 4.0;
             let albedo = brdf(text).normal_albedo().g;
-            assert!((albedo - 1.0).abs() < 1e-12, "{text}: {albedo}");
+            assert!((albedo - expected).abs() < 1e-10, "{text}: {albedo}");
         }
     }
 
