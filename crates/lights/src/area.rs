@@ -410,6 +410,16 @@ mod tests {
                 vec![DVec3::ZERO, DVec3::X, DVec3::Y],
                 vec![[0, 1, 2]; 1025],
             )
+            .with_mesh(
+                "fewer.obj",
+                vec![DVec3::ZERO, DVec3::X, DVec3::Y],
+                vec![[0, 1, 2]; 500],
+            )
+            .with_mesh(
+                "some.obj",
+                vec![DVec3::ZERO, DVec3::X, DVec3::Y],
+                vec![[0, 1, 2]; 1024],
+            )
     }
 
     fn of_mesh(text: &str) -> Result<Arc<dyn Light>, SceneErrors> {
@@ -506,6 +516,7 @@ mod tests {
             ("radiance = 1\nfile = \"none.obj\"", "\"none.obj\""),
             ("radiance = 1\nfile = \"line.obj\"", "\"line.obj\""),
             ("radiance = 1\nfile = \"many.obj\"\nsamples = 2", "2"),
+            ("radiance = 1\nfile = \"fewer.obj\"\nsamples = 3", "3"),
             (
                 "radiance = 1e300\nfile = \"square.obj\"\ntransform = { scale = 1e10 }",
                 "\"square.obj\"",
@@ -516,6 +527,8 @@ mod tests {
             assert_eq!(&text[error.span.unwrap()], place, "{}", error.message);
         }
         assert!(of_mesh("radiance = 1\nfile = \"many.obj\"").is_ok());
+        // As many points as are allowed.
+        assert!(of_mesh("radiance = 1\nfile = \"some.obj\"\nsamples = 2").is_ok());
         let text = "radiance = 1\nfile = \"square.obj\"";
         let error = build_in::<Lights, Area>(text, (), &mut meshes())
             .err()
@@ -550,6 +563,75 @@ mod tests {
         let text = "radiance = 2\nfalloff = \"linear\"";
         let error = build::<Lights, Area>(text, ()).err().unwrap().0.remove(0);
         assert_eq!(&text[error.span.unwrap()], "\"linear\"");
+    }
+
+    fn config(text: &str) -> Config {
+        whitstone_core::config::decode(&toml::de::DeTable::parse(text).unwrap()).unwrap()
+    }
+
+    /// The points of the surface, before the offset.
+    #[test]
+    fn points_are_where_the_model_says() {
+        let points = |text: &str| {
+            let config = config(&format!("radiance = 1\nsamples = 2\n{text}"));
+            grid(&config, &config.transform.get_ref().get()).unwrap()
+        };
+        let half = 0.75_f64.sqrt();
+        for (text, area, expected) in [
+            (
+                "transform = { scale = [2, 3, 1] }",
+                24.0,
+                [
+                    [-1.0, -1.5, 0.0],
+                    [1.0, -1.5, 0.0],
+                    [-1.0, 1.5, 0.0],
+                    [1.0, 1.5, 0.0],
+                ],
+            ),
+            (
+                "shape = \"disk\"\ntransform = { scale = [2, 3, 1] }",
+                6.0 * PI,
+                [
+                    [0.0, 1.5, 0.0],
+                    [0.0, -1.5, 0.0],
+                    [0.0, 3.0 * half, 0.0],
+                    [0.0, -3.0 * half, 0.0],
+                ],
+            ),
+            (
+                "shape = \"sphere\"\ntransform = { scale = 2 }",
+                16.0 * PI,
+                [
+                    [0.0, 2.0 * half, 1.0],
+                    [0.0, -2.0 * half, 1.0],
+                    [0.0, 2.0 * half, -1.0],
+                    [0.0, -2.0 * half, -1.0],
+                ],
+            ),
+        ] {
+            let found = points(text);
+            assert_eq!(found.len(), 4);
+            for (point, expected) in found.iter().zip(expected) {
+                let off = (point.position - DVec3::from(expected)).length();
+                assert!(off < 1e-13, "{text}: {} {expected:?}", point.position);
+                assert!((point.area / area - 0.25).abs() < 1e-15);
+            }
+        }
+    }
+
+    /// Points are off the surface by 32 epsilon of the largest coordinate of the light.
+    #[test]
+    fn points_are_in_front_of_the_surface() {
+        let transform = "transform = [{ scale = [2, 3, 1] }, { translate = [20, 0, 0] }]";
+        let expected = 32.0 * f64::EPSILON * 22.0;
+        let of_rectangle = config(&format!("radiance = 1\n{transform}"));
+        let points = grid(&of_rectangle, &of_rectangle.transform.get_ref().get()).unwrap();
+        assert!(points.iter().all(|point| point.position.z == expected));
+        let text = format!("shape = \"mesh\"\nfile = \"square.obj\"\nradiance = 1\n{transform}");
+        let of_mesh = config(&text);
+        let placed = of_mesh.transform.get_ref().get();
+        let points = mesh(&of_mesh, of_mesh.file.as_ref().unwrap(), &placed, &mut meshes()).unwrap();
+        assert!(points.iter().all(|point| point.position.z == expected));
     }
 
     #[test]
