@@ -30,8 +30,8 @@ const KINDS: [&str; 17] = [
 const PICTURES: [&str; 6] = ["exr", "png", "jpg", "hdr", "pfm", "tif"];
 const SCENES: &str = "scenes";
 const MITSUBA: &str = "mitsuba";
-/// Larger seeds make an execution slow.
-const MAX_SEED: u64 = 20_000;
+/// Larger files make an execution slow.
+const MAX_LENGTH: u64 = 20_000;
 /// Counters for each branch, and comparisons, so that words and numbers are found.
 const FLAGS: &str = "-Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4 \
     -Cllvm-args=-sanitizer-coverage-inline-8bit-counters -Cllvm-args=-sanitizer-coverage-pc-table \
@@ -65,6 +65,9 @@ pub(crate) struct Arguments {
     /// Time for each kind
     #[arg(long, value_name = "SECONDS", default_value_t = 60)]
     seconds: u64,
+    /// Largest file that is made; small ones are read more often in the same time
+    #[arg(long, value_name = "BYTES", default_value_t = MAX_LENGTH, value_parser = clap::value_parser!(u64).range(1..=1 << 20))]
+    length: u64,
     /// Number of the first random scene; each number is another scene, the same in every run
     /// [default: the first that no run of --json has reached, or 0]
     #[arg(long, value_name = "NUMBER", conflicts_with = "json")]
@@ -121,7 +124,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
             let (run, seconds) = match (kind, &programs) {
                 (SCENES, _) => (scenes::run(first, left.min(PART))?, PART),
                 (MITSUBA, _) => (against_mitsuba::run(first, left.min(PART), registry)?, PART),
-                (_, Some(programs)) => (fuzz(programs, kind, left)?, left),
+                (_, Some(programs)) => (fuzz(programs, kind, left, arguments.length)?, left),
                 (_, None) => break,
             };
             left = left.saturating_sub(seconds);
@@ -166,7 +169,7 @@ fn build() -> Result<PathBuf, Failure> {
 }
 
 /// Fuzzes one kind of file.
-fn fuzz(programs: &Path, kind: &str, seconds: u64) -> Result<Run, Failure> {
+fn fuzz(programs: &Path, kind: &str, seconds: u64, length: u64) -> Result<Run, Failure> {
     let program = programs.join(if PICTURES.contains(&kind) {
         "pictures"
     } else {
@@ -196,12 +199,8 @@ fn fuzz(programs: &Path, kind: &str, seconds: u64) -> Result<Run, Failure> {
         .args([&corpus, &seeds])
         .arg(format!("-max_total_time={seconds}"))
         .arg(format!("-artifact_prefix={}/", findings.display()))
-        .args([
-            "-timeout=10",
-            "-rss_limit_mb=2048",
-            "-max_len=20000",
-            "-print_final_stats=1",
-        ])
+        .arg(format!("-max_len={length}"))
+        .args(["-timeout=10", "-rss_limit_mb=2048", "-print_final_stats=1"])
         .env("WHITSTONE_FUZZ", kind)
         .env("WHITSTONE_FUZZ_FOLDER", inputs.path())
         // Threads would make the counters differ from run to run.
@@ -251,7 +250,7 @@ fn gather(folder: &Path, kind: &str, seeds: &Path) -> Result<(), Failure> {
         if metadata.is_dir() {
             gather(&path, kind, seeds)?;
         } else if metadata.is_file()
-            && metadata.len() <= MAX_SEED
+            && metadata.len() <= MAX_LENGTH
             && path
                 .extension()
                 .is_some_and(|extension| extension.eq_ignore_ascii_case(kind))

@@ -635,6 +635,38 @@ mod tests {
     }
 
     #[test]
+    fn what_is_behind_is_not_affected() {
+        let light = |text: &str| {
+            let text = format!("transform = {{ translate = [0, 0, 5] }}\n{text}");
+            build::<Lights, Area>(&text, ()).unwrap()
+        };
+        let white = light("radiance = [1, 3, 2]");
+        let ball = |center: [f64; 3], radius: f64| {
+            let (center, half) = (DVec3::from(center), radius / 3.0_f64.sqrt());
+            Aabb::around([center - half, center + half])
+        };
+        for (center, radius, expected) in [
+            ([0.0, 0.0, 6.0], 0.5, true),
+            ([0.0, 0.0, 4.0], 0.5, false),
+            ([0.0, 0.0, 4.0], 1.5, true),
+            // In the plane of the light, and behind it by less than rounding.
+            ([0.0, 3.0, 5.0], 0.0, true),
+            ([0.0, 1e3, 5.0 - 1e-7], 0.0, true),
+            ([0.0, 1e3, 5.0 - 1e-5], 0.0, false),
+            ([0.0, 0.0, 4.0 - 1.5e-9], 1.0, true),
+        ] {
+            let found = white.affects_bounds(&ball(center, radius));
+            assert_eq!(found, expected, "{center:?} {radius}");
+        }
+        assert!(!light("radiance = 0").affects_bounds(&Aabb::EVERYTHING));
+        let bounds = white.bounds().unwrap();
+        // 4 x 4 points.
+        let middle = DVec3::new(0.75, 0.75, 5.0);
+        assert!((bounds.bounds.max - middle).length() < 1e-13);
+        assert_eq!(bounds.max_intensity, 3.0 * 0.25);
+    }
+
+    #[test]
     fn the_back_is_dark() {
         let text = "radiance = 1";
         assert_eq!(irradiance(text, DVec3::NEG_Z, DVec3::Z), 0.0);

@@ -98,6 +98,16 @@ mod tests {
     }
 
     #[test]
+    fn only_black_light_affects_nothing() {
+        let affects = |irradiance: f64| {
+            let text = format!("direction = [0, -3, 0]\nirradiance = {irradiance}");
+            let light = build::<Lights, Directional>(&text, ()).unwrap();
+            light.affects_bounds(&Aabb::EVERYTHING)
+        };
+        assert_eq!((affects(0.0), affects(1.0)), (false, true));
+    }
+
+    #[test]
     fn a_zero_direction_is_refused_at_its_place() {
         let errors = build::<Lights, Directional>("direction = [0, 0, 0]\nirradiance = 2", ())
             .err()

@@ -108,6 +108,21 @@ mod tests {
     }
 
     #[test]
+    fn bounds_are_the_position_and_the_largest_channel() {
+        let light = |intensity: &str, falloff: &str| {
+            let text = format!("position = [1, 2, 3]\nintensity = {intensity}\nfalloff = \"{falloff}\"");
+            build::<Lights, Point>(&text, ()).unwrap()
+        };
+        let bounds = light("[1, 5, 2]", "inverse_square").bounds().unwrap();
+        let position = DVec3::new(1.0, 2.0, 3.0);
+        assert_eq!((bounds.bounds.min, bounds.bounds.max), (position, position));
+        assert_eq!(bounds.max_intensity, 5.0);
+        assert!(light("1", "none").bounds().is_none());
+        let affects = |intensity| light(intensity, "none").affects_bounds(&Aabb::EVERYTHING);
+        assert_eq!((affects("0"), affects("1")), (false, true));
+    }
+
+    #[test]
     fn bad_values_are_refused() {
         for text in [
             "position = [0, inf, 0]\nintensity = 1",
