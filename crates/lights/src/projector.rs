@@ -311,6 +311,21 @@ mod tests {
         ] {
             assert_eq!(light.affects_bounds(&around(x, y, z)), reached, "{x} {y} {z}");
         }
+        // On a side plane, beyond it by less and by more than rounding, and a ball behind the light.
+        for (center, radius, reached) in [
+            ([3.0, 0.0, -3.0], 0.0, true),
+            ([1e3 + 1e-7, 0.0, -1e3], 0.0, true),
+            ([1e3 + 1e-5, 0.0, -1e3], 0.0, false),
+            ([0.0, 0.0, 1.0 + 1.5e-9], 1.0, true),
+        ] {
+            let (center, half) = (DVec3::from(center), radius / 3.0_f64.sqrt());
+            let ball = Aabb::around([center - half, center + half]);
+            assert_eq!(light.affects_bounds(&ball), reached, "{center} {radius}");
+        }
+        // Brightest in the corners, by the third power of 1.5.
+        let bounds = light.bounds().unwrap();
+        assert_eq!((bounds.bounds.min, bounds.bounds.max), (DVec3::ZERO, DVec3::ZERO));
+        assert!((bounds.max_intensity - 3.0 * 3.375).abs() < 1e-14);
         assert!(light.affects_bounds(&Aabb::EVERYTHING));
         assert!(
             !projector(&text.replace("image = 1", "image = 0"))
@@ -329,6 +344,10 @@ mod tests {
         let text =
             "position = [0, 1, 0]\ntarget = [0, 1, 0]\nintensity = 1\nimage = 1\nfov = 180\naspect = 0";
         assert_eq!(faults(text), ["[0, 1, 0]", "180", "0"]);
+        assert_eq!(
+            faults(&text.replace("fov = 180", "fov = 0.0")),
+            ["[0, 1, 0]", "0.0", "0"]
+        );
         let text = "position = [0, 1, 0]\ntarget = [0, 5, 0]\nintensity = 1\nimage = 1";
         assert_eq!(faults(text), ["[0, 5, 0]"]);
         assert_eq!(faults(&format!("{text}\nup = [0, -2, 0]")), ["[0, -2, 0]"]);
