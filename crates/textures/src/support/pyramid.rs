@@ -477,6 +477,65 @@ mod tests {
         }
     }
 
+    /// The weighted mean in double precision, over all texels around the ellipse.
+    fn naive(grid: Grid, texel: impl Fn(usize) -> f64, middle: DVec2, ellipse: &Ellipse) -> f64 {
+        let size = DVec2::new(grid.width as f64, grid.height as f64);
+        let middle = middle * size - 0.5;
+        let wide = |axis: DVec2| axis * size * (1.0 / (axis * size).length()).max(1.0);
+        let (major, minor) = (wide(ellipse.major), wide(ellipse.minor));
+        let (mut sum, mut total) = (0.0, 0.0);
+        let reach = major.length().ceil() as i32 + 2;
+        for j in -reach..=reach {
+            for i in -reach..=reach {
+                let at = middle.floor() + DVec2::new(f64::from(i), f64::from(j));
+                let from = at - middle;
+                let parts = DVec2::new(from.perp_dot(minor), -from.perp_dot(major)) / major.perp_dot(minor);
+                if parts.length_squared() < 1.0 {
+                    let weight = f64::from(weight(Vec4::splat(parts.length_squared() as f32)).x);
+                    let [columns, rows] = grid.wrap;
+                    let (column, row) = (columns.index(at.x, grid.width), rows.index(at.y, grid.height));
+                    sum += weight * texel(row * grid.width + column);
+                    total += weight;
+                }
+            }
+        }
+        sum / total
+    }
+
+    #[test]
+    fn means_are_those_over_the_ellipse() {
+        let words = [Wrap::Repeat, Wrap::Mirror, Wrap::Clamp];
+        let hash = |at: usize| (whitstone_core::hash::mix(at as u32) >> 8) as f32 / 16_777_216.0;
+        for (number, (s, t)) in [
+            ([0.3, 0.1], [-0.05, 0.2]),
+            ([0.02, 0.5], [0.03, 0.01]),
+            ([0.4, 0.4], [0.4, 0.39]),
+            ([0.05, 0.0], [0.0, 0.1]),
+            ([0.9, -0.3], [0.2, 0.7]),
+        ]
+        .into_iter()
+        .enumerate()
+        {
+            for (columns, rows) in words.iter().flat_map(|a| words.map(|b| (*a, b))) {
+                let grid = Grid {
+                    width: 13,
+                    height: 7,
+                    wrap: [columns, rows],
+                };
+                let ellipse = Ellipse::new([s.into(), t.into()], DVec2::new(13.0, 7.0), 16.0);
+                for k in 0..20 {
+                    let middle = DVec2::new(0.618, -0.755) * f64::from(k) + 0.1;
+                    let found = elliptical(grid, |at| Vec4::splat(hash(at)), middle, &ellipse).g;
+                    let expected = naive(grid, |at| f64::from(hash(at)), middle, &ellipse);
+                    assert!(
+                        (found - expected).abs() < 1e-4,
+                        "{number} {columns:?} {rows:?} {k}: {found}, not {expected}"
+                    );
+                }
+            }
+        }
+    }
+
     #[test]
     fn means_of_the_largest_texels_are_numbers() {
         let grid = Grid {
