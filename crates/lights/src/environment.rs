@@ -120,6 +120,7 @@ impl Light for Environment {
 mod tests {
     use super::*;
     use std::f64::consts::PI;
+    use whitstone_core::ColorSource;
     use whitstone_core::{SurfaceAttributes, SurfaceInteraction, Texture};
     use whitstone_testkit::{TestContext, build_in, light_laws};
 
@@ -185,6 +186,25 @@ mod tests {
             light_laws(&*environment(text).unwrap());
         }
         light_laws(&*environment(&format!("{}samples = 2", faces("", ""))).unwrap());
+    }
+
+    /// The table of the sky has 1024 x 512 cells. Images with more texels are looked up several
+    /// times in each.
+    #[test]
+    fn large_images_are_looked_up_at_every_other_texel() {
+        let image = |size: [usize; 2]| Arc::new(Marked(0.0, size));
+        let sphere = |size| parts(&DirectionMap::Sphere(ColorSource::Texture(image(size))));
+        assert_eq!(sphere([8, 4]), 1);
+        assert_eq!(sphere([4096, 2048]), 2);
+        assert_eq!(sphere([4097, 2048]), 3);
+        assert_eq!(sphere([8, 4097]), 5);
+        let cube = |side| {
+            parts(&DirectionMap::Cube(std::array::from_fn(|_| {
+                image([side; 2]) as _
+            })))
+        };
+        assert_eq!((cube(8), cube(1024), cube(1025)), (1, 2, 3));
+        assert_eq!(parts(&DirectionMap::Sphere(ColorSource::Constant(Rgb::WHITE))), 1);
     }
 
     /// Each face is the view of a camera that looks along its axis: right is forward x up.

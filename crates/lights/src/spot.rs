@@ -372,6 +372,9 @@ mod tests {
         let errors = build::<Lights, Spot>(text, ()).err().unwrap();
         let found: Vec<&str> = errors.0.iter().map(|e| &text[e.span.clone().unwrap()]).collect();
         assert_eq!(found, ["[0, 1, 0]", "90", "95"]);
+        let text = "position = [0, 1, 0]\ntarget = [0, 0, 0]\nintensity = 1\ncutoff_angle = 0.0";
+        let error = build::<Lights, Spot>(text, ()).err().unwrap().0.remove(0);
+        assert_eq!(&text[error.span.unwrap()], "0.0");
         let text = "position = [0, 1, 0]\ntarget = [0, 0, 0]\nintensity = 1\nbeam_width = 20";
         assert!(build::<Lights, Spot>(text, ()).is_err());
         let text = "position = [0, 1, 0]\ntarget = [0, 5, 0]\nintensity = 1";
