@@ -357,6 +357,42 @@ mod tests {
     }
 
     #[test]
+    fn boxes_beside_the_cone_are_not_reached() {
+        let light = |more: &str| {
+            let text = format!(
+                "position = [0.5, 0, 2]\ntarget = [0.5, 0, -8]\nintensity = 2\ncutoff_angle = 45\n{more}"
+            );
+            with_image(&text).unwrap()
+        };
+        let plain = light("");
+        let ball = |center: [f64; 3], radius: f64| {
+            let (center, half) = (DVec3::from(center), radius / 3.0_f64.sqrt());
+            Aabb::around([center - half, center + half])
+        };
+        for (center, radius, reached) in [
+            ([0.5, 0.0, 0.0], 0.1, true),
+            // 11.3 degrees beside the cone.
+            ([3.5, 0.0, 0.0], 0.0, false),
+            ([3.5, 0.0, 0.0], 0.5, false),
+            ([3.5, 0.0, 0.0], 1.0, true),
+            // Behind the light, and around it.
+            ([0.5, 0.0, 4.0], 1.0, false),
+            ([0.5, 0.0, 4.0], 3.0, true),
+            // By half of the margin, and by twice the margin.
+            ([0.5 + 1.0 + ANGLE_MARGIN, 0.0, 1.0], 0.0, true),
+            ([0.5 + 1.0 + 4.0 * ANGLE_MARGIN, 0.0, 1.0], 0.0, false),
+        ] {
+            let found = plain.affects_bounds(&ball(center, radius));
+            assert_eq!(found, reached, "{center:?} {radius}");
+        }
+        assert!(!light("image = 0").affects_bounds(&Aabb::EVERYTHING));
+        let bounds = light("image = [1, 2, 3]").bounds().unwrap();
+        let position = DVec3::new(0.5, 0.0, 2.0);
+        assert_eq!((bounds.bounds.min, bounds.bounds.max), (position, position));
+        assert_eq!(bounds.max_intensity, 6.0);
+    }
+
+    #[test]
     fn a_beam_of_a_millionth_of_a_degree_keeps_its_edge() {
         let text =
             "position = [0, 0, 0]\ntarget = [0, 0, -1]\nintensity = 1\ncutoff_angle = 1e-6\nbeam_width = 0";
