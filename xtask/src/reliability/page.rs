@@ -56,6 +56,7 @@ pub(crate) fn page(result: &Value, fuzzed: &Value) -> String {
         )),
         fuzz::table(fuzzed)
     );
+    page += MUTATION;
     page += BY_TESTS;
     page
 }
@@ -78,6 +79,15 @@ million pairs of a ray and an element are rendered, and a scene whose image take
 second is rendered once with each set of instructions. `cargo xtask fuzz mitsuba` validates such
 scenes against Mitsuba. CI runs `cargo xtask fuzz scenes mitsuba --seconds 20`. What a run finds is
 repaired and becomes a test. Runs of kinds without a row in the table below were not recorded.
+";
+
+const MUTATION: &str = "## Mutation tests
+
+[cargo-mutants](https://mutants.rs) changes one operator or one result at a time in the code of
+cameras, lights, materials and textures, and runs the unit tests of that crate: a change that no
+test detects gets a test. `.cargo/mutants.toml` lists the changes that no test can detect, with the
+reasons, and CONTRIBUTING.md has the command.
+
 ";
 
 const BY_TESTS: &str = "## Promises that tests keep

@@ -142,6 +142,20 @@ mod tests {
     }
 
     #[test]
+    fn balls_contain_their_boxes_despite_rounding() {
+        for (center, margin) in [(0.0, 3_f64.sqrt() * 1e-12), (1000.0, 1e-9)] {
+            let box_of = Aabb::around([DVec3::splat(center - 1.0), DVec3::splat(center + 1.0)]);
+            let (found, radius) = ball_around(&box_of);
+            assert_eq!(found, DVec3::splat(center));
+            let beyond = radius - 3_f64.sqrt();
+            assert!(
+                beyond > 0.9 * margin && beyond < 1.1 * margin,
+                "{center}: {beyond}"
+            );
+        }
+    }
+
+    #[test]
     fn nearness_does_not_overflow() {
         let sample = |d: f64| {
             sample(

@@ -524,6 +524,7 @@ mod tests {
 
     #[test]
     fn every_projection_obeys_the_laws() {
+        texture_laws(&*put("uv_set = 1"));
         for projection in [
             "uv",
             "solid",
