@@ -38,3 +38,22 @@ pub(crate) fn image_color(image: &ColorSource, uv: DVec2) -> Rgb {
     place.uv = uv;
     image.value(&place)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The cross product of nearly parallel vectors has few digits.
+    #[test]
+    fn axes_are_perpendicular_even_if_up_is_nearly_parallel() {
+        let axis = DVec3::new(1.0, 2.0, 3.0).normalize();
+        for tilt in [1.0, 1e-6, 1e-11] {
+            let up = axis + tilt * DVec3::new(0.3, -0.7, 0.2);
+            let up = Spanned::new(0..0, Vector3::new(up.x, up.y, up.z));
+            let [right, upward] = image_axes(axis, Some(&up), 0..0).unwrap();
+            for dot in [axis.dot(right), axis.dot(upward), right.dot(upward)] {
+                assert!(dot.abs() < 1e-15, "{tilt}: {dot}");
+            }
+        }
+    }
+}
