@@ -311,7 +311,7 @@ mod tests {
         ] {
             assert_eq!(light.affects_bounds(&around(x, y, z)), reached, "{x} {y} {z}");
         }
-        // On a side plane, beyond it by less and by more than rounding, and a ball behind the light.
+        // On a side plane, beyond it by less and by more than rounding; a ball behind the light.
         for (center, radius, reached) in [
             ([3.0, 0.0, -3.0], 0.0, true),
             ([1e3 + 1e-7, 0.0, -1e3], 0.0, true),
