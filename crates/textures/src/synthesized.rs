@@ -337,6 +337,7 @@ mod tests {
     use super::quilt::tests::quilt;
     use super::*;
     use whitstone_core::hash::mix;
+    use whitstone_core::{DVec2, DVec3, Rgb, SurfaceInteraction};
     use whitstone_testkit::{TestContext, build_in, texture_laws};
 
     /// Noise in two channels from the hash, the same for three texels in a row.
@@ -431,6 +432,38 @@ mod tests {
             context.kept = kept;
             assert_eq!(again(&mut context), first);
         }
+    }
+
+    #[test]
+    fn limits_are_allowed() {
+        for text in [
+            "block = 17",
+            "block = 16\noverlap = 8",
+            "block = 8\noptimize = { neighborhood = 17, iterations = 0 }",
+            "block = 8\noptimize = { neighborhoods = [17, 4], resolutions = 3, iterations = 0 }",
+        ] {
+            let found = build(&format!("file = \"a.png\"\nsize = [20, 17]\n{text}"));
+            assert!(found.is_ok(), "{text}");
+        }
+    }
+
+    #[test]
+    fn blocks_overlap_by_a_quarter_by_default() {
+        let seen = |overlap: &str| -> Vec<Rgb> {
+            let text =
+                format!("file = \"a.png\"\nsize = [40, 30]\nblock = 9\nfilter = \"nearest\"\n{overlap}");
+            let texture = build(&text).unwrap();
+            let mut point = SurfaceInteraction::new(DVec3::ZERO, 0.0, DVec3::Z);
+            let texels = (0..40 * 30).map(|k| DVec2::new(f64::from(k % 40) + 0.5, f64::from(k / 40) + 0.5));
+            texels
+                .map(|at| {
+                    point.uv = at / DVec2::new(40.0, 30.0);
+                    texture.value(&point)
+                })
+                .collect()
+        };
+        assert_eq!(seen(""), seen("overlap = 2"));
+        assert_ne!(seen(""), seen("overlap = 1"));
     }
 
     #[test]
