@@ -641,10 +641,6 @@ mod tests {
             build::<Lights, Area>(&text, ()).unwrap()
         };
         let white = light("radiance = [1, 3, 2]");
-        let ball = |center: [f64; 3], radius: f64| {
-            let (center, half) = (DVec3::from(center), radius / 3.0_f64.sqrt());
-            Aabb::around([center - half, center + half])
-        };
         for (center, radius, expected) in [
             ([0.0, 0.0, 6.0], 0.5, true),
             ([0.0, 0.0, 4.0], 0.5, false),
@@ -655,7 +651,7 @@ mod tests {
             ([0.0, 1e3, 5.0 - 1e-5], 0.0, false),
             ([0.0, 0.0, 4.0 - 1.5e-9], 1.0, true),
         ] {
-            let found = white.affects_bounds(&ball(center, radius));
+            let found = white.affects_bounds(&emission::cube_in_ball(center, radius));
             assert_eq!(found, expected, "{center:?} {radius}");
         }
         assert!(!light("radiance = 0").affects_bounds(&Aabb::EVERYTHING));

@@ -318,9 +318,8 @@ mod tests {
             ([1e3 + 1e-5, 0.0, -1e3], 0.0, false),
             ([0.0, 0.0, 1.0 + 1.5e-9], 1.0, true),
         ] {
-            let (center, half) = (DVec3::from(center), radius / 3.0_f64.sqrt());
-            let ball = Aabb::around([center - half, center + half]);
-            assert_eq!(light.affects_bounds(&ball), reached, "{center} {radius}");
+            let cube = emission::cube_in_ball(center, radius);
+            assert_eq!(light.affects_bounds(&cube), reached, "{center:?} {radius}");
         }
         // Brightest in the corners, by the third power of 1.5.
         let bounds = light.bounds().unwrap();

@@ -365,13 +365,9 @@ mod tests {
             with_image(&text).unwrap()
         };
         let plain = light("");
-        let ball = |center: [f64; 3], radius: f64| {
-            let (center, half) = (DVec3::from(center), radius / 3.0_f64.sqrt());
-            Aabb::around([center - half, center + half])
-        };
         for (center, radius, reached) in [
             ([0.5, 0.0, 0.0], 0.1, true),
-            // 11.3 degrees beside the cone.
+            // The centre is 11.3 degrees outside the cone.
             ([3.5, 0.0, 0.0], 0.0, false),
             ([3.5, 0.0, 0.0], 0.5, false),
             ([3.5, 0.0, 0.0], 1.0, true),
@@ -382,7 +378,7 @@ mod tests {
             ([0.5 + 1.0 + ANGLE_MARGIN, 0.0, 1.0], 0.0, true),
             ([0.5 + 1.0 + 4.0 * ANGLE_MARGIN, 0.0, 1.0], 0.0, false),
         ] {
-            let found = plain.affects_bounds(&ball(center, radius));
+            let found = plain.affects_bounds(&emission::cube_in_ball(center, radius));
             assert_eq!(found, reached, "{center:?} {radius}");
         }
         assert!(!light("image = 0").affects_bounds(&Aabb::EVERYTHING));

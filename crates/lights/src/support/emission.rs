@@ -41,6 +41,13 @@ pub(crate) fn ball_around(bounds: &Aabb) -> (DVec3, f64) {
     (center, (bounds.max - center).length() * (1.0 + 1e-12) + rounding)
 }
 
+/// The cube whose bounding sphere has this centre and radius, for tests.
+#[cfg(test)]
+pub(crate) fn cube_in_ball(center: [f64; 3], radius: f64) -> Aabb {
+    let (center, half) = (DVec3::from(center), radius / 3.0_f64.sqrt());
+    Aabb::around([center - half, center + half])
+}
+
 /// The bounds of a light that emits at most `max_intensity` from each of its positions.
 pub(crate) fn bounds(positions: &[DVec3], max_intensity: f64, falloff: Falloff) -> Option<LightBounds> {
     (falloff == Falloff::InverseSquare).then(|| LightBounds {
