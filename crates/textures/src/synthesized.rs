@@ -497,6 +497,11 @@ mod tests {
                 "comparisons",
             ),
             (
+                "file = \"a.png\"\nsize = [4096, 4096]\nblock = 2",
+                "[4096, 4096]",
+                "comparisons",
+            ),
+            (
                 "file = \"a.png\"\nsize = [90, 90]\noptimize = { neighborhoods = [18, 8] }",
                 "[18, 8]",
                 "at most 17",

@@ -425,3 +425,46 @@ impl TextureFunction for Raster {
         Some([self.width, self.height])
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_image::tone::srgb_to_linear;
+
+    #[test]
+    fn stores_keep_every_code_and_know_their_memory() {
+        let texels = |encoding, data: [[f32; 3]; 2]| Texels {
+            width: 2,
+            height: 1,
+            data: data.to_vec(),
+            encoding,
+        };
+        for (encoding, most, color, bytes) in [
+            (Encoding::Srgb8, 255_u16, ColorSpace::Srgb, 2 * 3 + 256 * 8),
+            (Encoding::Srgb8, 255, ColorSpace::Linear, 2 * 3 + 256 * 8),
+            (Encoding::Srgb16, 65535, ColorSpace::Auto, 2 * 6 + 65536 * 8),
+            (Encoding::Srgb16, 65535, ColorSpace::Linear, 2 * 6 + 65536 * 8),
+        ] {
+            for code in [0, 1, 77, most / 2, most - 1, most] {
+                let other = most - code;
+                let file = [[code, other, 0], [0, most, code]];
+                let data = file.map(|texel| texel.map(|code| f32::from(code) / f32::from(most)));
+                let store = Store::new(texels(encoding, data), color);
+                assert_eq!(store.bytes(), bytes);
+                for (at, texel) in file.into_iter().enumerate() {
+                    let expected = texel.map(|code| {
+                        let value = f64::from(code) / f64::from(most);
+                        if matches!(color, ColorSpace::Linear) { value } else { srgb_to_linear(value) }
+                    });
+                    assert_eq!(store.texel(at).to_array(), expected, "{encoding:?} {code}");
+                }
+            }
+        }
+        let data = [[0.25, -3.0, 1e30], [0.5, 0.0, 1e-30]];
+        let store = Store::new(texels(Encoding::Linear, data), ColorSpace::Auto);
+        assert_eq!((store.bytes(), store.texel(0).to_array()), (24, data[0].map(f64::from)));
+        let store = Store::new(texels(Encoding::Linear, data), ColorSpace::Srgb);
+        assert_eq!(store.bytes(), 48);
+        assert_eq!(store.texel(0).r, srgb_to_linear(0.25));
+    }
+}

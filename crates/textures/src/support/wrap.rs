@@ -94,3 +94,38 @@ impl JsonSchema for Wraps {
         json_schema!({ "anyOf": [word, { "type": "array", "items": word, "minItems": 2, "maxItems": 2 }] })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Debug, PartialEq, Deserialize, Serialize, JsonSchema)]
+    struct Keys {
+        wrap: Wraps,
+    }
+
+    #[test]
+    fn one_word_or_two_are_read_and_written() {
+        for (words, wrap) in [
+            ("\"mirror\"", [Wrap::Mirror; 2]),
+            ("[\"clamp\", \"repeat\"]", [Wrap::Clamp, Wrap::Repeat]),
+        ] {
+            let text = format!("wrap = {words}\n");
+            let keys = Keys { wrap: Wraps(wrap) };
+            assert_eq!(toml::to_string(&keys).unwrap(), text);
+            assert_eq!(toml::from_str::<Keys>(&text).unwrap(), keys);
+        }
+        for (words, expected) in [
+            ("3", "two of them"),
+            ("[\"clamp\"]", "two words"),
+            ("[\"clamp\", \"clamp\", \"clamp\"]", "two words"),
+            ("\"tile\"", "`clamp`"),
+        ] {
+            let error = toml::from_str::<Keys>(&format!("wrap = {words}")).unwrap_err().to_string();
+            assert!(error.contains(expected), "{error}");
+        }
+        let schema = schemars::schema_for!(Keys);
+        let kinds = schema.pointer("/properties/wrap/anyOf").unwrap().as_array().unwrap();
+        assert_eq!(kinds.len(), 2);
+    }
+}

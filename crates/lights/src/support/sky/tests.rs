@@ -55,6 +55,18 @@ fn bias(samples: &[LightSample], truth: &[Rgb]) -> f64 {
     errors.fold(0.0, f64::max)
 }
 
+#[test]
+fn skies_of_one_channel_are_lit_by_all_directions() {
+    for (channel, luminance_of_it) in [(0, 0.2126), (1, 0.7152), (2, 0.0722)] {
+        let mut light = [0.0; 3];
+        light[channel] = 1.0;
+        assert_eq!(luminance(Rgb::from(light)), luminance_of_it);
+        let samples = directions(8, 1, |_, _| Rgb::from(light));
+        let sum: f64 = samples.iter().map(|sample| sample.irradiance[channel]).sum();
+        assert!((sum / (2.0 * TAU) - 1.0).abs() < 1e-9, "{channel}: {sum}");
+    }
+}
+
 /// A blue sky above dark ground, with a sun of 1 degree that gives half of the light.
 fn sunny(_: DVec2, d: DVec3) -> Rgb {
     let sun = DVec3::new(0.3, 0.5, -0.7).normalize();
