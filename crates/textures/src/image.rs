@@ -653,12 +653,16 @@ mod tests {
         let at = [0.21, 0.43];
         let steps = |wide: f64, high: f64| [[wide / 16.0, 0.0], [0.0, high / 8.0]];
         for [across, down] in [[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]] {
-            let of = |texture: &dyn Texture, size: f64| filtered(texture, at, steps(across * size, down * size));
+            let of =
+                |texture: &dyn Texture, size: f64| filtered(texture, at, steps(across * size, down * size));
             // Between two levels the logarithm of the longest step counts.
             let [two, four] = [2.0, 4.0].map(|size| of(&*trilinear, size));
             assert!(distance(two, four) > 0.01, "{two:?} {four:?}");
             let between = of(&*trilinear, 2.0 * 2.0_f64.powf(0.25));
-            assert!(distance(between, two * 0.75 + four * 0.25) < 1e-6, "{across} {down}");
+            assert!(
+                distance(between, two * 0.75 + four * 0.25) < 1e-6,
+                "{across} {down}"
+            );
         }
         // From the bilinear value at one texel to the mean over an ellipse at two, and from level
         // to level.
@@ -679,7 +683,11 @@ mod tests {
                 ["", "scale = [2, 4]"].map(|scale| noise(16, 8, &format!("filter = \"{filter}\"\n{scale}")));
             assert_eq!(scaled.size(), Some([16, 8]));
             let (at, steps) = ([0.11, 0.17], [[0.125, 0.03125], [-0.0625, 0.125]]);
-            let expected = filtered(&*plain, [2.0 * at[0], 4.0 * at[1]], steps.map(|[s, t]| [2.0 * s, 4.0 * t]));
+            let expected = filtered(
+                &*plain,
+                [2.0 * at[0], 4.0 * at[1]],
+                steps.map(|[s, t]| [2.0 * s, 4.0 * t]),
+            );
             assert_eq!(filtered(&*scaled, at, steps), expected, "{filter}");
         }
     }

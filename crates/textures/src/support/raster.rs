@@ -454,7 +454,11 @@ mod tests {
                 for (at, texel) in file.into_iter().enumerate() {
                     let expected = texel.map(|code| {
                         let value = f64::from(code) / f64::from(most);
-                        if matches!(color, ColorSpace::Linear) { value } else { srgb_to_linear(value) }
+                        if matches!(color, ColorSpace::Linear) {
+                            value
+                        } else {
+                            srgb_to_linear(value)
+                        }
                     });
                     assert_eq!(store.texel(at).to_array(), expected, "{encoding:?} {code}");
                 }
@@ -462,7 +466,10 @@ mod tests {
         }
         let data = [[0.25, -3.0, 1e30], [0.5, 0.0, 1e-30]];
         let store = Store::new(texels(Encoding::Linear, data), ColorSpace::Auto);
-        assert_eq!((store.bytes(), store.texel(0).to_array()), (24, data[0].map(f64::from)));
+        assert_eq!(
+            (store.bytes(), store.texel(0).to_array()),
+            (24, data[0].map(f64::from))
+        );
         let store = Store::new(texels(Encoding::Linear, data), ColorSpace::Srgb);
         assert_eq!(store.bytes(), 48);
         assert_eq!(store.texel(0).r, srgb_to_linear(0.25));

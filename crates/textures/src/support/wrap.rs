@@ -121,11 +121,17 @@ mod tests {
             ("[\"clamp\", \"clamp\", \"clamp\"]", "two words"),
             ("\"tile\"", "`clamp`"),
         ] {
-            let error = toml::from_str::<Keys>(&format!("wrap = {words}")).unwrap_err().to_string();
+            let error = toml::from_str::<Keys>(&format!("wrap = {words}"))
+                .unwrap_err()
+                .to_string();
             assert!(error.contains(expected), "{error}");
         }
         let schema = schemars::schema_for!(Keys);
-        let kinds = schema.pointer("/properties/wrap/anyOf").unwrap().as_array().unwrap();
+        let kinds = schema
+            .pointer("/properties/wrap/anyOf")
+            .unwrap()
+            .as_array()
+            .unwrap();
         assert_eq!(kinds.len(), 2);
     }
 }

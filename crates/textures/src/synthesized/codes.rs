@@ -80,3 +80,54 @@ pub(super) fn differences(a: &[[u8; 3]], b: &[[u8; 3]]) -> u32 {
     let both = a.as_flattened().iter().zip(b.as_flattened());
     both.map(|(a, b)| u32::from(a.abs_diff(*b)).pow(2)).sum()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CODES: [[u8; 3]; 4] = [[1, 2, 3], [4, 200, 6], [7, 8, 255], [10, 11, 0]];
+
+    #[test]
+    fn each_texel_becomes_four_and_the_last_ones_more() {
+        let codes = Codes {
+            width: 2,
+            height: 2,
+            data: CODES.to_vec(),
+        };
+        let doubled = codes.doubled([5, 6]);
+        let [a, b, c, d] = CODES;
+        let (above, below) = ([a, a, b, b, b], [c, c, d, d, d]);
+        let expected = [above, above, below, below, below, below];
+        assert_eq!((doubled.width, doubled.height), (5, 6));
+        assert_eq!(doubled.data, expected.as_flattened());
+    }
+
+    #[test]
+    fn differences_are_sums_of_squares() {
+        let [a, b, c, d] = CODES;
+        assert_eq!(difference(a, b), 9 + 198 * 198 + 9);
+        assert_eq!(difference(b, a), difference(a, b));
+        assert_eq!(
+            differences(&[a, c], &[b, d]),
+            difference(a, b) + 9 + 9 + 255 * 255
+        );
+    }
+
+    #[test]
+    fn codes_are_linear_only_if_the_scene_says_so() {
+        let table = |color_space| {
+            let codes = Codes {
+                width: 1,
+                height: 1,
+                data: vec![[128; 3]],
+            };
+            let Store::Eight(_, table) = codes.store(color_space) else {
+                unreachable!("codes are stored as codes")
+            };
+            table[128]
+        };
+        assert_eq!(table(ColorSpace::Linear), 128.0 / 255.0);
+        assert_eq!(table(ColorSpace::Auto), table(ColorSpace::Srgb));
+        assert!(table(ColorSpace::Srgb) < 0.22);
+    }
+}

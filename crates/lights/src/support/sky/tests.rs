@@ -62,8 +62,53 @@ fn skies_of_one_channel_are_lit_by_all_directions() {
         light[channel] = 1.0;
         assert_eq!(luminance(Rgb::from(light)), luminance_of_it);
         let samples = directions(8, 1, |_, _| Rgb::from(light));
-        let sum: f64 = samples.iter().map(|sample| sample.irradiance[channel]).sum();
+        let sum: f64 = samples
+            .iter()
+            .map(|sample| sample.irradiance.to_array()[channel])
+            .sum();
         assert!((sum / (2.0 * TAU) - 1.0).abs() < 1e-9, "{channel}: {sum}");
+    }
+}
+
+/// Divides a part of an even sky by the rule of the model. A region is the range of the sine of the
+/// latitude, and that of the longitude.
+fn divide([y0, y1, phi0, phi1]: [f64; 4], count: usize, regions: &mut Vec<[f64; 4]>) {
+    if count == 1 {
+        return regions.push([y0, y1, phi0, phi1]);
+    }
+    let share = (count / 2) as f64 / count as f64;
+    let widest = match (y0 < 0.0, y1 > 0.0) {
+        (true, true) => 1.0,
+        (true, false) => y1.asin().cos(),
+        (false, _) => y0.asin().cos(),
+    };
+    let [a, b] = if 0.65 * widest * (phi1 - phi0) > y1.asin() - y0.asin() {
+        let cut = phi0 + share * (phi1 - phi0);
+        [[y0, y1, phi0, cut], [y0, y1, cut, phi1]]
+    } else {
+        let cut = y0 + share * (y1 - y0);
+        [[y0, cut, phi0, phi1], [cut, y1, phi0, phi1]]
+    };
+    divide(a, count / 2, regions);
+    divide(b, count - count / 2, regions);
+}
+
+#[test]
+fn an_even_sky_is_divided_as_the_model_says() {
+    for count in [1, 2, 8, 13, 64, 300] {
+        let mut regions = Vec::new();
+        divide([-1.0, 1.0, -PI, PI], count, &mut regions);
+        let samples = directions(count, 1, |_, _| Rgb::WHITE);
+        assert_eq!(samples.len(), count);
+        for (sample, [y0, y1, phi0, phi1]) in samples.iter().zip(regions) {
+            let area = (y1 - y0) * (phi1 - phi0);
+            assert!((sample.irradiance.r / area - 1.0).abs() < 1e-9, "{count}");
+            let d = sample.direction;
+            let phi = d.x.atan2(-d.z);
+            let inside = y0 < d.y && d.y < y1 && phi0 < phi && phi < phi1;
+            // The centroid of the whole sphere is its centre.
+            assert!(inside || count == 1, "{count}: {d} {y0} {y1} {phi0} {phi1}");
+        }
     }
 }
 
