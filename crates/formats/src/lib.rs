@@ -24,6 +24,7 @@ mod mitsuba;
 mod obj;
 mod part;
 mod pbrt;
+mod spectrum;
 mod table;
 mod toml_scene;
 mod triangles;

@@ -106,6 +106,9 @@ pub(crate) struct MeshInfo {
     pub(crate) part: Part,
     /// Whether the file has normals.
     pub(crate) normals: bool,
+    /// Whether most faces lie on the other side than their normals: the sides of other programs are
+    /// those of the normals, that of the shape `mesh` is that of the winding.
+    pub(crate) turned: bool,
     /// Number of triangles; of a PLY file an upper bound, for faces of up to four corners.
     pub(crate) triangles: u64,
 }
@@ -113,10 +116,11 @@ pub(crate) struct MeshInfo {
 /// What other importers need to know of a PLY file.
 pub(crate) fn inspect_ply(bytes: &[u8]) -> MeshInfo {
     let mut scan = Scan::EMPTY;
-    let _ = ply(bytes, &mut scan, false);
+    let _ = ply(bytes, &mut scan, Faces::Sides);
     MeshInfo {
         part: scan.part,
         normals: scan.normals,
+        turned: scan.sides.turned(),
         triangles: scan.faces.saturating_mul(2),
     }
 }
@@ -137,6 +141,51 @@ pub(crate) fn fan_covers_more(corners: &[DVec3]) -> bool {
     others.windows(2).any(|side| normal_of(side).dot(normal) < least)
 }
 
+/// Compares the sides of faces with those of their normals.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Sides {
+    seen: u32,
+    turned: u32,
+}
+
+impl Sides {
+    /// Faces that are compared; exporters turn all or none.
+    const MOST: u32 = 1000;
+
+    pub(crate) fn full(self) -> bool {
+        self.seen >= Self::MOST
+    }
+
+    /// Adds a face, by its corners and their normals.
+    pub(crate) fn add(&mut self, corners: &[DVec3], normals: &[DVec3]) {
+        let [first, others @ ..] = corners else {
+            return;
+        };
+        let across: DVec3 = others
+            .windows(2)
+            .map(|side| (side[0] - *first).cross(side[1] - *first))
+            .sum();
+        let cosine = across.dot(normals.iter().sum());
+        if cosine != 0.0 && cosine.is_finite() {
+            self.seen += 1;
+            self.turned += u32::from(cosine < 0.0);
+        }
+    }
+
+    pub(crate) fn turned(self) -> bool {
+        2 * self.turned > self.seen
+    }
+}
+
+/// Why the faces of a PLY file are read.
+#[derive(Clone, Copy, PartialEq)]
+enum Faces {
+    /// To find concave ones.
+    Concave,
+    /// To compare their sides with their normals.
+    Sides,
+}
+
 /// What a scan finds.
 struct Scan {
     part: Part,
@@ -144,6 +193,7 @@ struct Scan {
     colors: bool,
     /// Whether vertices have normals.
     normals: bool,
+    sides: Sides,
     /// Number of faces of a PLY file.
     faces: u64,
     /// Features to report: the name and the place.
@@ -155,6 +205,7 @@ impl Scan {
         part: Part::EMPTY,
         colors: false,
         normals: false,
+        sides: Sides { seen: 0, turned: 0 },
         faces: 0,
         noted: Vec::new(),
     };
@@ -257,7 +308,7 @@ fn scan_stl(bytes: &[u8]) -> Scan {
 fn scan_ply(bytes: &[u8]) -> Scan {
     let mut scan = Scan::EMPTY;
     // What is not understood ends the scan.
-    let _ = ply(bytes, &mut scan, true);
+    let _ = ply(bytes, &mut scan, Faces::Concave);
     scan
 }
 
@@ -377,8 +428,8 @@ impl<'a> Header<'a> {
     }
 }
 
-/// Scans a file; `with_faces`: also its faces.
-fn ply(bytes: &[u8], scan: &mut Scan, with_faces: bool) -> Option<()> {
+/// Scans a file.
+fn ply(bytes: &[u8], scan: &mut Scan, faces: Faces) -> Option<()> {
     let end = bytes
         .windows(10)
         .take(1 << 20)
@@ -396,7 +447,7 @@ fn ply(bytes: &[u8], scan: &mut Scan, with_faces: bool) -> Option<()> {
         },
         _ => return None,
     };
-    let mut positions = None;
+    let mut points = None;
     let has_faces = (header.elements.iter()).any(|element| element.name == "face" && element.count > 0);
     // Without properties an element has no values, however many of it there are.
     for element in header
@@ -406,14 +457,24 @@ fn ply(bytes: &[u8], scan: &mut Scan, with_faces: bool) -> Option<()> {
     {
         if element.name == "vertex" {
             // Positions take more memory than the file.
-            let keep = with_faces && has_faces && ["x", "y", "z"].iter().all(|name| element.has(name));
-            positions = Some(vertices(element, &mut values, scan, keep)?);
+            let keep = (faces == Faces::Concave || scan.normals)
+                && has_faces
+                && ["x", "y", "z"].iter().all(|name| element.has(name));
+            points = Some(vertices(
+                element,
+                &mut values,
+                scan,
+                [keep, faces == Faces::Sides],
+            )?);
             if !keep {
                 break;
             }
         } else if element.name == "face"
-            && let Some(positions) = &positions
+            && let Some((positions, normals)) = &points
         {
+            if faces == Faces::Sides {
+                return compare_sides(element, &mut values, positions, normals, &mut scan.sides);
+            }
             let number = first_concave(element, &mut values, positions)?;
             scan.noted.push(("concave faces", format!("face {number}")));
             break;
@@ -426,18 +487,22 @@ fn ply(bytes: &[u8], scan: &mut Scan, with_faces: bool) -> Option<()> {
     Some(())
 }
 
-/// Adds the vertices to the bounds and, if `keep`, returns their positions.
+/// Adds the vertices to the bounds and, if `keep`, returns their positions, and their normals if
+/// `with_normals`, too.
 fn vertices(
     element: &Element<'_>,
     values: &mut Values<'_>,
     scan: &mut Scan,
-    keep: bool,
-) -> Option<Vec<DVec3>> {
-    let mut positions = Vec::new();
+    [keep, with_normals]: [bool; 2],
+) -> Option<(Vec<DVec3>, Vec<DVec3>)> {
+    let (mut positions, mut normals) = (Vec::new(), Vec::new());
     let mut opaque = true;
     for _ in 0..element.count {
-        let mut point = DVec3::NAN;
+        let (mut point, mut normal) = (DVec3::NAN, DVec3::ZERO);
         element.read(values, |property, value| match property.name {
+            "nx" => normal.x = value,
+            "ny" => normal.y = value,
+            "nz" => normal.z = value,
             "x" => point.x = value,
             "y" => point.y = value,
             "z" => point.z = value,
@@ -447,12 +512,42 @@ fn vertices(
         scan.part.add(point);
         if keep {
             positions.push(point);
+            if with_normals {
+                normals.push(normal);
+            }
         }
     }
     if !opaque {
         scan.noted.push(("alpha", "vertex alpha".to_owned()));
     }
-    Some(positions)
+    Some((positions, normals))
+}
+
+/// Compares the sides of the first faces with those of the normals of their corners.
+fn compare_sides(
+    element: &Element<'_>,
+    values: &mut Values<'_>,
+    positions: &[DVec3],
+    normals: &[DVec3],
+    sides: &mut Sides,
+) -> Option<()> {
+    let (mut corners, mut of_corners) = (Vec::new(), Vec::new());
+    for _ in 0..element.count {
+        corners.clear();
+        of_corners.clear();
+        element.read(values, |property, value| {
+            if CORNERS.contains(&property.name) && property.count.is_some() {
+                let place = value as usize;
+                corners.push(positions.get(place).copied().unwrap_or(DVec3::NAN));
+                of_corners.push(normals.get(place).copied().unwrap_or(DVec3::NAN));
+            }
+        })?;
+        sides.add(&corners, &of_corners);
+        if sides.full() {
+            break;
+        }
+    }
+    Some(())
 }
 
 /// The number of the first face whose triangles cover more than the face.
@@ -615,6 +710,23 @@ mod tests {
         }
         binary.extend([0, 0]);
         assert_eq!(scan_stl(&binary).part, BOX);
+    }
+
+    #[test]
+    fn files_whose_faces_oppose_their_normals_are_found() {
+        let header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
+                      property float z\nproperty float nx\nproperty float ny\nproperty float nz\n\
+                      element face 1\nproperty list uchar int vertex_indices\nend_header\n";
+        for (z, turned) in [(1, false), (-1, true)] {
+            let vertices = format!("0 0 0 0 0 {z}\n1 0 0 0 0 {z}\n0 1 0 0 0 {z}\n");
+            let info = inspect_ply(format!("{header}{vertices}3 0 1 2\n").as_bytes());
+            assert_eq!((info.normals, info.turned), (true, turned));
+            let obj = format!("v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 {z}\nf 1//1 2//-1 3//1\n");
+            let info = crate::obj::inspect(obj.as_bytes());
+            assert_eq!((info.normals, info.turned), (true, turned));
+        }
+        let mixed = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1//1 2//1 3//1\nf 1//1 3//1 2//1\n";
+        assert!(!crate::obj::inspect(mixed.as_bytes()).turned);
     }
 
     fn import_bytes(format: &dyn SceneFormat, bytes: &[u8]) -> Imported {

@@ -35,7 +35,8 @@ const FEATURES: &[Feature] = features! {
     Approximated "rfilter": "Pixels are means over their square: a box filter.";
     Approximated "sampler": "sobol with the same number of samples, at most 64.";
     Approximated "integrator direct": "appel: lights are points, and mirrors and glass are black.";
-    Approximated "integrator path": "whitted: diffuse surfaces do not light each other.";
+    Approximated "integrator path": "whitted with max_depth - 2 bounces: diffuse surfaces do not light each other, and the last bounce sees no lamp.";
+    Approximated "max_depth below 2": "No surface is lit; lamps and surroundings stay visible.";
     Approximated "integrator volpath": "As path, without media.";
     Approximated "integrator aov": "Its nested integrator; no additional channels.";
     Approximated "unlimited max_depth": "16 bounces, without rays that contribute less than 0.001.";
@@ -47,6 +48,7 @@ const FEATURES: &[Feature] = features! {
     Dropped "far_clip": "There is no far limit.";
     Dropped "shutter_open, shutter_close": "Nothing moves.";
     Dropped "srf": "There are no spectra.";
+    Approximated "spectrum of wavelengths": "Its colour under even light.";
     Kept "emitter point": "point.";
     Kept "emitter directional": "directional.";
     Kept "emitter spot": "spot; its texture is the image.";
@@ -77,11 +79,14 @@ const FEATURES: &[Feature] = features! {
     Approximated "nonlinear plastic with a texture": "The texture is scaled as grey of 0.5 is.";
     Approximated "bsdf roughplastic": "blinn_phong: the highlight is that at normal incidence.";
     Kept "bsdf twosided": "The material itself, or two_sided.";
-    Kept "bsdf mask": "mask.";
+    Kept "bsdf mask": "mask; its opacity is the mean of the channels of a colour.";
+    Approximated "holes in path and direct": "Light passes through holes; in Mitsuba they block the light of points and directions.";
+    Approximated "opacity or weight by a bitmap": "Each channel has its own; Mitsuba takes the luminance of a coloured bitmap.";
     Approximated "mask of glass": "The larger of the two: glass without holes, or nothing.";
     Kept "bsdf blendbsdf": "mix.";
     Approximated "blendbsdf of two directions": "The larger part: a ray would be reflected, or pass, in two directions.";
-    Kept "bsdf normalmap": "normal_map; on a mesh with its tangents.";
+    Kept "bsdf normalmap": "normal_map.";
+    Approximated "normalmap on a mesh": "Tangents are those of the vertices, and the bitangent grows with v; in Mitsuba both follow u of each triangle.";
     Dropped "normalmap without tangents": "On a disk or in a group, only a mesh has tangents.";
     Approximated "bsdf bumpmap": "bump; its height is the first channel of the texture, and its slope a difference over 0.0002 of (u, v).";
     Kept "bsdf null": "A mask that is open.";

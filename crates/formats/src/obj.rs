@@ -607,6 +607,7 @@ pub(crate) fn inspect(bytes: &[u8]) -> MeshInfo {
             high: scan.high,
         },
         normals: scan.normals,
+        turned: scan.sides.turned(),
         triangles: scan.triangles,
     }
 }

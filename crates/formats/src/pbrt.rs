@@ -10,7 +10,6 @@ mod material;
 mod params;
 mod scene;
 mod shape;
-mod spectrum;
 mod texture;
 mod token;
 

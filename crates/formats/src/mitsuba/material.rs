@@ -22,6 +22,9 @@ pub(super) struct Look {
     pub(super) flip: bool,
     /// Whether the material is inside a `twosided`, and so not black from behind.
     pub(super) bare: bool,
+    /// Whether a `twosided` shows it from behind: it mirrors directions at the surface, so that the
+    /// normals of maps lean as they do in front.
+    pub(super) behind: bool,
     /// The key that gives the direction of increasing u: `tangent` or `axis`.
     pub(super) tangent: Option<(&'static str, Value)>,
 }
@@ -32,6 +35,9 @@ impl Look {
         if self.flip_v { FLIP } else { DAffine3::IDENTITY }
     }
 }
+
+/// Plugins whose normals lean by a map.
+const LEANING: &[&str] = &["normalmap", "bumpmap"];
 
 /// The step of a bump map in (u, v). Mitsuba derives between the texels; a much smaller step would
 /// lose digits of single-precision heights.
@@ -226,7 +232,10 @@ impl<'a> Translator<'a> {
             "roughplastic" => self.rough_plastic(&mut fields, look),
             "twosided" => self.two_sided(&mut fields, look),
             "mask" => {
-                let opacity = self.texture_or_color(&mut fields, "opacity", [0.5; 3], look);
+                let opacity = self.share(&mut fields, "opacity", look);
+                if self.opaque_holes && as_color(&opacity) != Some([1.0; 3]) {
+                    self.note("holes in path and direct", at);
+                }
                 let material = self.nested(&mut fields, look);
                 match combine::mask(material, opacity, &self.rays) {
                     Nearest::Exact(table) => table,
@@ -237,7 +246,7 @@ impl<'a> Translator<'a> {
                 }
             }
             "blendbsdf" => {
-                let weight = self.texture_or_color(&mut fields, "weight", [0.5; 3], look);
+                let weight = self.share(&mut fields, "weight", look);
                 let parts = self.children(&mut fields, &["bsdf"]);
                 match parts[..] {
                     [(_, a), (_, b)] => {
@@ -261,7 +270,12 @@ impl<'a> Translator<'a> {
             }
             "normalmap" => self.normal_map(&mut fields, look),
             "bumpmap" => self.bump_map(&mut fields, look),
-            "null" => combine::open(),
+            "null" => {
+                if self.opaque_holes {
+                    self.note("holes in path and direct", at);
+                }
+                combine::open()
+            }
             _ => {
                 self.unknown(index);
                 return black();
@@ -278,7 +292,7 @@ impl<'a> Translator<'a> {
         }
         let scale = self.number(fields, "scale", 1.0);
         // Heights rise along Mitsuba's normal.
-        let scale = if look.flip { -scale } else { scale };
+        let scale = if look.flip != look.behind { -scale } else { scale };
         let heights = self.children(fields, &["texture"]);
         let height = match heights[..] {
             [(_, height)] => self.texture(height, look),
@@ -324,9 +338,14 @@ impl<'a> Translator<'a> {
         };
         let parts = self.children(fields, &["bsdf"]);
         match parts[..] {
-            [(_, part)] => surface(self.bsdf(part, &inner)),
-            [(_, a), (_, b)] => {
-                let (a, b) = (self.bsdf(a, &inner), self.bsdf(b, &inner));
+            [(_, part)] if !self.contains(part, LEANING) => surface(self.bsdf(part, &inner)),
+            [(_, a)] | [(_, a), (_, _)] => {
+                let b = parts.last().map_or(a, |(_, b)| *b);
+                let behind = Look {
+                    behind: self.contains(b, LEANING),
+                    ..inner.clone()
+                };
+                let (a, b) = (self.bsdf(a, &inner), self.bsdf(b, &behind));
                 let (front, back) = if look.flip { (b, a) } else { (a, b) };
                 typed("two_sided", [("front", front), ("back", back)])
             }
@@ -491,10 +510,17 @@ impl<'a> Translator<'a> {
             self.note("normalmap without tangents", fields.at());
             return surface(material);
         };
-        typed(
+        if direction.as_str() == Some("mesh") {
+            self.note("normalmap on a mesh", fields.at());
+        }
+        let mut table = typed(
             "normal_map",
             [("map", map), ("material", material), (key, direction)],
-        )
+        );
+        if look.behind {
+            table.insert("strength".to_owned(), Value::Float(-1.0));
+        }
+        table
     }
 
     /// Whether an object or one inside it is one of these plugins.

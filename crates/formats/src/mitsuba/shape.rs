@@ -353,10 +353,15 @@ impl<'a> Translator<'a> {
         }
         place(&mut table, &common.world);
         self.bound(&common.world, info.part.low, info.part.high);
-        // Mitsuba takes the side from the normals, and the winding turns when mirrored.
-        let by_winding = flat || !info.normals;
+        // Mitsuba takes the side from the normals. Without them it takes it from the winding, which
+        // turns when mirrored.
         let mirrors = common.world.matrix3.determinant() < 0.0;
-        let flip = common.flip_normals != (by_winding && mirrors);
+        let turned = if flat || !info.normals {
+            mirrors
+        } else {
+            info.turned
+        };
+        let flip = common.flip_normals != turned;
         let lights = !flip && info.triangles <= MAX_LIGHT_TRIANGLES;
         vec![Piece {
             table,

@@ -1,4 +1,5 @@
 use super::*;
+use crate::table::as_color;
 use std::collections::BTreeSet;
 use std::fs;
 use toml::{Table, Value};
@@ -76,7 +77,7 @@ fn a_perspective_sensor_is_a_camera_with_near_limit_film_and_sampler() {
         scene["sampler"],
         Value::Table(toml("type = 'sobol'\nsamples = 64"))
     );
-    let integrator = "type = 'whitted'\nmax_depth = 4\nat_max_depth = 'black'";
+    let integrator = "type = 'whitted'\nmax_depth = 3\nat_max_depth = 'black'";
     assert_eq!(scene["integrator"], Value::Table(toml(integrator)));
     assert_eq!(notes, ["integrator path", "sampler"]);
 }
@@ -558,12 +559,131 @@ fn materials_that_refer_to_each_other_take_linear_time() {
 }
 
 #[test]
+fn the_last_edge_of_a_path_leads_to_a_light() {
+    let scene = |depth: i64| {
+        load(&format!(
+            "<integrator type='path'><integer name='max_depth' value='{depth}'/></integrator>
+             <shape type='sphere'><emitter type='area'/></shape><emitter type='point'/><emitter type='constant'/>"
+        ))
+    };
+    for (depth, bounces) in [(-1, 16), (0, 0), (1, 0), (2, 0), (3, 1), (9, 7)] {
+        let (scene, notes) = scene(depth);
+        assert_eq!(scene["integrator"]["max_depth"].as_integer(), Some(bounces));
+        let lights = scene["light"].as_array().unwrap();
+        let unlit = (0..2).contains(&depth);
+        assert_eq!(notes.contains(&"max_depth below 2"), unlit, "{depth}");
+        assert_eq!(lights.len(), if unlit { 1 } else { 3 }, "{depth}");
+        if unlit {
+            assert_eq!(lights[0]["samples"].as_integer(), Some(0));
+        }
+    }
+}
+
+/// Expected colours are those of Mitsuba 3.9.1 in `scalar_rgb`.
+#[test]
+fn spectra_become_colours() {
+    let close = |found: &Value, expected: [f64; 3], tolerance: f64| {
+        let found = as_color(found).unwrap();
+        let near = (0..3).all(|i| (found[i] - expected[i]).abs() <= tolerance);
+        assert!(near, "{found:?}, expected {expected:?}");
+    };
+    let emitter = |value: &str| {
+        let text = format!("<emitter type='point'><spectrum name='intensity' value='{value}'/></emitter>");
+        load(&text).0["light"][0]["intensity"].clone()
+    };
+    close(&emitter("2"), [2.40958, 1.896582, 1.817832], 0.01);
+    close(&emitter("400:0.5, 700:0.1"), [0.223724, 0.292872, 0.406243], 0.01);
+    let (scene, notes) = load(
+        "<shape type='sphere'><emitter type='area'>
+         <spectrum name='radiance' value='400:0, 500:8, 600:15.6, 700:18.4'/></emitter></shape>",
+    );
+    close(&scene["light"][0]["radiance"], [20.7108, 10.8546, 2.77115], 0.2);
+    assert!(notes.contains(&"spectrum of wavelengths"));
+    let reflectance = |value: &str| {
+        let bsdf = format!("<bsdf type='diffuse'><spectrum name='reflectance' value='{value}'/></bsdf>");
+        let text = format!("<shape type='sphere'><bsdf type='twosided'>{bsdf}</bsdf></shape>");
+        load(&text).0["shape"][0]["material"]["reflectance"].clone()
+    };
+    close(&reflectance("0.25"), [0.25; 3], 0.0);
+    close(
+        &reflectance("400:0.5, 700:0.1"),
+        [0.176012, 0.309296, 0.443038],
+        0.02,
+    );
+    close(
+        &reflectance("400:0, 500:1, 600:0.2, 700:0.9"),
+        [0.125051, 0.701716, 0.533343],
+        0.03,
+    );
+}
+
+#[test]
+fn shares_are_one_number() {
+    let material = |text: &str| {
+        let (scene, notes) = load(&format!("<shape type='sphere'>{text}</shape>"));
+        (scene["shape"][0]["material"].clone(), notes)
+    };
+    let inner = "<bsdf type='twosided'><bsdf type='diffuse'/></bsdf>";
+    let (mask, notes) = material(&format!(
+        "<bsdf type='mask'><rgb name='opacity' value='0.9 0.6 0'/>{inner}</bsdf>"
+    ));
+    assert_eq!(mask["opacity"].as_float(), Some(0.5));
+    assert!(notes.contains(&"holes in path and direct"));
+    let (mask, _) = material(&format!(
+        "<bsdf type='mask'><texture type='checkerboard' name='opacity'>
+         <rgb name='color0' value='0 0 0.3'/><rgb name='color1' value='1'/></texture>{inner}</bsdf>"
+    ));
+    let b = as_color(&mask["opacity"]["b"]).unwrap();
+    assert!((b[0] - 0.1).abs() < 1e-15, "{b:?}");
+    assert_eq!(as_color(&mask["opacity"]["a"]), Some([1.0; 3]));
+    let (_, notes) = material(&format!(
+        "<bsdf type='blendbsdf'><texture type='bitmap' name='weight'>
+         <string name='filename' value='t.png'/></texture>{inner}{inner}</bsdf>"
+    ));
+    assert!(notes.contains(&"opacity or weight by a bitmap"));
+    assert!(!notes.contains(&"holes in path and direct"));
+}
+
+#[test]
+fn maps_lean_the_same_way_on_both_sides() {
+    let map = "<texture type='bitmap' name='normalmap'><string name='filename' value='t.png'/></texture>";
+    let bump = "<texture type='bitmap'><string name='filename' value='t.png'/></texture>";
+    let diffuse = "<bsdf type='diffuse'/>";
+    let normal_map = format!("<bsdf type='normalmap'>{map}{diffuse}</bsdf>");
+    let bump_map = format!("<bsdf type='bumpmap'>{bump}{diffuse}</bsdf>");
+    let sides = |inner: &str| {
+        let text = format!("<shape type='rectangle'><bsdf type='twosided'>{inner}</bsdf></shape>");
+        load(&text).0["shape"][0]["material"].clone()
+    };
+    let material = sides(&normal_map);
+    assert_eq!(material["front"].get("strength"), None);
+    assert_eq!(material["back"]["strength"].as_float(), Some(-1.0));
+    let material = sides(&bump_map);
+    assert_eq!(material["front"]["scale"].as_float(), Some(1.0));
+    assert_eq!(material["back"]["scale"].as_float(), Some(-1.0));
+    let material = sides(&format!("{diffuse}{normal_map}"));
+    assert_eq!(material["front"]["type"].as_str(), Some("matte"));
+    assert_eq!(material["back"]["strength"].as_float(), Some(-1.0));
+}
+
+#[test]
+fn an_area_emitter_may_be_shared() {
+    let (scene, _) = load(
+        "<emitter type='area' id='e'><rgb name='radiance' value='2'/></emitter>
+         <shape type='sphere'><ref id='e'/></shape>",
+    );
+    assert_eq!(scene["light"].as_array().unwrap().len(), 1);
+    assert_eq!(as_color(&scene["light"][0]["radiance"]), Some([2.0; 3]));
+}
+
+#[test]
 fn every_noted_feature_is_in_the_table() {
     let sources = [
         include_str!("light.rs"),
         include_str!("material.rs"),
         include_str!("sensor.rs"),
         include_str!("shape.rs"),
+        include_str!("texture.rs"),
         include_str!("translate.rs"),
     ];
     let mut names = BTreeSet::new();

@@ -7,6 +7,7 @@ use super::translate::{Fields, Translator};
 use super::xml::{At, Data};
 use crate::document::{color, numbers, table, transform, typed};
 use crate::files::{self, Named, shorten};
+use crate::table::as_color;
 use toml::{Table, Value};
 use whitstone_core::{DAffine3, DMat3, DVec3};
 
@@ -34,6 +35,22 @@ impl<'a> Translator<'a> {
         }
     }
 
+    /// A share, `opacity` or `weight`: Mitsuba evaluates textures to one number there.
+    pub(super) fn share(&mut self, fields: &mut Fields<'a>, name: &str, look: &Look) -> Value {
+        let child = fields.object.entries.iter().rfind(|entry| entry.name == name);
+        if let Some(Data::Object(index)) = child.map(|entry| &entry.value) {
+            match self.scene.objects[*index].plugin.as_str() {
+                "checkerboard" => {
+                    fields.take(name);
+                    return Value::Table(self.checkerboard(*index, look, true));
+                }
+                "bitmap" => self.note("opacity or weight by a bitmap", fields.at()),
+                _ => {}
+            }
+        }
+        mean(self.texture_or_color(fields, name, [0.5; 3], look))
+    }
+
     /// A texture, for surfaces with this look.
     pub(super) fn texture(&mut self, index: usize, look: &Look) -> Value {
         if let Some(value) = self.constant_texture(index) {
@@ -49,7 +66,7 @@ impl<'a> Translator<'a> {
         let object = &self.scene.objects[index];
         let translated = match object.plugin.as_str() {
             "bitmap" => self.bitmap(index, look),
-            "checkerboard" => Some(self.checkerboard(index, look)),
+            "checkerboard" => Some(self.checkerboard(index, look, false)),
             _ => {
                 self.unknown(index);
                 None
@@ -142,12 +159,17 @@ impl<'a> Translator<'a> {
         Some(image)
     }
 
-    fn checkerboard(&mut self, index: usize, look: &Look) -> Table {
+    /// `share`: whether it is evaluated to one number, for which Mitsuba exchanges the colours (the
+    /// functions `eval` and `eval_1` of its checkerboard.cpp).
+    fn checkerboard(&mut self, index: usize, look: &Look, share: bool) -> Table {
         let mut fields = self.fields(index);
         let uv = self.uv_transform(&mut fields);
-        let a = self.texture_or_color(&mut fields, "color0", [0.4; 3], look);
-        let b = self.texture_or_color(&mut fields, "color1", [0.2; 3], look);
+        let mut a = self.texture_or_color(&mut fields, "color0", [0.4; 3], look);
+        let mut b = self.texture_or_color(&mut fields, "color1", [0.2; 3], look);
         self.finish(fields);
+        if share {
+            (a, b) = (mean(b), mean(a));
+        }
         let constant = |value: &Value| matches!(value, Value::Float(_) | Value::Array(_));
         let mut checker = if constant(&a) && constant(&b) {
             typed("checker", [("a", a), ("b", b)])
@@ -177,6 +199,14 @@ impl<'a> Translator<'a> {
             return DAffine3::IDENTITY;
         }
         DAffine3::from_mat3_translation(matrix, moved)
+    }
+}
+
+/// The mean of the channels of a colour; a texture stays.
+fn mean(value: Value) -> Value {
+    match as_color(&value) {
+        Some([r, g, b]) if r != g || g != b => Value::Float((r + g + b) / 3.0),
+        _ => value,
     }
 }
 

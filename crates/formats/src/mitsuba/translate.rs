@@ -47,6 +47,10 @@ pub(super) struct Translator<'a> {
     pub(super) meshes: HashMap<PathBuf, MeshInfo>,
     /// Whether objects contain one of some plugins.
     pub(super) contained: HashMap<(usize, &'static [&'static str]), bool>,
+    /// Whether no surface reflects the light of an emitter, since paths are too short.
+    unlit: bool,
+    /// Whether holes of surfaces do not let the light of points and directions through.
+    pub(super) opaque_holes: bool,
     /// Names in `materials` of the options that were found.
     pub(super) replaced: BTreeSet<&'a str>,
 }
@@ -99,6 +103,8 @@ impl<'a> Translator<'a> {
             groups: HashMap::new(),
             meshes: HashMap::new(),
             contained: HashMap::new(),
+            unlit: false,
+            opaque_holes: false,
             replaced: BTreeSet::new(),
         }
     }
@@ -112,6 +118,9 @@ impl<'a> Translator<'a> {
             }
         }
         let mut fields = self.fields(0);
+        for &at in &self.scene.spectra {
+            self.note("spectrum of wavelengths", at);
+        }
         let mut sensors = Vec::new();
         let mut integrator = None;
         let mut shapes = Vec::new();
@@ -122,9 +131,10 @@ impl<'a> Translator<'a> {
                 "sensor" => sensors.push(index),
                 "integrator" => integrator = Some(index),
                 "shape" => shapes.push(index),
-                "emitter" => emitters.push(index),
                 // Shared objects are translated where they are used.
                 "bsdf" | "texture" => {}
+                "emitter" if object.plugin == "area" && self.is_used(index) => {}
+                "emitter" => emitters.push(index),
                 "medium" | "phase" | "volume" => self.note("medium", entry.at),
                 family => {
                     let message = format!(
@@ -142,6 +152,7 @@ impl<'a> Translator<'a> {
                 None => {
                     // Mitsuba's default.
                     self.note("integrator path", self.scene.objects[0].at);
+                    self.opaque_holes = true;
                     self.note("unlimited max_depth", self.scene.objects[0].at);
                     None
                 }
@@ -162,6 +173,9 @@ impl<'a> Translator<'a> {
             for index in emitters {
                 self.emitter(index);
             }
+        }
+        if self.unlit {
+            self.unlight();
         }
         for name in options.materials.keys() {
             if !self.replaced.contains(name.as_str()) {
@@ -206,6 +220,15 @@ impl<'a> Translator<'a> {
         let is_lit = self.scene.objects.iter().any(|object| object.family == "emitter");
         if !is_lit && self.options.lights {
             self.document.lights = crate::fit::lights(low, high);
+        }
+    }
+
+    /// Leaves of the lights only what is visible around the scene.
+    fn unlight(&mut self) {
+        let lights = &mut self.document.lights;
+        lights.retain(|light| light.get("type").and_then(Value::as_str) == Some("environment"));
+        for light in lights {
+            light.insert("samples".to_owned(), Value::Integer(0));
         }
     }
 
@@ -257,6 +280,7 @@ impl<'a> Translator<'a> {
                     fields.take(ignored);
                 }
                 self.note("integrator direct", at);
+                self.opaque_holes = true;
                 Some(typed("appel", []))
             }
             "path" | "volpath" | "volpathmis" => {
@@ -272,6 +296,11 @@ impl<'a> Translator<'a> {
                 let depth = (depth >= 0).then_some(depth);
                 if depth.is_none() {
                     self.note("unlimited max_depth", at);
+                }
+                self.opaque_holes = plugin == "path";
+                self.unlit = depth.is_some_and(|depth| depth < 2);
+                if self.unlit {
+                    self.note("max_depth below 2", at);
                 }
                 Some(path(depth))
             }
@@ -360,6 +389,13 @@ impl<'a> Translator<'a> {
             shorten(&object.plugin)
         );
         self.error(object.at, message);
+    }
+
+    /// Whether an object other than the scene refers to this one.
+    fn is_used(&self, index: usize) -> bool {
+        let refers = |entry: &Entry| matches!(entry.value, Data::Object(other) if other == index);
+        let objects = &self.scene.objects[1..];
+        objects.iter().any(|object| object.entries.iter().any(refers))
     }
 
     /// Begins to translate an object; false, with an error, if it contains itself.
@@ -574,9 +610,9 @@ impl<'a> Translator<'a> {
     }
 }
 
-/// The integrator for paths of at most `depth` edges.
+/// The integrator for paths of at most `depth` edges, of which the last one leads to a light.
 fn path(depth: Option<i64>) -> Table {
-    let bounces = depth.map_or(UNLIMITED_DEPTH, |depth| (depth - 1).clamp(0, 100_000));
+    let bounces = depth.map_or(UNLIMITED_DEPTH, |depth| (depth - 2).clamp(0, 100_000));
     let mut table = typed(
         "whitted",
         [

@@ -5,6 +5,7 @@
 //! element, included files.
 
 use crate::files::{self, Folder, Named, folder_of, shorten};
+use crate::spectrum::{self, Sampled};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use whitstone_core::transform_steps::rotation;
@@ -80,6 +81,8 @@ pub(super) struct Scene {
     /// Folders for other files, as `path` elements name them, the latest first, and "" for the
     /// folder of the scene.
     pub(super) search: Vec<String>,
+    /// Places of spectra that vary with the wavelength.
+    pub(super) spectra: Vec<At>,
     files: Vec<Lines>,
 }
 
@@ -392,7 +395,8 @@ impl Loader<'_> {
             }
             "ref" => Data::Reference(self.required(element, "id")?),
             "spectrum" if element.node.attribute("type").is_none() => {
-                Data::Color([self.spectrum(element)?; 3])
+                let emits = self.scene.objects[parent].family == "emitter";
+                Data::Color(self.spectrum(element, emits)?)
             }
             "rgb" => self.rgb(element)?,
             "float" => Data::Float(self.number(element, &self.required(element, "value")?)?),
@@ -557,13 +561,38 @@ impl Loader<'_> {
         }
     }
 
-    fn spectrum(&self, element: Element<'_, '_>) -> Result<f64, FormatError> {
-        let written = self.attribute(element, "value")?;
-        let Some(written) = written.filter(|written| !written.contains(':')) else {
-            let error = self.error(element.at(), "wavelength-dependent spectra are not supported");
-            return Err(error.with_help("write <rgb> or a single number"));
+    /// The colour of a spectrum: one value, or pairs of a wavelength and a value. One value is grey
+    /// as a reflectance; as an emission it is the colour of even light, as in Mitsuba.
+    fn spectrum(&mut self, element: Element<'_, '_>, emits: bool) -> Result<[f64; 3], FormatError> {
+        let Some(written) = self.attribute(element, "value")? else {
+            let error = self.error(element.at(), "a spectrum in a file of its own is not read");
+            return Err(error.with_help("write <rgb>, or the spectrum as value=\"400:0.1, 700:0.2\""));
         };
-        self.number(element, &written)
+        if !written.contains(':') {
+            let value = self.number(element, &written)?;
+            let even = if emits { spectrum::even_light() } else { [1.0; 3] };
+            return Ok(even.map(|channel| value * channel));
+        }
+        let mut samples = Vec::new();
+        for pair in words(&written) {
+            let (nm, value) = pair.split_once(':').ok_or_else(|| {
+                let message = format!("expected a pair such as 400:0.1, found \"{}\"", shorten(pair));
+                self.error(element.at(), message)
+            })?;
+            samples.extend([self.number(element, nm)?, self.number(element, value)?]);
+        }
+        let pairs: &[[f64; 2]] = samples.as_chunks().0;
+        if !pairs.is_sorted_by(|a, b| a[0] < b[0]) || pairs.iter().any(|[_, value]| *value < 0.0) {
+            let message = "expected ascending wavelengths, and values that are not negative";
+            return Err(self.error(element.at(), message));
+        }
+        self.scene.spectra.push(element.at());
+        let samples = Sampled(&samples);
+        Ok(if emits {
+            samples.radiance()
+        } else {
+            samples.color()
+        })
     }
 
     /// Three numbers, by `value` or by `x`, `y`, `z`.
@@ -604,10 +633,15 @@ impl Loader<'_> {
                 "translate" => DAffine3::from_translation(self.xyz(step, 0.0)?),
                 "scale" => DAffine3::from_scale(self.xyz(step, 1.0)?),
                 "rotate" => {
-                    let axis = self.xyz(step, 0.0)?.try_normalize();
-                    let axis = axis.ok_or_else(|| self.error(step.at(), "the axis must not be zero"))?;
+                    let axis = self.xyz(step, 0.0)?;
+                    let unit = axis.try_normalize();
+                    let unit = unit.ok_or_else(|| self.error(step.at(), "the axis must not be zero"))?;
                     let angle = self.number(step, &self.required(step, "angle")?)?;
-                    DAffine3::from_mat3(rotation(axis, angle))
+                    DAffine3::from_mat3(if (axis.length() - 1.0).abs() < 1e-6 {
+                        rotation(unit, angle)
+                    } else {
+                        turned(axis, angle)
+                    })
                 }
                 "lookat" | "lookAt" => self.look_at(step)?,
                 "matrix" => self.matrix(step)?,
@@ -708,6 +742,14 @@ const FAMILIES: &[(&str, &str)] = &[
 fn words(text: &str) -> impl Iterator<Item = &str> {
     text.split(|c: char| c == ',' || c.is_whitespace())
         .filter(|word| !word.is_empty())
+}
+
+/// Rodrigues' formula with an axis of any length, as Mitsuba computes it: a rotation only if the
+/// axis is a unit vector.
+fn turned(axis: DVec3, degrees: f64) -> DMat3 {
+    let (sin, cos) = libm::sincos(degrees.to_radians());
+    let column = |e: DVec3| cos * e + sin * axis.cross(e) + (1.0 - cos) * axis.dot(e) * axis;
+    DMat3::from_cols(column(DVec3::X), column(DVec3::Y), column(DVec3::Z))
 }
 
 /// The rotation whose z axis is this unit vector, as Mitsuba completes a basis (Duff et al. 2017).
@@ -879,8 +921,9 @@ mod tests {
     #[test]
     fn transforms_are_applied_in_the_order_of_the_file() {
         let scene = scene(
-            "<shape type='a'><transform name='t'><scale value='2'/><rotate z='2' angle='90'/><translate x='1'/></transform>
+            "<shape type='a'><transform name='t'><scale value='2'/><rotate z='1' angle='90'/><translate x='1'/></transform>
              <transform name='l'><lookat origin='1 2 3' target='1 2 8' up='0 1 0'/></transform>
+             <transform name='r'><rotate x='1' y='1' angle='40'/></transform>
              <transform name='m'><matrix value='1 0 0 5 0 1 0 6 0 0 1 7 0 0 0 1'/></transform></shape>",
         )
         .unwrap();
@@ -891,6 +934,12 @@ mod tests {
         let moved = map("t").transform_point3(DVec3::X);
         assert!((moved - DVec3::new(1.0, 2.0, 0.0)).length() < 1e-12);
         assert_eq!(map("l").matrix3.x_axis, DVec3::X);
+        // Mitsuba does not normalise the axis.
+        let columns = [[1.0, 0.233956, -0.642788], [0.642788, -0.642788, 0.766044]];
+        let turned = map("r").matrix3;
+        for (column, expected) in [turned.x_axis, turned.z_axis].into_iter().zip(columns) {
+            assert!((column - DVec3::from(expected)).length() < 1e-6, "{column}");
+        }
         assert_eq!(map("l").translation, DVec3::new(1.0, 2.0, 3.0));
         assert_eq!(map("m").translation, DVec3::new(5.0, 6.0, 7.0));
     }
@@ -946,8 +995,16 @@ mod tests {
                 "expected 9 or 16 numbers, found 2",
             ),
             (
-                "<spectrum name='s' value='400:1, 700:1'/>",
-                "wavelength-dependent spectra are not supported",
+                "<spectrum name='s' filename='a.spd'/>",
+                "a spectrum in a file of its own is not read",
+            ),
+            (
+                "<spectrum name='s' value='400:1, 700'/>",
+                "expected a pair such as 400:0.1, found \"700\"",
+            ),
+            (
+                "<spectrum name='s' value='700:1, 400:1'/>",
+                "expected ascending wavelengths, and values that are not negative",
             ),
             (
                 "<float name='f' value='1'><float/></float>",

@@ -3,7 +3,7 @@
 //! The scan accepts everything: the shape `mesh` reports malformed statements with their lines.
 
 use super::decoded;
-use crate::mesh_file::fan_covers_more;
+use crate::mesh_file::{Sides, fan_covers_more};
 use std::collections::{BTreeMap, HashMap};
 use whitstone_core::DVec3;
 
@@ -21,6 +21,8 @@ pub(super) struct Scan {
     pub(super) uvs: bool,
     /// Whether some face has normals.
     pub(super) normals: bool,
+    /// The sides of faces and of their normals.
+    pub(super) sides: Sides,
     /// Number of triangles of all faces.
     pub(super) triangles: u64,
     /// The bounds of all vertices of faces, in metres; empty (low > high) without faces.
@@ -42,13 +44,15 @@ pub(super) fn scan(bytes: &[u8]) -> Scan {
     let mut corners: Vec<DVec3> = Vec::new();
     let mut parts: HashMap<String, ()> = HashMap::new();
     let (mut material, mut material_is_new) = (String::new(), true);
-    let mut normals = false;
+    // Lines of the `vn`, which are read only for the first faces.
+    let mut normals: Vec<&[u8]> = Vec::new();
+    let mut of_corners: Vec<DVec3> = Vec::new();
     let mut smooth = None;
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let mut lines = bytes.split(|&byte| byte == b'\n').zip(1..);
-    while let Some((line, number)) = lines.next() {
+    while let Some((whole, number)) = lines.next() {
         let mut joined = Vec::new();
-        let mut line = line.trim_ascii();
+        let mut line = whole.trim_ascii();
         // A trailing backslash continues the line.
         if line.ends_with(b"\\") {
             joined.extend_from_slice(line);
@@ -74,10 +78,11 @@ pub(super) fn scan(bytes: &[u8]) -> Scan {
                 positions.push(xyz);
                 scan.colors |= values.count() >= 3;
             }
-            b"vn" => normals = true,
+            b"vn" => normals.push(whole),
             b"f" => {
                 let mut count = 0_u64;
                 corners.clear();
+                of_corners.clear();
                 for word in rest()
                     .split('#')
                     .next()
@@ -87,14 +92,22 @@ pub(super) fn scan(bytes: &[u8]) -> Scan {
                     let mut indices = word.split('/');
                     let index = indices.next().and_then(|text| text.parse::<i64>().ok());
                     scan.uvs |= indices.next().is_some_and(|text| !text.is_empty());
-                    scan.normals |= indices.next().is_some_and(|text| !text.is_empty());
+                    let normal = indices.next().unwrap_or_default();
+                    scan.normals |= !normal.is_empty();
                     count += 1;
-                    let place = match index {
-                        Some(index @ 1..) => usize::try_from(index - 1).ok(),
-                        Some(index) => usize::try_from(positions.len() as i64 + index).ok(),
-                        None => None,
+                    let place = |index: Option<i64>, length: usize| match index? {
+                        index @ 1.. => usize::try_from(index - 1).ok(),
+                        index => usize::try_from(length as i64 + index).ok(),
                     };
-                    if let Some(position) = place.and_then(|place| positions.get(place))
+                    if !normal.is_empty()
+                        && !scan.sides.full()
+                        && let Some(line) =
+                            place(normal.parse().ok(), normals.len()).and_then(|place| normals.get(place))
+                    {
+                        of_corners.push(normal_of(line));
+                    }
+                    if let Some(position) =
+                        place(index, positions.len()).and_then(|place| positions.get(place))
                         && position.is_finite()
                     {
                         corners.push(*position);
@@ -103,6 +116,9 @@ pub(super) fn scan(bytes: &[u8]) -> Scan {
                     }
                 }
                 scan.triangles += count.saturating_sub(2);
+                if corners.len() as u64 == count && of_corners.len() as u64 == count {
+                    scan.sides.add(&corners, &of_corners);
+                }
                 if corners.len() as u64 == count && fan_covers_more(&corners) {
                     scan.noted.entry("concave faces").or_insert(number);
                 }
@@ -134,10 +150,17 @@ pub(super) fn scan(bytes: &[u8]) -> Scan {
             }
         }
     }
-    if let Some(line) = smooth.filter(|_| !normals) {
+    if let Some(line) = smooth.filter(|_| normals.is_empty()) {
         scan.noted.insert("s", line);
     }
     scan
+}
+
+/// The vector of a `vn` line; 0 if it is malformed.
+fn normal_of(line: &[u8]) -> DVec3 {
+    let text = decoded(line.trim_ascii());
+    let values: Vec<f64> = numbers(text.trim_start_matches("vn")).take(3).collect();
+    <[f64; 3]>::try_from(values).map_or(DVec3::ZERO, DVec3::from)
 }
 
 fn numbers(text: &str) -> impl Iterator<Item = f64> {

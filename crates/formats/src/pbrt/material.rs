@@ -2,13 +2,13 @@
 
 use super::params::{Args, Values};
 use super::scene::{Area, Importer, MAX_NESTING};
-use super::spectrum;
 use super::texture::Pattern;
 use super::token::At;
 use crate::coat;
 use crate::combine::{self, Nearest};
 use crate::document::{color, typed};
 use crate::mitsuba::material::{normal_reflectance, product};
+use crate::spectrum;
 use std::f64::consts::PI;
 use toml::{Table, Value};
 

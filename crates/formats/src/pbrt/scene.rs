@@ -3,12 +3,12 @@
 use super::FEATURES;
 use super::material::Look;
 use super::params::{Args, KINDS, Kind, Param, Values};
-use super::spectrum;
 use super::token::{At, Lexer, Token};
 use crate::combine::Rays;
 use crate::document::{Document, Ids, Shared, transform};
 use crate::files::{self, Folder, Named, shorten};
 use crate::part::{self, Part};
+use crate::spectrum;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;

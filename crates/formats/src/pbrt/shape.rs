@@ -521,7 +521,8 @@ impl Importer<'_> {
         Some(Pieces {
             tables: vec![table],
             lights: Vec::from_iter(lights.then_some(light)),
-            reversed: self.state.reverse,
+            // As of triangles, the normals decide.
+            reversed: self.state.reverse != info.turned,
             other_uv: false,
         })
     }

@@ -101,7 +101,7 @@ impl<'a> Exporter<'a> {
         if lit {
             self.note("[integrator] whitted", "integrator");
         }
-        let depth = table::number(settings, "max_depth").unwrap_or(6.0) as i64 + 1;
+        let depth = table::number(settings, "max_depth").unwrap_or(6.0) as i64 + 2;
         let plugin = if self.media { "volpathmis" } else { "path" };
         let node = Node::new("integrator", plugin)
             .with("max_depth", Item::Integer(depth))

@@ -70,6 +70,30 @@ fn skies_of_one_channel_are_lit_by_all_directions() {
     }
 }
 
+#[test]
+fn pieces_are_the_parts_of_cells_in_an_interval() {
+    let edges = [0.0, 1.0, 2.0, 3.0, 4.0];
+    for (interval, expected) in [
+        (
+            [0.0, 4.0],
+            vec![(0, [0.0, 1.0]), (1, [1.0, 2.0]), (2, [2.0, 3.0]), (3, [3.0, 4.0])],
+        ),
+        (
+            [0.5, 2.5],
+            vec![(0, [0.5, 1.0]), (1, [1.0, 2.0]), (2, [2.0, 2.5])],
+        ),
+        ([1.0, 2.0], vec![(1, [1.0, 2.0])]),
+        // Rounding may leave an interval empty, or end it after the last edge.
+        ([1.0, 1.0], vec![(1, [1.0, 1.0])]),
+        ([4.0, 4.0], vec![(3, [4.0, 4.0])]),
+        ([3.5, 5.0], vec![(3, [3.5, 4.0])]),
+    ] {
+        let found = pieces(&edges, interval);
+        assert_eq!(found.len(), expected.len());
+        assert_eq!(found.collect::<Vec<_>>(), expected);
+    }
+}
+
 /// Divides a part of an even sky by the rule of the model. A region is the range of the sine of the
 /// latitude, and that of the longitude.
 fn divide([y0, y1, phi0, phi1]: [f64; 4], count: usize, regions: &mut Vec<[f64; 4]>) {

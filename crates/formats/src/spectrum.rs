@@ -22,10 +22,10 @@ const GLASSES: [(&str, f64); 10] = [
 /// Shortest and longest wavelengths that are seen, and the step of integrals, in nm.
 const RANGE: (usize, usize, usize) = (360, 830, 5);
 /// The wavelength that stands for all where an index of refraction is one number, in nm.
-pub(super) const YELLOW: f64 = 587.6;
+pub(crate) const YELLOW: f64 = 587.6;
 
 /// The index of refraction of a named glass.
-pub(super) fn glass(name: &str) -> Option<f64> {
+pub(crate) fn glass(name: &str) -> Option<f64> {
     GLASSES
         .iter()
         .find(|(known, _)| *known == name)
@@ -33,12 +33,12 @@ pub(super) fn glass(name: &str) -> Option<f64> {
 }
 
 /// The names of all glasses.
-pub(super) fn glasses() -> impl Iterator<Item = &'static str> {
+pub(crate) fn glasses() -> impl Iterator<Item = &'static str> {
     GLASSES.iter().map(|(name, _)| *name)
 }
 
 /// The metal of "metal-Au-eta", and whether the spectrum is that of k.
-pub(super) fn metal(name: &str) -> Option<(&'static str, bool)> {
+pub(crate) fn metal(name: &str) -> Option<(&'static str, bool)> {
     let rest = name.strip_prefix("metal-")?;
     let (metal, is_k) = match rest.strip_suffix("-eta") {
         Some(metal) => (metal, false),
@@ -52,10 +52,26 @@ pub(super) fn metal(name: &str) -> Option<(&'static str, bool)> {
 }
 
 /// eta or k of a metal as a colour.
-pub(super) fn metal_color(metal: &str, is_k: bool) -> [f64; 3] {
+pub(crate) fn metal_color(metal: &str, is_k: bool) -> [f64; 3] {
     let found = METALS.iter().find(|(known, _, _)| *known == metal);
     let (_, eta, k) = found.unwrap_or(&METALS[0]);
     if is_k { *k } else { *eta }
+}
+
+/// The standard illuminant D65 from 360 to 830 nm in steps of 10 nm (ISO 11664-2).
+const D65: [f64; 48] = [
+    46.6383, 52.0891, 49.9755, 54.6482, 82.7549, 91.486, 93.4318, 86.6823, 104.865, 117.008, 117.812,
+    114.861, 115.923, 108.811, 109.354, 107.802, 104.79, 107.689, 104.405, 104.046, 100.0, 96.3342, 95.788,
+    88.6856, 90.0062, 89.5991, 87.6987, 83.2886, 83.6992, 80.0268, 80.2146, 82.2778, 78.2842, 69.7213,
+    71.6091, 74.349, 61.604, 69.8856, 75.087, 63.5927, 46.4182, 66.8054, 63.3828, 64.304, 59.4519, 51.959,
+    57.4406, 60.3125,
+];
+
+/// D65 at a wavelength within [`RANGE`]: linear between its samples.
+fn daylight(nm: f64) -> f64 {
+    let place = (nm - RANGE.0 as f64) / 10.0;
+    let below = (place as usize).min(D65.len() - 2);
+    D65[below] + (D65[below + 1] - D65[below]) * (place - below as f64)
 }
 
 /// x, y and z of the CIE 1931 observer.
@@ -102,7 +118,7 @@ fn light(spectrum: impl Fn(f64) -> f64) -> [f64; 3] {
 }
 
 /// The colour of a black body at a temperature in kelvin, of luminance 1.
-pub(super) fn blackbody(kelvin: f64) -> [f64; 3] {
+pub(crate) fn blackbody(kelvin: f64) -> [f64; 3] {
     // Relative to 600 nm, so that nothing overflows.
     let exponent = |nm: f64| 1.438_776_877e7 / (nm * kelvin);
     let middle = exponent(600.0);
@@ -112,12 +128,17 @@ pub(super) fn blackbody(kelvin: f64) -> [f64; 3] {
     })
 }
 
+/// The colour of a light with the same energy at all wavelengths, of luminance 1.
+pub(crate) fn even_light() -> [f64; 3] {
+    light(|_| 1.0)
+}
+
 /// A spectrum from pairs of a wavelength in nm, ascending, and a value.
-pub(super) struct Sampled<'a>(pub(super) &'a [f64]);
+pub(crate) struct Sampled<'a>(pub(crate) &'a [f64]);
 
 impl Sampled<'_> {
     /// The value at a wavelength: linear between the samples, and 0 outside.
-    pub(super) fn at(&self, nm: f64) -> f64 {
+    pub(crate) fn at(&self, nm: f64) -> f64 {
         let pairs: &[[f64; 2]] = self.0.as_chunks().0;
         let after = pairs.partition_point(|[place, _]| *place < nm);
         match (after.checked_sub(1).map(|before| pairs[before]), pairs.get(after)) {
@@ -128,7 +149,7 @@ impl Sampled<'_> {
     }
 
     /// The one value of a spectrum that is constant.
-    pub(super) fn constant(&self) -> Option<f64> {
+    pub(crate) fn constant(&self) -> Option<f64> {
         let pairs: &[[f64; 2]] = self.0.as_chunks().0;
         let (first, rest) = pairs.split_first()?;
         rest.iter()
@@ -137,16 +158,24 @@ impl Sampled<'_> {
     }
 
     /// The colour of a light with this spectrum, of luminance 1.
-    pub(super) fn light(&self) -> [f64; 3] {
+    pub(crate) fn light(&self) -> [f64; 3] {
         light(|nm| self.at(nm))
     }
 
-    /// The colour of a reflectance or of an index of refraction: a constant is grey.
-    pub(super) fn color(&self) -> [f64; 3] {
+    /// The colour of a light with this spectrum, whose luminance is its mean over the observer's.
+    /// Negative channels are 0.
+    pub(crate) fn radiance(&self) -> [f64; 3] {
+        let color = rgb(integral(|nm| self.at(nm))) / integral(|_| 1.0).y;
+        color.max(DVec3::ZERO).to_array()
+    }
+
+    /// The colour of a reflectance, or of an index of refraction, under daylight (D65), which is the
+    /// white of the RGB space: a constant is grey.
+    pub(crate) fn color(&self) -> [f64; 3] {
         if let Some(value) = self.constant() {
             return [value; 3];
         }
-        let color = rgb(integral(|nm| self.at(nm))) / rgb(integral(|_| 1.0));
+        let color = rgb(integral(|nm| self.at(nm) * daylight(nm))) / rgb(integral(daylight));
         if color.is_finite() {
             color.max(DVec3::ZERO).to_array()
         } else {
