@@ -68,10 +68,8 @@ impl Validator<'_> {
         (case.rel_rmse_interior, case.signed_block_bias) = (None, None);
         case.compared = true;
         case.pixels_over_tolerance = over.count();
-        case.unexplained = if noisy.agrees() { 0 } else { significant.count() };
+        case.unexplained = significant.count();
         case.explained = over.count() - case.unexplained;
-        // Noise may explain any number of pixels.
-        case.explained_limit = case.explained;
         case.notes = vacuous::notes(ours, reference, &our_side.pipeline);
         case.notes
             .extend(our_side.pipeline.scene.geometry.search_limit_notes());
@@ -101,6 +99,7 @@ impl Validator<'_> {
                 Question::Rehits(rows.collect())
             }
             _ if !noisy.agrees() => Question::Bias(listed(&significant)),
+            _ if significant.count() > 0 => Question::Few(listed(&significant)),
             _ => Question::Nothing,
         };
         if meta.rehits > 0 {
@@ -109,6 +108,8 @@ impl Validator<'_> {
             case.problems.push(problem);
         }
         let (status, verdict) = self.decide_noisy(path, case, ours, reference, question, &noisy)?;
+        // Noise may explain any number of pixels.
+        case.explained_limit = case.explained;
         case.settle(status, verdict);
         case.noisy = Some(noisy);
         Ok(())
@@ -124,6 +125,7 @@ impl Validator<'_> {
         noisy: &Noisy,
     ) -> Result<(Status, String), SignificanceError> {
         let (Question::Pixels(pixels)
+        | Question::Few(pixels)
         | Question::Blocks(pixels)
         | Question::Bias(pixels)
         | Question::Rehits(pixels)) = &question
@@ -159,6 +161,13 @@ impl Validator<'_> {
         let queried = counted(verdicts.len(), "pixel");
         if wrong > 0 {
             let verdict = format!("the oracle contradicts {image} in {}", counted(wrong, "pixel"));
+            if matches!(question, Question::Few(_)) && is_noisy(ours) {
+                let verdict = format!(
+                    "{verdict}, where it differs from {other} by more than noise explains: a fault, or bright samples that \
+                     are rare (use more samples or runs)"
+                );
+                return Ok((Status::Undecided, verdict));
+            }
             return Ok((wrong_status(case), verdict));
         }
         Ok(match question {
@@ -190,6 +199,16 @@ impl Validator<'_> {
                     "{other} is unreliable here, and the noise or the oracle leaves open whether {image} is right"
                 ),
             ),
+            Question::Few(_) if noisy.hides_differences() => (
+                Status::Undecided,
+                "the noise could hide half of the value in most blocks of pixels: use more samples or runs"
+                    .to_owned(),
+            ),
+            Question::Few(pixels) => {
+                case.unexplained = pixels.len() - right - both;
+                case.explained += right + both;
+                (Status::Pass, noisy.to_string())
+            }
             Question::Pixels(pixels) if right == verdicts.len() && right == pixels.len().min(MAX_ASKED) => (
                 Status::Confirmed,
                 format!(
@@ -218,6 +237,8 @@ enum Question {
     Nothing,
     /// Single pixels differ.
     Pixels(Vec<[usize; 2]>),
+    /// Single pixels differ, but no more of them than may.
+    Few(Vec<[usize; 2]>),
     /// The means of blocks differ.
     Blocks(Vec<[usize; 2]>),
     /// Only the mean of the image differs; no pixel explains it.

@@ -146,7 +146,7 @@ struct SubjectTable {
     gamma: Option<Spanned<Positive>>,
     layer: Option<Spanned<String>>,
     samples: Option<IntegerIn<1, 1_000_000>>,
-    runs: Option<Spanned<IntegerIn<2, 4096>>>,
+    runs: Option<Spanned<IntegerIn<4, 4096>>>,
     time_limit: Option<Positive>,
     memory_limit: Option<Spanned<Positive>>,
     #[serde(default)]
@@ -552,7 +552,7 @@ mod tests {
             ("transfer = \"sgrb\"\n", "w.toml:4:12", "did you mean \"srgb\"?"),
             ("gamma = 2\n", "w.toml:4:9", "expected the transfer \"gamma\""),
             ("transfer = \"gamma\"\n", "w.toml:4:12", "needs the key `gamma`"),
-            ("runs = 1\n", "w.toml:4:8", "from 2 to 4096"),
+            ("runs = 3\n", "w.toml:4:8", "from 4 to 4096"),
             ("runs = 4\n", "w.toml:2:11", "{seed}"),
             ("time_limit = -1\n", "w.toml:4:14", "greater than 0"),
             ("flip = \"z\"\n", "w.toml:4:8", "\"x\", \"y\" or \"xy\""),

@@ -112,25 +112,25 @@ pub(crate) fn render(subject: &Subject, job: &Job<'_>) -> Result<Rendered, Subje
         let (image, bounds) = run_once(subject, job, &scene, &file, index, &mut run)?;
         if subject.is_noisy() {
             mean.add(&image, bounds.as_ref())?;
-        } else {
-            single = Some((image, bounds));
         }
+        single = Some((image, bounds));
+    }
+    if subject.is_noisy() && mean.is_constant() {
+        run.remarks.push(format!(
+            "all {} runs gave the same image, which is judged as one without noise: the command ignores {{seed}}, or \
+             the subject is deterministic",
+            subject.runs
+        ));
     }
     match single {
-        Some((image, bounds)) => Ok(Rendered { image, bounds, run }),
-        None => {
-            if mean.is_constant() {
-                run.remarks.push(format!(
-                    "all {} runs gave the same image: the command ignores {{seed}}, or the subject is deterministic",
-                    subject.runs
-                ));
-            }
-            Ok(Rendered {
-                image: mean.image()?,
-                bounds: mean.bounds()?,
-                run,
-            })
+        Some((image, bounds)) if !subject.is_noisy() || mean.is_constant() => {
+            Ok(Rendered { image, bounds, run })
         }
+        _ => Ok(Rendered {
+            image: mean.image()?,
+            bounds: mean.bounds()?,
+            run,
+        }),
     }
 }
 
