@@ -222,7 +222,7 @@ fn what_cannot_be_baked_is_told() {
         (&["none.png"][..], "cannot read \"none.png\""),
         (
             &["text.png"],
-            "\"text.png\" cannot be used as a texture: not a PNG, JPEG, WebP or EXR file",
+            "\"text.png\" cannot be used as a texture: not a PNG, JPEG, WebP, EXR or HDR file",
         ),
         (&["sky.exr", "--size", "0"], "0 is not in 1..=4096"),
         (&["sky.exr", "-o", "file"], "file: "),

@@ -6,7 +6,7 @@ use std::path::{Component, Path, PathBuf};
 use whitstone_core::{FormatError, ImportOptions};
 
 /// Extensions of images that the texture `image` reads.
-const IMAGES: [&str; 5] = ["png", "jpg", "jpeg", "webp", "exr"];
+const IMAGES: [&str; 6] = ["png", "jpg", "jpeg", "webp", "exr", "hdr"];
 
 /// Whether the texture `image` reads files with this extension.
 pub(crate) fn is_image(path: &Path) -> bool {

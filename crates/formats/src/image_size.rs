@@ -7,7 +7,7 @@ use std::path::Path;
 /// Bytes of a header that are read. A JPEG may have large comments before its size.
 const HEADER: u64 = 4 << 20;
 
-/// Width and height of a PNG, JPEG or OpenEXR file; none if the header is not understood.
+/// Width and height of a PNG, JPEG, OpenEXR or HDR file; none if the header is not understood.
 pub(crate) fn image_size(path: &Path) -> Option<(u32, u32)> {
     if !fs::metadata(path).ok()?.is_file() {
         return None;
@@ -29,6 +29,8 @@ pub(crate) fn image_size(path: &Path) -> Option<(u32, u32)> {
         jpeg(&bytes)?
     } else if bytes.starts_with(&[0x76, 0x2f, 0x31, 0x01]) {
         exr(&bytes)?
+    } else if bytes.starts_with(b"#?") {
+        hdr(&bytes)?
     } else {
         return None;
     };
@@ -52,6 +54,17 @@ fn jpeg(bytes: &[u8]) -> Option<(u32, u32)> {
             }
             _ => at += 2 + usize::from(number(at + 2)?.max(2)),
         }
+    }
+}
+
+/// From the line after the header and an empty line, such as `-Y 512 +X 1024`.
+fn hdr(bytes: &[u8]) -> Option<(u32, u32)> {
+    let end = bytes.windows(2).position(|pair| pair == b"\n\n")? + 2;
+    let line = bytes[end..].split(|byte| *byte == b'\n').next()?;
+    let words: Vec<&str> = std::str::from_utf8(line).ok()?.split_ascii_whitespace().collect();
+    match words[..] {
+        ["-Y", height, "+X", width] => Some((width.parse().ok()?, height.parse().ok()?)),
+        _ => None,
     }
 }
 

@@ -6,7 +6,7 @@
 //! | [`planes`] | [`Image`]: named `f32` channels, row-major, top row first |
 //! | [`exr_io`] | OpenEXR in (any flat file) and out (float32, scan lines, ZIP) |
 //! | [`picture`] | images of other programs (EXR, PNG, JPEG, WebP, HDR, PFM, TIFF) |
-//! | [`texels`] | texture files (PNG, JPEG, WebP, EXR) as raw normalised values |
+//! | [`texels`] | texture files (PNG, JPEG, WebP, EXR, HDR) as raw normalised values |
 //! | [`tone`] | exposure, tone curves and the sRGB transfer functions |
 //! | [`png`] | 8-bit pictures for people |
 //! | [`limits`] | sizes that files may have; errors of reading |

@@ -25,11 +25,11 @@ impl Limits {
         max_height: 65536,
         max_bytes: 4 << 30,
     };
-    /// For textures: 16384 x 16384, 512 MiB.
+    /// For textures: 16384 x 16384, 2 GiB, which is 16384 x 10922 at 12 bytes.
     pub const TEXTURE: Self = Self {
         max_width: 16384,
         max_height: 16384,
-        max_bytes: 512 << 20,
+        max_bytes: 2 << 30,
     };
 
     /// Rejects empty sizes and sizes beyond the limits.

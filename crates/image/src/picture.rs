@@ -241,6 +241,30 @@ fn invalid(error: ImageError) -> ReadFault {
     ReadFault::Damaged(error.to_string())
 }
 
+/// The values of an HDR file as they are stored, without its exposure; `None` for other files.
+pub(crate) fn decode_stored_hdr<R: BufRead + Seek>(
+    source: &mut R,
+    limits: Limits,
+) -> Option<Result<Image, ReadFault>> {
+    let decode = || {
+        let mut start = Vec::new();
+        source.take(10).read_to_end(&mut start)?;
+        source.rewind()?;
+        let other = start.starts_with(OTHER_HDR);
+        if !other && !start.starts_with(HDR) {
+            return Ok(None);
+        }
+        if other {
+            // The decoder accepts only the first of the two names.
+            source.read_exact(&mut [0; OTHER_HDR.len()])?;
+        }
+        let name = if other { HDR } else { &[] };
+        let decoder = HdrDecoder::new(name.chain(source)).map_err(to_fault)?;
+        Ok(Some(from_decoder(decoder, limits)?.image))
+    };
+    no_panic(decode).transpose()
+}
+
 fn decode_hdr(source: impl BufRead, limits: Limits) -> Result<Picture, ReadFault> {
     let decoder = HdrDecoder::new(source).map_err(to_fault)?;
     let exposure = decoder.metadata().exposure.unwrap_or(1.0);

@@ -10,6 +10,7 @@ use image::{DynamicImage, ImageDecoder, ImageError};
 
 use crate::exr_io;
 use crate::limits::{self, Limits, ReadError, ReadFault, no_panic};
+use crate::picture;
 use crate::planes::{Image, RGB};
 
 /// The encoding of the values of a texture file.
@@ -37,13 +38,13 @@ pub struct Texels {
     pub encoding: Encoding,
 }
 
-/// Reads a PNG, JPEG, WebP or EXR file. The first bytes determine the kind, not the name.
+/// Reads a PNG, JPEG, WebP, EXR or HDR file. The first bytes determine the kind, not the name.
 /// [`Limits::TEXTURE`] are the usual limits.
 ///
 /// - Alpha is ignored (colours are not multiplied by it, see [`read_alpha`]), grey is repeated to
 ///   RGB, palettes and codes of fewer than 8 bits are expanded to 8.
-/// - Colour profiles, gamma chunks and EXIF orientation are ignored: the scene defines the meaning
-///   of the values.
+/// - Colour profiles, gamma chunks, EXIF orientation and the exposure of HDR files are ignored: the
+///   scene defines the meaning of the values.
 /// - An animated PNG gives its default image. An EXR file gives the data window and the channels R,
 ///   G, B, or else Y.
 ///
@@ -164,6 +165,10 @@ fn decode_from<R: BufRead + Seek>(mut source: R, limits: Limits, part: Part) -> 
         return from_integers(decoded?, part);
     }
     source.rewind()?;
+    if let Some(decoded) = picture::decode_stored_hdr(&mut source, limits) {
+        return from_floats(&decoded?, Vec::new(), part);
+    }
+    source.rewind()?;
     let mut start = Vec::new();
     (&mut source)
         .take(exr_io::MAGIC.len() as u64)
@@ -177,7 +182,7 @@ fn decode_from<R: BufRead + Seek>(mut source: R, limits: Limits, part: Part) -> 
         from_floats(&decoded.image, decoded.names, part)
     } else {
         Err(ReadFault::UnknownFormat {
-            expected: "a PNG, JPEG, WebP or EXR file",
+            expected: "a PNG, JPEG, WebP, EXR or HDR file",
         })
     }
 }

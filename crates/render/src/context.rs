@@ -109,6 +109,10 @@ impl Storage for Builder<'_, '_, '_> {
         Ok(self.memory.take(bytes)?)
     }
 
+    fn reservable(&self) -> u64 {
+        self.memory.left().unwrap_or(u64::MAX)
+    }
+
     fn shared(&self, key: &str) -> Option<Arc<dyn Any + Send + Sync>> {
         match self.options.shared {
             Some(shared) => shared.get(key),

@@ -24,6 +24,8 @@ pub struct TestContext {
     pub folder: PathBuf,
     /// Bytes of memory that plugins have reserved.
     pub reserved: u64,
+    /// The bytes that they may reserve; by default any number.
+    pub limit: Option<u64>,
     /// Data that plugins share.
     shared: BTreeMap<String, Arc<dyn Any + Send + Sync>>,
     /// Groups by id.
@@ -189,8 +191,19 @@ impl Resources for TestContext {
 
 impl Storage for TestContext {
     fn reserve(&mut self, bytes: u64) -> Result<(), SceneErrors> {
+        if let Some(limit) = self.limit
+            && bytes > self.reservable()
+        {
+            let message = format!("{bytes} bytes do not fit into what is left of {limit} bytes");
+            return Err(SceneError::anywhere(message).into());
+        }
         self.reserved += bytes;
         Ok(())
+    }
+
+    fn reservable(&self) -> u64 {
+        self.limit
+            .map_or(u64::MAX, |limit| limit.saturating_sub(self.reserved))
     }
 
     fn shared(&self, key: &str) -> Option<Arc<dyn Any + Send + Sync>> {

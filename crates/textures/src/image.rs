@@ -24,7 +24,7 @@ use whitstone_gltf::Document;
 use whitstone_image::limits::{Limits, ReadFault};
 use whitstone_image::texels::{self, Texels};
 
-/// An image from a PNG, JPEG, WebP, EXR or glTF file.
+/// An image from a PNG, JPEG, WebP, EXR, HDR or glTF file.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -138,7 +138,7 @@ impl Plugin<Textures> for Image {
         let picture: Arc<Picture> = match shared {
             Some(picture) => picture,
             None => {
-                let texels = decode(&config, &path)?;
+                let texels = decode(&config, &path, context)?;
                 let size = [texels.width, texels.height];
                 let store = Store::new(texels, color_space);
                 context.reserve(store.bytes())?;
@@ -169,27 +169,46 @@ struct Picture {
 }
 
 /// Reads the channel of a file that a texture uses. Negative values are an error.
-fn decode(config: &Config, path: &Path) -> Result<Texels, SceneErrors> {
-    let refuse = |why: String| {
+/// Bytes that decoding an EXR file, the largest case, takes for each byte of its texels: its planes
+/// of four channels, and the texels.
+const DECODING: f64 = 2.5;
+
+fn decode(config: &Config, path: &Path, context: &mut dyn Context) -> Result<Texels, SceneErrors> {
+    let limits = Limits {
+        max_bytes: Limits::TEXTURE
+            .max_bytes
+            .min((context.reservable() as f64 / DECODING) as u64),
+        ..Limits::TEXTURE
+    };
+    let why = |why: String| {
         let message = format!("\"{}\" cannot be used as a texture: {why}", config.file.path);
         SceneErrors::from(SceneError::at(config.file.span.clone(), message))
+    };
+    let mut refuse = |refusal: Refusal| {
+        // Beyond the limit of memory, but not beyond that of textures.
+        if let Some(bytes) = refusal.bytes.filter(|bytes| *bytes <= Limits::TEXTURE.max_bytes)
+            && let Err(error) = context.reserve((bytes as f64 * DECODING) as u64)
+        {
+            return error.or_at(&config.file.span);
+        }
+        why(refusal.why)
     };
     let channel = config.channel.as_ref();
     let alpha = channel.filter(|channel| *channel.get_ref() == Channel::Alpha);
     let texels = if is_gltf(path) {
         let index = config.image.as_ref().map_or(0, |index| *index.get_ref() as usize);
-        from_gltf(path, index, alpha.is_some()).map_err(refuse)?
+        from_gltf(path, index, alpha.is_some(), limits).map_err(refuse)?
     } else {
         let texels = match alpha {
-            None => texels::read(path, Limits::TEXTURE),
-            Some(_) => texels::read_alpha(path, Limits::TEXTURE),
+            None => texels::read(path, limits),
+            Some(_) => texels::read_alpha(path, limits),
         };
         texels.map_err(|error| match (error.fault, alpha) {
             (ReadFault::NoAlpha, Some(alpha)) => {
                 let message = format!("\"{}\" has no alpha channel", config.file.path);
                 SceneError::at(alpha.span(), message).into()
             }
-            (fault, _) => refuse(fault.to_string()),
+            (fault, _) => refuse(fault.into()),
         })?
     };
     let texels = match channel.map(|channel| channel.get_ref()) {
@@ -202,7 +221,7 @@ fn decode(config: &Config, path: &Path) -> Result<Texels, SceneErrors> {
     if let Some(at) = texels.data.iter().position(is_negative) {
         let (x, y) = (at % texels.width, at / texels.width);
         let what = if alpha.is_some() { "alpha" } else { "a colour" };
-        return Err(refuse(format!("{what} is negative at column {x}, row {y}")));
+        return Err(why(format!("{what} is negative at column {x}, row {y}")));
     }
     Ok(texels)
 }
@@ -212,16 +231,43 @@ fn is_gltf(path: &Path) -> bool {
     extension == "gltf" || extension == "glb"
 }
 
+/// Why a file is no texture.
+struct Refusal {
+    why: String,
+    /// The bytes of its texels, if they are too many.
+    bytes: Option<u64>,
+}
+
+impl From<ReadFault> for Refusal {
+    fn from(fault: ReadFault) -> Self {
+        let bytes = match &fault {
+            ReadFault::TooLarge { bytes, .. } => u64::try_from(*bytes).ok(),
+            _ => None,
+        };
+        let why = fault.to_string();
+        Self { why, bytes }
+    }
+}
+
 /// An image of a glTF file, or its alpha: 1 if it has none.
-fn from_gltf(path: &Path, index: usize, alpha: bool) -> Result<Texels, String> {
-    let document = Document::open(path).map_err(|error| error.to_string())?;
-    let bytes = document.image(index).map_err(|error| error.to_string())?;
-    let faulty = |fault: ReadFault| format!("/images/{index}: {fault}");
-    let colors = |bytes: &[u8]| texels::decode(bytes, Limits::TEXTURE).map_err(faulty);
+fn from_gltf(path: &Path, index: usize, alpha: bool, limits: Limits) -> Result<Texels, Refusal> {
+    let outside = |why: String| Refusal { why, bytes: None };
+    let document = Document::open(path).map_err(|error| outside(error.to_string()))?;
+    let bytes = document
+        .image(index)
+        .map_err(|error| outside(error.to_string()))?;
+    let faulty = |fault: ReadFault| {
+        let refusal = Refusal::from(fault);
+        Refusal {
+            why: format!("/images/{index}: {}", refusal.why),
+            ..refusal
+        }
+    };
+    let colors = |bytes: &[u8]| texels::decode(bytes, limits).map_err(faulty);
     if !alpha {
         return colors(&bytes);
     }
-    match texels::decode_alpha(&bytes, Limits::TEXTURE) {
+    match texels::decode_alpha(&bytes, limits) {
         Err(ReadFault::NoAlpha) => {
             let mut texels = colors(&bytes)?;
             texels.data.fill([1.0; 3]);
@@ -574,6 +620,25 @@ mod tests {
             assert_eq!(error.span, Some(7..text.len()), "{name}");
             assert!(error.message.contains(why), "{}", error.message);
         }
+    }
+
+    #[test]
+    fn an_image_beyond_the_memory_limit_is_not_decoded() {
+        let folder = tempfile::tempdir().unwrap();
+        let raster = png::Raster::from_fn(10, 10, |_, _| [9; 3]);
+        raster.write_png(folder.path().join("a.png")).unwrap();
+        let text = "file = \"a.png\"";
+        let build = |limit: u64| {
+            let mut context = TestContext::in_folder(folder.path());
+            context.limit = Some(limit);
+            let built = build_in::<Textures, Image>(text, (), &mut context);
+            built.map(|_| context.reserved)
+        };
+        let needed = (100.0 * 12.0 * DECODING) as u64;
+        assert_eq!(build(needed).unwrap(), 3 * 100 + 256 * 8);
+        let error = build(needed - 1).err().unwrap().0.remove(0);
+        assert_eq!(error.span, Some(7..text.len()));
+        assert!(error.message.contains("of 2999 bytes"), "{}", error.message);
     }
 
     /// An image of noise, so that different means are distinguishable.

@@ -31,7 +31,7 @@ fn find(value: &Value) -> Option<&'static str> {
 
 fn is_image(path: &str) -> bool {
     let path = path.to_ascii_lowercase();
-    [".png", ".jpg", ".jpeg", ".exr"]
+    [".png", ".jpg", ".jpeg", ".exr", ".hdr"]
         .iter()
         .any(|ending| path.ends_with(ending))
 }

@@ -13,7 +13,7 @@ from . import gltf
 from .files import Folder
 from .runtime import mi
 
-EXTENSIONS = (".png", ".jpg", ".jpeg", ".exr")
+EXTENSIONS = (".png", ".jpg", ".jpeg", ".exr", ".hdr")
 # Upper bound on the size of an image inside a glTF file.
 MAX_TEXELS = 2**27
 CHANNELS = ("color", "alpha", "red", "green", "blue")
@@ -72,7 +72,7 @@ def load(path: str, color_space: str, channel: str = "color") -> np.ndarray:
         bitmap = mi.Bitmap(path)
     except Exception as error:  # Mitsuba raises RuntimeError with its own text
         raise SceneError(f"{path}: cannot be read as an image: {error}") from error
-    return _decoded(bitmap, path, color_space, channel, extension != ".exr")
+    return _decoded(bitmap, path, color_space, channel, extension not in (".exr", ".hdr"))
 
 
 def inside(path: str, index: int, color_space: str, channel: str, base: Folder) -> np.ndarray:

@@ -67,6 +67,11 @@ pub trait Storage {
         Ok(())
     }
 
+    /// The bytes that can be reserved before the memory limit is reached.
+    fn reservable(&self) -> u64 {
+        u64::MAX
+    }
+
     /// Data that an earlier plugin of the same scene shared under this key with [`Self::share`],
     /// such as the texels of a file. The key names the type of the data, and everything that the
     /// data depends on.

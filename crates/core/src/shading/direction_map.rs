@@ -37,7 +37,7 @@ pub struct Faces {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, expecting = "a face: a table with `file`")]
 pub struct Face {
-    /// A PNG, JPEG, WebP or EXR file, relative to the scene.
+    /// A PNG, JPEG, WebP, EXR or HDR file, relative to the scene.
     pub file: FilePath,
 }
 
