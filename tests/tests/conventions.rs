@@ -263,7 +263,7 @@ fn findings_do_not_hide_each_other() {
         1,
         &[
             "two runs give different images",
-            "no tried hypothesis explains its image",
+            "and no tried hypothesis explains it",
         ],
     );
 }

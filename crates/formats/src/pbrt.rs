@@ -83,6 +83,7 @@ const FEATURES: &[Feature] = features! {
     Kept "Texture constant, scale, mix": "A colour, product, mix.";
     Kept "Texture imagemap": "image.";
     Kept "Texture checkerboard": "checker or checker3d.";
+    Approximated "scale above 1": "Of an imagemap: products above 1 stay, where pbrt takes 1 as a reflectance.";
     Approximated "float imagemap": "Each channel by itself instead of their mean.";
     Approximated "encoding gamma": "As sRGB.";
     Approximated "wrap black": "clamp.";

@@ -344,8 +344,7 @@ fn first(
     if least > UNDERSTOOD {
         // Any hypothesis is better than another one by chance.
         result.errors.push((probe.name, least));
-        let why = "no tried hypothesis explains its image to a tenth of its mean".to_owned();
-        result.skipped.push((probe.name, why));
+        result.findings.extend(unexplained(probe.name, least));
         return Ok(Film {
             guess,
             free: ALL_FREE,
@@ -557,7 +556,7 @@ fn of_light(
             sentence: factor_sentence(light, full.factor),
             error: full.error,
             error_without: unscaled.error,
-            key: Some(format!("scale = {:?}", six_digits(full.factor * subject.scale))),
+            key: Some(format!("scale = {:?}", few_digits(full.factor * subject.scale))),
         });
     }
     Film {
@@ -651,9 +650,16 @@ fn flip_key(found: [bool; 2], stated: [bool; 2]) -> String {
     format!("flip = \"{name}\"")
 }
 
-/// A number rounded to six significant digits.
-fn six_digits(value: f64) -> f64 {
-    format!("{value:.5e}").parse().unwrap_or(value)
+/// A number rounded to nine significant digits, or to six if they say the same: it must not use up
+/// the limits of a comparison.
+fn few_digits(value: f64) -> f64 {
+    let rounded = |digits: usize| format!("{value:.*e}", digits - 1).parse().unwrap_or(value);
+    let six: f64 = rounded(6);
+    if (six - value).abs() < 1e-7 * value.abs() {
+        six
+    } else {
+        rounded(9)
+    }
 }
 
 fn factor_sentence(light: &str, factor: f64) -> String {

@@ -172,6 +172,9 @@ impl Importer<'_> {
         let uv = self.mapping(args, &mut image);
         let scale = self.number(args, "scale", 1.0);
         let invert = self.boolean(args, "invert", false);
+        if scale > 1.0 {
+            self.note("scale above 1", at);
+        }
         if scale != 1.0 {
             let factors = Value::Array(vec![Value::Float(scale), Value::Table(image)]);
             image = typed("product", [("factors", factors)]);

@@ -150,6 +150,39 @@ pub(super) fn descend(
     Ok((least, best))
 }
 
+/// Tries each number in small steps: what is seen through glass shows its index only nearby.
+fn scan(
+    choices: &[Choice],
+    mut least: f64,
+    mut best: Picked,
+    error: &mut dyn FnMut(&Picked) -> Result<f64, String>,
+) -> Result<(f64, Picked), String> {
+    for (index, choice) in choices.iter().enumerate() {
+        let Others::Number(number) = &choice.others else {
+            continue;
+        };
+        let (from, to) = number.tried.iter().fold((f64::MAX, 0.0), |(from, to), value| {
+            (value.min(from), value.max(to))
+        });
+        let step = (to / from).powf(1.0 / 120.0).max(1.01);
+        let before = best.clone();
+        let mut value: f64 = from;
+        while value < to {
+            let mut trial = before.clone();
+            trial[index] = Some(value);
+            let found = error(&trial)?;
+            if least > super::CLEARLY * found + 0.1 * super::CLEARLY_MORE {
+                (least, best) = (found, trial);
+            }
+            value *= step;
+        }
+        if best != before {
+            (least, best) = refine(index, least, best, error)?;
+        }
+    }
+    Ok((least, best))
+}
+
 /// Searches near a number that was found.
 fn refine(
     index: usize,
@@ -198,7 +231,10 @@ pub(super) fn examine(
         Ok(fit(&compose(&samples, guess), image, guess, *free))
     };
     let mut error = |picked: &Picked| Ok(fitted(picked)?.error);
-    let (least, picked) = descend(choices, &mut error)?;
+    let (mut least, mut picked) = descend(choices, &mut error)?;
+    if least > super::EXPLAINED {
+        (least, picked) = scan(choices, least, picked, &mut error)?;
+    }
     let findings = findings(choices, &picked, least, &mut error)?;
     Ok(Examined {
         fit: fitted(&picked)?,
