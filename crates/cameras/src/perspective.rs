@@ -274,6 +274,16 @@ mod tests {
     }
 
     #[test]
+    fn a_limit_that_is_too_far_at_one_corner_is_refused() {
+        // At the right corners a planar limit is 1e10 times as far away as at the left ones.
+        let window = "window = { l = 0, r = 1e10, b = 0, t = 1 }";
+        assert!(camera(&format!("{window}\nnear = 1e298"), 2, 2).is_ok());
+        let text = format!("{window}\nnear = 2e298");
+        let error = camera(&text, 2, 2).err().unwrap().0.remove(0);
+        assert_eq!(&format!("{LOOK}\n{text}")[error.span.unwrap()], "2e298");
+    }
+
+    #[test]
     fn a_limit_beyond_all_numbers_is_refused_at_its_place() {
         let text = "window = { l = -1, r = 1, b = -1, t = 1, d = 1e-200 }\nnear = 1e200";
         let errors = camera(text, 2, 2).err().unwrap();

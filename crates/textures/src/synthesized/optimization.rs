@@ -324,6 +324,25 @@ mod tests {
     }
 
     #[test]
+    fn comparisons_and_memory_are_counted() {
+        let how = Optimization {
+            sides: vec![8, 4],
+            resolutions: 2,
+            iterations: 2,
+            robust: false,
+        };
+        let (sample, size) = (noise(12, 10), [9, 8]);
+        // Channels of a square, places in the sample, squares of the image, iterations; at the
+        // coarser resolution only the smaller side fits.
+        let of = |side: u64, places: u64, squares: u64| 3 * side * side * places * squares * 2;
+        let expected = of(8, 5 * 3, 2) + of(4, 9 * 7, 6 * 5) + of(4, 3 * 2, 1);
+        assert_eq!(how.steps(&sample, size), expected);
+        let sums = 9 * 8 * size_of::<Sum>() as u64;
+        let positions = 2 * (6 * 5) * 16;
+        assert_eq!(how.bytes(&sample, size), sums + positions + 4 * 12 * 10 + 9 * 8);
+    }
+
+    #[test]
     fn resolutions_and_sides_follow_each_other() {
         let sample = noise(22, 19);
         let start = quilted(&sample);
