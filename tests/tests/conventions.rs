@@ -257,15 +257,31 @@ fn findings_do_not_hide_each_other() {
             "1.000 m",
         ],
     );
-    // Where no hypothesis explains the image, none is reported.
+    // Where no hypothesis explains the image, this is what is reported.
     expect(
         &with_faults("random"),
-        1,
+        2,
         &[
             "two runs give different images",
             "and no tried hypothesis explains it",
         ],
     );
+}
+
+/// What is seen through glass shows its index only near the true one.
+#[test]
+fn the_index_of_glass_is_found_between_the_tried_values() {
+    for (set, found) in [
+        ("shape.1.material.interior_ior=1.82", "the index 1.820"),
+        ("shape.1.material.interior_ior=1.9", "the index 1.900"),
+        ("shape.0.material.interior_ior=1.48", "the index 1.480"),
+    ] {
+        let script = format!(
+            "more=; grep -q dielectric \"$1\" && more='--set {set}'\n{CONFORMING} render \"$1\" -o \"$2\" $more"
+        );
+        let outcome = of_script(&script, "");
+        expect(&outcome, 1, &[found]);
+    }
 }
 
 /// Conventions that the table states are not found again.

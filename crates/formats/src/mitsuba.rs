@@ -35,7 +35,7 @@ const FEATURES: &[Feature] = features! {
     Approximated "rfilter": "Pixels are means over their square: a box filter.";
     Approximated "sampler": "sobol with the same number of samples, at most 64.";
     Approximated "integrator direct": "appel: lights are points, and mirrors and glass are black.";
-    Approximated "integrator path": "whitted with max_depth - 2 bounces: diffuse surfaces do not light each other, and the last bounce sees no lamp.";
+    Approximated "integrator path": "whitted with max_depth - 2 bounces, or max_depth - 1 in surroundings that shine: diffuse surfaces do not light each other.";
     Approximated "max_depth below 2": "No surface is lit; lamps and surroundings stay visible.";
     Approximated "integrator volpath": "As path, without media.";
     Approximated "integrator aov": "Its nested integrator; no additional channels.";

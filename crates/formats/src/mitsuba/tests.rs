@@ -559,14 +559,18 @@ fn materials_that_refer_to_each_other_take_linear_time() {
 }
 
 #[test]
-fn the_last_edge_of_a_path_leads_to_a_light() {
+fn paths_have_as_many_edges_as_in_mitsuba() {
     let scene = |depth: i64| {
         load(&format!(
             "<integrator type='path'><integer name='max_depth' value='{depth}'/></integrator>
              <shape type='sphere'><emitter type='area'/></shape><emitter type='point'/><emitter type='constant'/>"
         ))
     };
-    for (depth, bounces) in [(-1, 16), (0, 0), (1, 0), (2, 0), (3, 1), (9, 7)] {
+    let alone =
+        "<integrator type='path'><integer name='max_depth' value='9'/></integrator><shape type='sphere'/>";
+    assert_eq!(load(alone).0["integrator"]["max_depth"].as_integer(), Some(7));
+    // Mirrors see the surroundings at the end of a path.
+    for (depth, bounces) in [(-1, 16), (0, 0), (1, 0), (2, 1), (3, 2), (9, 8)] {
         let (scene, notes) = scene(depth);
         assert_eq!(scene["integrator"]["max_depth"].as_integer(), Some(bounces));
         let lights = scene["light"].as_array().unwrap();

@@ -223,6 +223,13 @@ impl<'a> Translator<'a> {
         }
     }
 
+    /// Whether rays that leave the scene see light. In Mitsuba a path of `max_depth` edges sees it at
+    /// its end, where a surface is not lit any more. Here the last surface is both lit and seen.
+    fn is_surrounded(&self) -> bool {
+        let around = |object: &Object| ["constant", "envmap"].contains(&object.plugin.as_str());
+        self.scene.objects.iter().any(around)
+    }
+
     /// Leaves of the lights only what is visible around the scene.
     fn unlight(&mut self) {
         let lights = &mut self.document.lights;
@@ -302,7 +309,7 @@ impl<'a> Translator<'a> {
                 if self.unlit {
                     self.note("max_depth below 2", at);
                 }
-                Some(path(depth))
+                Some(path(depth.map(|depth| depth - i64::from(!self.is_surrounded()))))
             }
             "aov" => {
                 fields.take("aovs");
@@ -610,9 +617,9 @@ impl<'a> Translator<'a> {
     }
 }
 
-/// The integrator for paths of at most `depth` edges, of which the last one leads to a light.
+/// The integrator for paths whose last surface has this number of edges before it.
 fn path(depth: Option<i64>) -> Table {
-    let bounces = depth.map_or(UNLIMITED_DEPTH, |depth| (depth - 2).clamp(0, 100_000));
+    let bounces = depth.map_or(UNLIMITED_DEPTH, |depth| (depth - 1).clamp(0, 100_000));
     let mut table = typed(
         "whitted",
         [

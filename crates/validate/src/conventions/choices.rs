@@ -1,6 +1,6 @@
 //! Hypotheses that are changes of a probe scene, such as another index of refraction.
 
-use super::image::{Fit, compose, fit};
+use super::image::{Filter, Fit, Guess, compose, fit};
 use super::probe::{Lab, Probe};
 use super::spot::Spot;
 use super::{Film, Finding, is_clear};
@@ -233,7 +233,22 @@ pub(super) fn examine(
     let mut error = |picked: &Picked| Ok(fitted(picked)?.error);
     let (mut least, mut picked) = descend(choices, &mut error)?;
     if least > super::EXPLAINED {
-        (least, picked) = scan(choices, least, picked, &mut error)?;
+        // One sample per pixel is enough to find a number, and many are tried.
+        let point = Guess {
+            filter: Filter::Point,
+            ..guess.clone()
+        };
+        let mut quick = |picked: &Picked| -> Result<f64, String> {
+            let all = [&film.changes[..], &changes(choices, picked)].concat();
+            let samples = lab.samples(probe, &all, &point)?;
+            Ok(fit(&compose(&samples, &point), image, &point, *free).error)
+        };
+        let before = quick(&picked)?;
+        let (_, scanned) = scan(choices, before, picked.clone(), &mut quick)?;
+        let found = error(&scanned)?;
+        if least > super::CLEARLY * found {
+            (least, picked) = (found, scanned);
+        }
     }
     let findings = findings(choices, &picked, least, &mut error)?;
     Ok(Examined {
