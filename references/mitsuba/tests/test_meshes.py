@@ -1,4 +1,4 @@
-"""OBJ and PLY files whose text is in another encoding than UTF-8 (model §9, *Mesh files*)."""
+"""Rules for OBJ and PLY files (model §9, *Mesh files*)."""
 
 import os
 import tempfile
@@ -6,9 +6,10 @@ import unittest
 
 from support import Case
 from whitstone_mitsuba import meshes
+from whitstone_protocol.errors import SceneError
 
 
-class Encodings(Case):
+class Files(Case):
     def setUp(self):
         folder = tempfile.TemporaryDirectory()
         self.addCleanup(folder.cleanup)
@@ -20,6 +21,9 @@ class Encodings(Case):
             file.write(data)
         return meshes.load(path, meshes.Wanted(**wanted))
 
+
+
+class Encodings(Files):
     def test_names_of_parts(self):
         text = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl gr\xfcn\nf 1 2 3\nusemtl gr\xe0\nf 2 3 1\nf 3 1 2\nusemtl \xc3\xa0\nf 1 2 3\n"
         for part, count in (("gr\u00fcn", 1), ("gr\u00e0", 2), ("\u00e0", 1)):
@@ -31,6 +35,31 @@ class Encodings(Case):
         self.assertEqual(self.load("comment.ply", text).faces.tolist(), [[0, 1, 2]])
         text = b"# gr\xfcn\nv 0 0 0 # gr\xfcn\nv 1 0 0\nv 0 1 0\nf 1 \\\r\n2 3\n"
         self.assertEqual(self.load("comment.obj", text).faces.tolist(), [[0, 1, 2]])
+
+
+class Faces(Files):
+    TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+
+    def test_faces_without_a_normal_at_each_corner(self):
+        text = self.TRIANGLE + b"v 0 0 1\nvn 1 1 1\nvt 0.5 0.5\nf 1/1/1 2/1/1 3/1/1 4/1\nf 1/1/1 2//1 3/1/1\n"
+        found = self.load("partial.obj", text)
+        normals = found.normals[found.faces]
+        self.assertEqual(normals[0].tolist(), [[0, 0, 1]] * 3)
+        self.assertEqual(normals[2].tolist(), [[1, 1, 1]] * 3)
+        uvs = found.uvs[found.faces]
+        self.assertEqual(uvs[0].tolist(), [[0.5, 0.5]] * 3)
+        self.assertEqual(uvs[2].tolist(), [[0, 0]] * 3)
+
+    def test_faces_before_their_vertices(self):
+        found = self.load("before.obj", b"f 1 2 3\n" + self.TRIANGLE)
+        self.assertEqual(found.positions[found.faces].tolist(), [[[0, 0, 0], [1, 0, 0], [0, 1, 0]]])
+        for wrong in (b"f 1 2 4\n", b"f 1 2 0\n", b"f 1 2 -1\n"):
+            with self.assertRaisesRegex(SceneError, "out of range"):
+                self.load("wrong.obj", wrong + self.TRIANGLE)
+
+    def test_a_byte_order_mark(self):
+        found = self.load("mark.obj", b"\xef\xbb\xbf" + self.TRIANGLE + b"f 1 2 3\n")
+        self.assertEqual(len(found.positions), 3)
 
 
 if __name__ == "__main__":

@@ -201,22 +201,26 @@ def _obj(data: bytes, part: Optional[str] = None) -> Triangles:
     normals: List[List[float]] = []
     corners: List[Tuple[int, int, int]] = []
     colors: Dict[int, List[float]] = {}
+    most = [-1, -1, -1]
 
-    def corner(text: bytes) -> Tuple[int, int, int]:
+    def corner(text: bytes) -> List[int]:
         """Indices into v, vt, vn, counted from 0; -1 if missing. Negative ones in the file count
-        from the end.
+        from the end of what comes before the face; the others may name what follows it.
         """
         found = [-1, -1, -1]
         for place, (part, pool) in enumerate(zip(text.split(b"/"), (points, texcoords, normals))):
             if part:
                 number = int(part)
                 found[place] = number - 1 if number > 0 else len(pool) + number
-                if not 0 <= found[place] < len(pool):
+                if number == 0 or found[place] < 0:
                     raise ValueError(f"index {number} in a face is out of range")
+                most[place] = max(most[place], found[place])
         if found[0] < 0:
             raise ValueError("a corner of a face has no vertex index")
-        return found[0], found[1], found[2]
+        return found
 
+    # A byte order mark is no text.
+    data = data[3:] if data[:3] == b"\xef\xbb\xbf" else data
     for line in data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines():
         words = line.split(b"#", 1)[0].split()
         if not words:
@@ -237,8 +241,17 @@ def _obj(data: bytes, part: Optional[str] = None) -> Triangles:
                 raise ValueError("a face has fewer than three corners")
             if part is not None and part != material:
                 continue
-            for second in range(1, len(ring) - 1):
-                corners += [ring[0], ring[second], ring[second + 1]]
+            # A face has normals or texture coordinates only if all its corners do.
+            for place in (1, 2):
+                if any(found[place] < 0 for found in ring):
+                    for found in ring:
+                        found[place] = -1
+            whole = [(found[0], found[1], found[2]) for found in ring]
+            for second in range(1, len(whole) - 1):
+                corners += [whole[0], whole[second], whole[second + 1]]
+    for largest, pool in zip(most, (points, texcoords, normals)):
+        if largest >= len(pool):
+            raise ValueError(f"index {largest + 1} in a face is out of range")
     indices = np.array(corners, dtype=np.int64).reshape(-1, 3)
     has_uv, has_normals = bool((indices[:, 1] >= 0).any()), bool((indices[:, 2] >= 0).any())
     colored = None

@@ -53,8 +53,10 @@ def _fan(ring: Sequence[int]) -> List[Tuple[int, int, int]]:
 
 def _obj(data: bytes) -> Mesh:
     lists: Dict[str, List[Tuple[float, ...]]] = {"v": [], "vt": [], "vn": []}
+    most = {name: -1 for name in lists}
     corners: List[List[Corner]] = [[], [], []]
-    text = data.decode("utf-8", "replace").replace("\\\n", " ")
+    # A byte order mark is no text.
+    text = data.decode("utf-8-sig", "replace").replace("\\\n", " ")
     for line in text.splitlines():
         words = line.split("#")[0].split()
         if words and words[0] in lists:
@@ -67,10 +69,15 @@ def _obj(data: bytes) -> Mesh:
                     corners[kind] += [None] * (len(ring) - 2)
                     continue
                 count = len(lists[name])
-                numbers = [int(word) - 1 if int(word) > 0 else count + int(word) for word in named]
-                if not all(0 <= number < count for number in numbers):
+                # Only numbers from the end count from what comes before the face.
+                numbers = [int(word) - 1 if int(word) >= 0 else count + int(word) for word in named]
+                if min(numbers) < 0:
                     raise ValueError(f"a face refers to a {name} that does not exist")
+                most[name] = max(most[name], *numbers)
                 corners[kind] += _fan(numbers)
+    for name, largest in most.items():
+        if largest >= len(lists[name]):
+            raise ValueError(f"a face refers to a {name} that does not exist")
     faces = [face for face in corners[0] if face is not None]
     if len(faces) < len(corners[0]):
         raise ValueError("a corner of a face has no vertex")

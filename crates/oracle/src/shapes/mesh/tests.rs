@@ -43,6 +43,22 @@ fn mesh(keys: &str, files: &[(&str, &[u8])]) -> Result<Mesh, String> {
 const TRIANGLE: &[u8] = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
 
 #[test]
+fn faces_of_an_obj_name_what_all_their_corners_name_and_may_come_first() {
+    let text = b"\xef\xbb\xbff 1 2 3\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 1 1\nvt 0.5 0.5\n\
+        f 1/1/1 2/1/1 3/1/1 1/1\nf 1/1/1 2//1 3/1/1\n";
+    let found = mesh("file = \"m.obj\"", &[("m.obj", text)]).unwrap();
+    assert_eq!(found.triangles[0], [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+    let has_normals: Vec<bool> = found.normals.iter().map(Option::is_some).collect();
+    assert_eq!(has_normals, [false, false, false, true]);
+    let has_uvs: Vec<bool> = found.uvs.iter().map(Option::is_some).collect();
+    assert_eq!(has_uvs, [false, true, true, false]);
+    for wrong in ["f 1 2 4\n", "f 1 2 0\n", "f 1 2 -1\n", "f 1//2 2 3\n"] {
+        let text = [wrong.as_bytes(), TRIANGLE].concat();
+        assert!(mesh("file = \"m.obj\"", &[("m.obj", &text)]).is_err(), "{wrong}");
+    }
+}
+
+#[test]
 fn unsupported_files_and_keys_are_refused() {
     let names = ["m.obj", "m.OBJ", "m.xyz", "m.glb", "m.gltf", "m.stl"];
     let files = names.map(|name| (name, TRIANGLE));
