@@ -57,6 +57,20 @@ class Faces(Files):
             with self.assertRaisesRegex(SceneError, "out of range"):
                 self.load("wrong.obj", wrong + self.TRIANGLE)
 
+    def test_lists_of_vertices(self):
+        text = b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty list uchar int red\nproperty float y\nproperty float z\n"
+        text += b"element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0 0\n1 2 7 8 0 0\n0 1 7 1 0\n3 0 1 2\n"
+        found = self.load("lists.ply", text, colors=True)
+        self.assertEqual(found.positions.tolist(), [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+        self.assertEqual(found.colors.tolist(), [[1, 1, 1, 1]] * 3)
+
+    def test_lines_of_stl(self):
+        text = b"solid a b\n facet normal 0 0 1\n  outer loop\n   vertex 0 0 0\n   vertex 1 0 0\n"
+        text += b"   vertex 0 1 0\n  endloop\n endfacet\nendsolid a b\n"
+        for end in (b"\n", b"\r\n", b"\r", b" ", b"\t"):
+            found = self.load("lines.stl", text.replace(b"\n", end))
+            self.assertEqual(found.positions.tolist(), [[0, 0, 0], [1, 0, 0], [0, 1, 0]], end)
+
     def test_a_byte_order_mark(self):
         found = self.load("mark.obj", b"\xef\xbb\xbf" + self.TRIANGLE + b"f 1 2 3\n")
         self.assertEqual(len(found.positions), 3)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import functools
 import os
+import re
 from dataclasses import dataclass, replace
 from typing import Dict, List, Optional, Tuple
 
@@ -113,9 +114,10 @@ def _gltf(path: str, wanted: Wanted, base: Optional[Folder]) -> Triangles:
             colors = part.read("COLOR_0", "VEC3", "VEC4")
             found.colors = np.ones((len(positions), 4))
             if colors is not None:
-                found.colors[:, : colors.shape[1]] = colors
+                found.colors[:, : colors.shape[1]] = np.clip(colors, 0.0, 1.0)
         if wanted.tangents:
-            stored = part.read("TANGENT", "VEC4")
+            # TANGENT counts only next to NORMAL.
+            stored = None if found.normals is None else part.read("TANGENT", "VEC4")
             if stored is None:
                 found.tangents, found.signs = tangents(found)
             else:
@@ -429,7 +431,10 @@ def _stl(data: bytes) -> Triangles:
             rows = np.frombuffer(data, np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")]), count, 84)
             corners = rows["corners"].astype(np.float64)
             return Triangles(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3))
-    lines = data.decode("utf-8", "replace").splitlines()
+    lines = data.decode("utf-8", "replace").strip().splitlines()
+    if len(lines) == 1:
+        # In a file of a single line each keyword begins one.
+        lines = re.sub(r"\s(facet|outer|vertex|endloop|endfacet|endsolid)(?!\S)", r"\n\1", lines[0], flags=re.IGNORECASE).splitlines()
     if not any(line.split()[:1] and line.split()[0].lower() == "solid" for line in lines[:100]):
         raise ValueError("neither binary STL of the length that its header gives, nor text")
     words: List[str] = []

@@ -149,7 +149,13 @@ def _stl(data: bytes) -> Mesh:
             points += [corners[0:3], corners[3:6], corners[6:9]]
     else:
         open_ = False
-        for line in data.decode("utf-8", "replace").splitlines():
+        lines = data.decode("utf-8", "replace").strip().splitlines()
+        if len(lines) == 1:
+            # In a file of a single line each keyword begins one.
+            for keyword in ("facet", "vertex", "endfacet", "endsolid"):
+                lines[0] = lines[0].replace(f" {keyword} ", f"\n{keyword} ")
+            lines = lines[0].splitlines()
+        for line in lines:
             words = line.lower().split()
             if words[:1] == ["vertex"] and open_:
                 points.append((float(words[1]), float(words[2]), float(words[3])))

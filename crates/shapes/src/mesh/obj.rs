@@ -253,12 +253,12 @@ mod tests {
     #[test]
     fn polygons_become_fans_and_corners_are_merged() {
         let text = "# caf\u{e9}\nv 0 0 0\nv 1 0 0\nv 1 1 0 1\nv 0 1 0\nvn 0 0 1\nvn 0 0 -1\nvt 0.5\n\
-                    g a\nf 1//1 2//1 3//1 4//1\nusemtl b\nf -4//1 -3/1/1 \\\n -2//2\n";
+                    g a\nf 1//1 2//1 3//1 4//1\nusemtl b\nf -4//1 -3//1 \\\n -2//2\nf 1/1 2/1 3/1\n";
         let object = parse_all(text.as_bytes()).unwrap();
-        assert_eq!(object.triangles, [[0, 1, 2], [0, 2, 3], [0, 4, 5]]);
-        assert_eq!(object.normals[5], DVec3::NEG_Z);
-        assert_eq!(object.uvs[4], DVec2::new(0.5, 0.0));
-        assert_eq!(object.positions[5], DVec3::new(1.0, 1.0, 0.0));
+        assert_eq!(object.triangles, [[0, 1, 2], [0, 2, 3], [0, 1, 4], [5, 6, 7]]);
+        assert_eq!(object.normals[4], DVec3::NEG_Z);
+        assert_eq!(object.uvs[5], DVec2::new(0.5, 0.0));
+        assert_eq!(object.positions[4], DVec3::new(1.0, 1.0, 0.0));
     }
 
     #[test]
