@@ -100,7 +100,8 @@ class Containers(Files):
         builder = self.square()
         self.write("a b.bin", bytes(builder.data))
         external = json.dumps(builder.json(uri="a%20b.bin")).encode()
-        for name, data in (("e.gltf", builder.embedded()), ("x.gltf", external), ("b.glb", builder.binary())):
+        marked = b"\xef\xbb\xbf" + external
+        for name, data in (("e.gltf", builder.embedded()), ("x.gltf", external), ("m.gltf", marked), ("b.glb", builder.binary())):
             found = meshes.load(self.write(name, data))
             self.assertEqual(found.positions.tolist(), SQUARE)
             self.assertEqual(found.faces.tolist(), [[0, 1, 2], [0, 2, 3]])

@@ -458,6 +458,8 @@ class Compounds(Rendered):
         self.refuse(film() + LOOK + mesh(text.format(2, "")), "scene", "/images", base=self.base)
         png = '{ type = "image", file = "t.png", image = 0 }'
         self.refuse(film() + LOOK + mesh(png), "scene", "image", ".glb", base=self.base)
+        with open(os.path.join(self.base, "t.webp"), "wb") as file:
+            file.write(b"RIFF\x20\0\0\0WEBPVP8L")
         webp = '{ type = "image", file = "t.webp" }'
         self.refuse(film() + LOOK + mesh(webp), "unsupported", "WebP", base=self.base)
 

@@ -152,9 +152,9 @@ def _stl(data: bytes) -> Mesh:
         lines = data.decode("utf-8", "replace").strip().splitlines()
         if len(lines) == 1:
             # In a file of a single line each keyword begins one.
-            for keyword in ("facet", "vertex", "endfacet", "endsolid"):
-                lines[0] = lines[0].replace(f" {keyword} ", f"\n{keyword} ")
-            lines = lines[0].splitlines()
+            starts = ("facet", "vertex", "endfacet", "endsolid")
+            broken = [("\n" if word.lower() in starts else " ") + word for word in lines[0].split()]
+            lines = "".join(broken).splitlines()
         for line in lines:
             words = line.lower().split()
             if words[:1] == ["vertex"] and open_:

@@ -519,6 +519,8 @@ fn colors_of_gltf_are_limited() {
     let found = of(&file, "vertex_colors = true").unwrap().colors(0);
     let limited = [[0.0, 0.5, 1.0, 1.0], [0.0, 1.0, 1.0, 1.0], [1.0, 0.0, 0.25, 1.0]];
     assert_eq!(found, Some(limited));
+    // A byte order mark is no text.
+    assert!(of(&format!("\u{feff}{file}"), "").is_ok());
 }
 
 #[test]
