@@ -5,6 +5,9 @@ use std::fmt::Write;
 use toml::{Table, Value};
 use whitstone_core::DAffine3;
 
+/// Layers of masks that a ray passes through.
+const LAYERS: i64 = 32;
+
 /// The tables of a scene, in the order in which they are written.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Document {
@@ -28,6 +31,7 @@ impl Document {
     pub(crate) fn bound_reflections(&mut self) {
         let materials = self.materials.iter().map(|(_, table)| table);
         let grouped = self.groups.iter().flat_map(|(_, shapes)| shapes);
+        let spreads = |table: &Table| contains(table, "glossy");
         if !materials.chain(grouped).chain(&self.shapes).any(spreads) {
             return;
         }
@@ -35,6 +39,18 @@ impl Document {
             if *name == "integrator" && !table.contains_key("min_contribution") {
                 table.insert("min_contribution".to_owned(), Value::Float(1e-3));
             }
+        }
+    }
+
+    /// Where a material is a mask, lets rays pass through more layers of it than by default. Rays
+    /// that contribute little are left out, which bounds the number of reflections.
+    pub(crate) fn pass_through_layers(&mut self) {
+        if self.materials.iter().any(|(_, table)| contains(table, "mask")) {
+            let keys = [
+                ("max_depth", Value::Integer(LAYERS)),
+                ("min_contribution", Value::Float(1e-3)),
+            ];
+            self.single.push(("integrator", typed("whitted", keys)));
         }
     }
 
@@ -76,14 +92,15 @@ impl Document {
     }
 }
 
-/// Whether a table is a material that spreads its reflections, or contains one.
-fn spreads(table: &Table) -> bool {
+/// Whether a table is a plugin of this type, or contains one.
+fn contains(table: &Table, kind: &str) -> bool {
+    let inner = |table: &Table| contains(table, kind);
     let within = |value: &Value| match value {
-        Value::Table(table) => spreads(table),
-        Value::Array(values) => values.iter().filter_map(Value::as_table).any(spreads),
+        Value::Table(table) => inner(table),
+        Value::Array(values) => values.iter().filter_map(Value::as_table).any(inner),
         _ => false,
     };
-    table.get("type").and_then(Value::as_str) == Some("glossy") || table.values().any(within)
+    table.get("type").and_then(Value::as_str) == Some(kind) || table.values().any(within)
 }
 
 /// A key as TOML, in quotes if it needs them.

@@ -281,12 +281,10 @@ fn scan_stl(bytes: &[u8]) -> Scan {
         }
     } else {
         let text = String::from_utf8_lossy(bytes);
-        for line in text.lines() {
-            let mut words = line.split_ascii_whitespace();
-            if words
-                .next()
-                .is_some_and(|word| word.eq_ignore_ascii_case("vertex"))
-            {
+        // Lines may end in any way.
+        let mut words = text.split_ascii_whitespace();
+        while let Some(word) = words.next() {
+            if word.eq_ignore_ascii_case("vertex") {
                 let mut number = || {
                     words
                         .next()
@@ -327,8 +325,10 @@ struct Element<'a> {
 }
 
 impl Element<'_> {
+    /// Whether it has a number of this name.
     fn has(&self, name: &str) -> bool {
-        self.properties.iter().any(|property| property.name == name)
+        let mut numbers = self.properties.iter().filter(|property| property.count.is_none());
+        numbers.any(|property| property.name == name)
     }
 
     /// Reads the values of the next one, each with its property.
@@ -500,6 +500,7 @@ fn vertices(
     for _ in 0..element.count {
         let (mut point, mut normal) = (DVec3::NAN, DVec3::ZERO);
         element.read(values, |property, value| match property.name {
+            _ if property.count.is_some() => {}
             "nx" => normal.x = value,
             "ny" => normal.y = value,
             "nz" => normal.z = value,
@@ -703,6 +704,7 @@ mod tests {
         let text =
             "solid\nfacet normal 0 0 1\nouter loop\nvertex -1 0 0\nVERTEX 1 2 3\nvertex 0 0 0\nendloop\n";
         assert_eq!(scan_stl(text.as_bytes()).part, BOX);
+        assert_eq!(scan_stl(text.replace('\n', " ").as_bytes()).part, BOX);
         let mut binary = vec![b' '; 80];
         binary.extend(1_u32.to_le_bytes());
         for value in [9_f32, 9.0, 9.0, -1.0, 0.0, 0.0, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0] {

@@ -48,6 +48,7 @@ const FEATURES: &[Feature] = features! {
     Kept "Ni": "The index of refraction of a glass.";
     Approximated "Tf": "A glass is clear.";
     Kept "d, Tr": "A mask with the opacity d, or 1 - Tr; a glass ignores them.";
+    Approximated "d, Tr above 1": "They are limited to 1.";
     Approximated "d -halo": "The opacity is the same from all directions.";
     Approximated "illum 0": "A constant colour is matte instead.";
     Kept "illum 1, 2": "matte or blinn_phong.";
@@ -58,6 +59,7 @@ const FEATURES: &[Feature] = features! {
     Approximated "illum with another number": "As illum 2.";
     Kept "map_Kd, map_Ks, map_Ke, map_d": "Images that multiply the value of the statement.";
     Approximated "map without a readable file": "The plain colour.";
+    Dropped "map without a file name": "The statement has no effect.";
     Kept "norm": "normal_map with the tangents of the mesh; -bm is its strength.";
     Dropped "norm without texture coordinates": "There are no tangents without them.";
     Kept "-s, -o, -clamp, -imfchan": "scale, offset, wrap and channel of the image.";
@@ -80,6 +82,7 @@ const FEATURES: &[Feature] = features! {
     Dropped "-texres": "Images have the resolution of their file.";
     Dropped "-blendu, -blendv": "Images are filtered in both directions.";
     Dropped "-cc": "Colours are not corrected.";
+    Dropped "other options of a texture": "They are not known.";
     Dropped "s": "Without vn the surface is flat: smoothing groups give no normals.";
     Dropped "p, l": "Points and lines have no area.";
     Dropped "curv, surf": "Free-form curves and surfaces are not read.";

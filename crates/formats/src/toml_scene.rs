@@ -234,6 +234,28 @@ mod tests {
     }
 
     #[test]
+    fn images_of_gltf_files_may_be_absent_but_not_buffers() {
+        let folder = tempfile::tempdir().unwrap();
+        let (from, to) = (folder.path().join("from"), folder.path().join("to"));
+        fs::create_dir(&from).unwrap();
+        fs::create_dir(&to).unwrap();
+        let gltf = r#"{ "asset": { "version": "2.0" }, "buffers": [{ "byteLength": 1, "uri": "b.bin" }],
+            "images": [{ "uri": "absent.png" }, { "uri": "there.png" }] }"#;
+        fs::write(from.join("m.gltf"), gltf).unwrap();
+        fs::write(from.join("there.png"), "1").unwrap();
+        let document: Table = "[[shape]]\ntype = \"mesh\"\nfile = \"m.gltf\"\n".parse().unwrap();
+        let scene = ExportScene {
+            document: &document,
+            base: &from,
+        };
+        let errors = Toml.export(&scene, &to.join("s.toml")).unwrap().unwrap_err();
+        assert!(errors.0[0].message.contains("b.bin"));
+        fs::write(from.join("b.bin"), "1").unwrap();
+        assert_eq!(Toml.export(&scene, &to.join("s.toml")).unwrap(), Ok(Vec::new()));
+        assert!(to.join("s-files/there.png").exists() && to.join("s-files/b.bin").exists());
+    }
+
+    #[test]
     fn a_document_survives() {
         let text = "[film]\nwidth = 3\n[material.m]\ntype = \"matte\"\n[[group.g.shape]]\ntype = \"sphere\"\n\
                     [[shape]]\ntype = \"instance\"\ngroup = \"g\"\n[[light]]\ntype = \"ambient\"\nradiance = 1.0\n";

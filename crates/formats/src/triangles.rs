@@ -38,8 +38,10 @@ fn stores_tangents(shape: &Table, base: &Path) -> bool {
     let index = |key: &str| shape.get(key).and_then(Value::as_integer).unwrap_or(0) as usize;
     let mesh = document.root.meshes.get(index("mesh"));
     let primitive = mesh.and_then(|mesh| mesh.primitives.get(index("primitive")));
-    let tangents = Checked::Valid(Semantic::Tangents);
-    primitive.is_some_and(|primitive| primitive.attributes.contains_key(&tangents))
+    primitive.is_some_and(|primitive| {
+        let has = |semantic| primitive.attributes.contains_key(&Checked::Valid(semantic));
+        has(Semantic::Tangents) && has(Semantic::Normals)
+    })
 }
 
 /// The mesh of a shape that is built to triangles, in object space.
@@ -49,8 +51,11 @@ pub(crate) fn built(shape: &Table, base: &Path) -> Result<TriangleMesh, Missing>
     for key in PLACEMENT {
         keys.remove(key);
     }
-    // Other tangents are computed again from the texture coordinates.
-    if kind == "mesh" && !stores_tangents(shape, base) {
+    if kind == "mesh" && stores_tangents(shape, base) {
+        // They count only with normals.
+        keys.remove("shading");
+    } else if kind == "mesh" {
+        // Other tangents are computed again from the texture coordinates.
         keys.remove("tangents");
     }
     let told = |error: &dyn std::fmt::Display| Missing::Faulty(error.to_string());

@@ -167,19 +167,18 @@ impl Document {
         &self.path
     }
 
-    /// The paths of the files that it refers to: buffers and images. Faulty URIs are left out.
+    /// The paths of the files that it refers to: buffers and images. Faulty URIs are left out, and
+    /// images that are not there: it may be that no texture uses them.
     pub fn companions(&self) -> Vec<PathBuf> {
-        let images = self.root.images.iter().filter_map(|image| image.uri.as_deref());
-        let buffers = self
-            .root
-            .buffers
-            .iter()
-            .filter_map(|buffer| buffer.uri.as_deref());
-        buffers
-            .chain(images)
-            .filter_map(|uri| crate::buffers::relative_path(uri).ok().flatten())
-            .map(|relative| self.folder().join(relative))
-            .collect()
+        let place = |uri: &str| {
+            let relative = crate::buffers::relative_path(uri).ok().flatten()?;
+            Some(self.folder().join(relative))
+        };
+        let buffers = self.root.buffers.iter();
+        let buffers = buffers.filter_map(|buffer| place(buffer.uri.as_deref()?));
+        let images = self.root.images.iter();
+        let images = images.filter_map(|image| place(image.uri.as_deref()?));
+        buffers.chain(images.filter(|path| path.exists())).collect()
     }
 
     /// The folder that its URIs are relative to.

@@ -44,9 +44,9 @@ pub struct Primitive {
     pub normals: Option<Vec<[f64; 3]>>,
     /// The requested sets of texture coordinates that are present, v pointing up.
     pub uvs: Vec<Option<Vec<[f64; 2]>>>,
-    /// Linear RGBA, if present.
+    /// Linear RGBA from 0 to 1, if present.
     pub colors: Option<Vec<[f64; 4]>>,
-    /// Direction and sign, if present.
+    /// Direction and sign, if the primitive has them and normals.
     pub tangents: Option<Vec<[f64; 4]>>,
     /// Vertices of each triangle.
     pub triangles: Vec<[u32; 3]>,
@@ -138,7 +138,8 @@ impl Reader<'_> {
             let found = self.attribute(Semantic::Normals, "NORMAL", &[Type::Vec3], of_count)?;
             data.normals = found.map(|numbers| numbers.arrays(0.0));
         }
-        if request.tangents {
+        // Without normals the specification has tangents ignored.
+        if request.tangents && self.index(Semantic::Normals).is_some() {
             let found = self.attribute(Semantic::Tangents, "TANGENT", &[Type::Vec4], of_count)?;
             data.tangents = found.map(|numbers| numbers.arrays(0.0));
         }
@@ -152,7 +153,8 @@ impl Reader<'_> {
         if request.colors {
             let kinds = [Type::Vec3, Type::Vec4];
             let found = self.attribute(Semantic::Colors(0), "COLOR_0", &kinds, of_count)?;
-            data.colors = found.map(|numbers| numbers.arrays(1.0));
+            let limited = |color: [f64; 4]| color.map(|part| part.clamp(0.0, 1.0));
+            data.colors = found.map(|numbers| numbers.arrays(1.0).into_iter().map(limited).collect());
         }
         data.triangles = self.triangles(count)?;
         self.morph(&mut data, request, own_weights)?;

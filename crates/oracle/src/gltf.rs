@@ -78,6 +78,8 @@ impl Gltf {
             true => chunks(&bytes).ok_or("malformed chunks")?,
             false => (&*bytes, None),
         };
+        // A byte order mark is no text.
+        let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json);
         let json: Value = serde_json::from_slice(json).map_err(|fault| fault.to_string())?;
         let version = json.pointer("/asset/version").and_then(Value::as_str);
         if !version.is_some_and(|version| version.starts_with("2.")) {

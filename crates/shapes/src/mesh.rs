@@ -454,6 +454,48 @@ mod tests {
     }
 
     #[test]
+    fn colours_of_gltf_are_limited_and_tangents_need_normals() {
+        // Positions, colours from -1 to 3, normals z, and tangents y with the sign -1.
+        const DATA: &str = "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAAAACAvwAAAD8AAABAAAAAAAAAgD8AAMA/AABA\
+                           QAAAAL8AAIA+AAAAAAAAAAAAAIA/AAAAAAAAAAAAAIA/AAAAAAAAAAAAAIA/AAAAAAAAgD8AAAAAAACAvwAA\
+                           AAAAAIA/AAAAAAAAgL8AAAAAAACAPwAAAAAAAIC/";
+        let views = [(0, 36), (36, 36), (72, 36), (108, 48)].map(|(offset, length)| {
+            format!("{{ \"buffer\": 0, \"byteOffset\": {offset}, \"byteLength\": {length} }}")
+        });
+        let accessors = [(0, "VEC3"), (1, "VEC3"), (2, "VEC3"), (3, "VEC4")].map(|(view, kind)| {
+            format!(
+                "{{ \"bufferView\": {view}, \"componentType\": 5126, \"count\": 3, \"type\": \"{kind}\" }}"
+            )
+        });
+        let file = format!(
+            r#"{{ "asset": {{ "version": "2.0" }}, "meshes": [{{ "primitives": [{{ "attributes":
+                {{ "POSITION": 0, "COLOR_0": 1, "NORMAL": 2, "TANGENT": 3 }} }}] }}],
+                "accessors": [{}], "bufferViews": [{}], "buffers": [{{ "byteLength": 156,
+                "uri": "data:;base64,{DATA}" }}] }}"#,
+            accessors.join(", "),
+            views.join(", ")
+        );
+        let attributes = |file: &str| {
+            let keys = "tangents = true\nvertex_colors = true";
+            let LoweredShape::Triangles(mesh) = load("m.gltf", file.as_bytes(), keys).0.unwrap() else {
+                panic!("a mesh is triangles")
+            };
+            mesh.attributes.unwrap()
+        };
+        let all = attributes(&file);
+        assert_eq!(
+            all.colors,
+            [[0.0, 0.5, 1.0, 1.0], [0.0, 1.0, 1.0, 1.0], [1.0, 0.0, 0.25, 1.0]]
+        );
+        assert_eq!(all.tangents, [whitstone_core::DVec3::Y; 3]);
+        assert_eq!(all.handedness, [-1.0]);
+        // Computed from texture coordinates, of which there are none.
+        let ignored = attributes(&file.replace("\"NORMAL\": 2, ", ""));
+        assert_eq!(ignored.tangents, [whitstone_core::DVec3::ZERO; 3]);
+        assert_eq!(ignored.handedness, [1.0]);
+    }
+
+    #[test]
     fn flat_shading_forgets_the_normals_and_flat_triangles_are_told() {
         let (shape, context) = load("b.obj", SMALL.as_bytes(), "shading = \"flat\"");
         let Ok(LoweredShape::Triangles(mesh)) = shape else {

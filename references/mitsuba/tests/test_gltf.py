@@ -100,7 +100,8 @@ class Containers(Files):
         builder = self.square()
         self.write("a b.bin", bytes(builder.data))
         external = json.dumps(builder.json(uri="a%20b.bin")).encode()
-        for name, data in (("e.gltf", builder.embedded()), ("x.gltf", external), ("b.glb", builder.binary())):
+        marked = b"\xef\xbb\xbf" + external
+        for name, data in (("e.gltf", builder.embedded()), ("x.gltf", external), ("m.gltf", marked), ("b.glb", builder.binary())):
             found = meshes.load(self.write(name, data))
             self.assertEqual(found.positions.tolist(), SQUARE)
             self.assertEqual(found.faces.tolist(), [[0, 1, 2], [0, 2, 3]])
@@ -161,22 +162,27 @@ class Containers(Files):
 
 
 class Accessors(Files):
-    def colors(self, rows, code, **more):
+    def numbers(self, rows, code, **more):
         builder = self.square()
         builder.attribute("COLOR_0", rows, code, **more)
-        return self.load(builder, colors=True).colors
+        file = gltf.load(self.write("m.gltf", builder.embedded()))
+        return gltf.Primitive(file, 0, 0, 2).read("COLOR_0", "VEC3", "VEC4")
 
     def test_component_types(self):
         """Each as it is, and as a fraction of the largest number."""
         for code, largest, least in (("b", 127, -128), ("B", 255, 0), ("h", 32767, -32768), ("H", 65535, 0), ("I", 2**32 - 1, 0)):
             rows = [[0, 1, least], [largest, 2, 3], [4, 5, 6], [7, 8, 9]]
-            plain = self.colors(rows, code)
-            self.assertEqual(plain[:, :3].tolist(), rows)
-            self.assertEqual(plain[:, 3].tolist(), [1] * 4)
-            quotients = self.colors(rows, code, normalized=True)
-            self.assertEqual(quotients[0].tolist(), [0, 1 / largest, max(least / largest, -1), 1])
-            self.assertEqual(quotients[1].tolist(), [1, 2 / largest, 3 / largest, 1])
-        self.assertEqual(self.colors([[0.5, 0.25, 2, 0.75]] * 4, "f").tolist(), [[0.5, 0.25, 2, 0.75]] * 4)
+            self.assertEqual(self.numbers(rows, code).tolist(), rows)
+            quotients = self.numbers(rows, code, normalized=True)
+            self.assertEqual(quotients[0].tolist(), [0, 1 / largest, max(least / largest, -1)])
+            self.assertEqual(quotients[1].tolist(), [1, 2 / largest, 3 / largest])
+        self.assertEqual(self.numbers([[0.5, 0.25, 2, 0.75]] * 4, "f").tolist(), [[0.5, 0.25, 2, 0.75]] * 4)
+
+    def test_colors_are_limited(self):
+        for row, expected in (([-1, 0.5, 2], [0, 0.5, 1, 1]), ([0.5, 0.25, 2, 1.5], [0.5, 0.25, 1, 1])):
+            builder = self.square()
+            builder.attribute("COLOR_0", [row] * 4)
+            self.assertEqual(self.load(builder, colors=True).colors.tolist(), [expected] * 4)
 
     def test_indices_of_all_types(self):
         for code in "BHI":
@@ -340,6 +346,10 @@ class Triangles(Files):
         self.near(found.normals, [[0, 2, 1]] * 4)
         self.near(found.tangents, [[1, 0.5, 0]] * 4)
         self.assertEqual(found.signs.tolist(), [-1, -1])
+        # Without normals there are no tangents either, and those of the texture coordinates are zero.
+        normal = builder.attributes.pop("NORMAL")
+        self.near(self.load(builder, tangents=True).tangents, [[0, 0, 0]] * 4)
+        builder.attributes["NORMAL"] = normal
         self.near(self.load(builder, weights=(2.0,)).positions, np.array(SQUARE) + [2, 0, 0])
         builder.document["meshes"] = [{"primitives": [{"attributes": builder.attributes, **builder.primitive}], "weights": [0, 1]}]
         self.near(self.load(builder).positions, np.array(SQUARE) + [0, 0, 8])

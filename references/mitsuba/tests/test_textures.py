@@ -387,6 +387,18 @@ class Textures(Case):
         for j, i in itertools.product(range(7), range(9)):
             np.testing.assert_array_equal(found[j, i], half[min(j // 2, 2), min(i // 2, 3)])
 
+    def test_names_without_an_extension(self):
+        for name, other in (("t.png", "t"), ("v.exr", "e.png")):
+            if name == "v.exr":
+                write_exr(os.path.join(self.base, name), {"Y": np.full((2, 2), 0.5, dtype=np.float32)})
+            with open(os.path.join(self.base, name), "rb") as source, open(os.path.join(self.base, other), "wb") as copy:
+                copy.write(source.read())
+            found, expected = (self.seen(4, 3, f'{{ type = "image", file = "{file}" }}') for file in (other, name))
+            self.near(found, expected)
+        with open(os.path.join(self.base, "text.png"), "wb") as file:
+            file.write(b"text")
+        self.refuse(scene(1, 1, '{ type = "image", file = "text.png" }'), "scene", "expected a PNG", base=self.base)
+
     def test_shared_and_range(self):
         shared = '[texture.t]\ntype = "constant"\nvalue = [0.1, 0.2, 0.3]\n'
         self.near(self.value(scene(1, 1, '"t"') + shared), [0.1, 0.2, 0.3])

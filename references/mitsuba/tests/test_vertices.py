@@ -28,7 +28,7 @@ WEIGHTS = np.where(
     [1 - X / 2, X / 2 - Y / 4, Y / 4, 0 * X],
     [1 - Y / 4, 0 * X, X / 2, Y / 4 - X / 2],
 )
-COLORS = np.array([[0.1, 0.8, 0.3, 1], [0.9, 0.2, 0.3, 0.5], [0.4, 0.6, 0.7, 0.25], [0.2, 0.3, 1.5, 0]])
+COLORS = np.array([[0.1, 0.8, 0.3, 1], [0.9, 0.2, 0.3, 0.5], [0.4, 0.6, 0.7, 0.25], [0.2, 0.3, 0.9, 0]])
 
 
 def square(**more):
@@ -39,6 +39,9 @@ def square(**more):
     builder.attribute("TEXCOORD_0", [[x / 2, 1 - y / 4] for x, y, _ in SQUARE])
     # The second set has u and v exchanged and three times as large.
     builder.attribute("TEXCOORD_1", [[3 * y / 4, 1 - 3 * x / 2] for x, y, _ in SQUARE])
+    if "TANGENT" in more:
+        # Without normals it has no effect.
+        builder.attribute("NORMAL", [[0, 0, 1]] * 4)
     for name, rows in more.items():
         builder.attribute(name, rows)
     builder.primitive["indices"] = builder.accessor([0, 1, 2, 0, 2, 3], "B")
@@ -455,6 +458,8 @@ class Compounds(Rendered):
         self.refuse(film() + LOOK + mesh(text.format(2, "")), "scene", "/images", base=self.base)
         png = '{ type = "image", file = "t.png", image = 0 }'
         self.refuse(film() + LOOK + mesh(png), "scene", "image", ".glb", base=self.base)
+        with open(os.path.join(self.base, "t.webp"), "wb") as file:
+            file.write(b"RIFF\x20\0\0\0WEBPVP8L")
         webp = '{ type = "image", file = "t.webp" }'
         self.refuse(film() + LOOK + mesh(webp), "unsupported", "WebP", base=self.base)
 

@@ -130,7 +130,8 @@ class Gltf:
         elif os.path.splitext(path)[1].lower() == ".glb":
             raise SceneError(f"{path}: is malformed: not a GLB header")
         try:
-            value = json.loads(data.decode("utf-8"), parse_constant=_constant)
+            # A byte order mark is no text.
+            value = json.loads(data.decode("utf-8-sig"), parse_constant=_constant)
         except (ValueError, RecursionError) as error:
             raise SceneError(f"{path}: is malformed: not valid JSON: {str(error)[:200]}") from error
         self.root = Node(path, value, "")

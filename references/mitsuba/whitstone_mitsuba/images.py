@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import Tuple
+from typing import Optional, Tuple
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from . import gltf
 from .files import Folder
 from .runtime import mi
 
-EXTENSIONS = (".png", ".jpg", ".jpeg", ".exr", ".hdr")
 # Upper bound on the size of an image inside a glTF file.
 MAX_TEXELS = 2**27
 CHANNELS = ("color", "alpha", "red", "green", "blue")
@@ -61,18 +60,40 @@ def load(path: str, color_space: str, channel: str = "color") -> np.ndarray:
     """(height, width, 3) float32, top row first. `color_space` is "auto", "srgb" or "linear"; alpha
     is always linear. A single channel is repeated three times.
     """
-    extension = os.path.splitext(path)[1].lower()
-    if extension == ".webp":
-        raise Unsupported(f"{path}: no twin for WebP images: Mitsuba does not read them")
-    if extension not in EXTENSIONS:
-        raise SceneError(f"{path}: expected an image file ending in {', '.join(EXTENSIONS)} or .webp")
     if not os.path.isfile(path):
         raise SceneError(f"{path}: no such file")
     try:
-        bitmap = mi.Bitmap(path)
+        # The content tells the format: names may lack an extension.
+        with open(path, "rb") as file:
+            kind = _kind(file.read(12))
+    except OSError as error:
+        raise SceneError(f"{path}: cannot be read: {error.strerror}") from error
+    if kind == "WebP":
+        raise Unsupported(f"{path}: no twin for WebP images: Mitsuba does not read them")
+    if kind is None:
+        raise SceneError(f"{path}: expected a PNG, JPEG, WebP, EXR or HDR image")
+    try:
+        bitmap = mi.Bitmap(path, getattr(mi.Bitmap.FileFormat, kind))
     except Exception as error:  # Mitsuba raises RuntimeError with its own text
         raise SceneError(f"{path}: cannot be read as an image: {error}") from error
-    return _decoded(bitmap, path, color_space, channel, extension not in (".exr", ".hdr"))
+    return _decoded(bitmap, path, color_space, channel, kind not in ("OpenEXR", "RGBE"))
+
+
+def _kind(data: bytes) -> Optional[str]:
+    """The format of an image file that begins with these bytes."""
+    if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
+        return "WebP"
+    starts = (
+        (b"\x89PNG\r\n\x1a\n", "PNG"),
+        (b"\xff\xd8\xff", "JPEG"),
+        (b"\x76\x2f\x31\x01", "OpenEXR"),
+        (b"#?RADIANCE", "RGBE"),
+        (b"#?RGBE", "RGBE"),
+    )
+    for start, kind in starts:
+        if data.startswith(start):
+            return kind
+    return None
 
 
 def inside(path: str, index: int, color_space: str, channel: str, base: Folder) -> np.ndarray:
@@ -83,13 +104,10 @@ def inside(path: str, index: int, color_space: str, channel: str, base: Folder) 
     finally:
         base.note(file.stamps)
     where = f"{path}: {node.pointer}"
-    if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
+    kind = _kind(data[:12])
+    if kind == "WebP":
         raise Unsupported(f"{where}: no twin for WebP images: Mitsuba does not read them")
-    if data[:8] == b"\x89PNG\r\n\x1a\n":
-        kind = mi.Bitmap.FileFormat.PNG
-    elif data[:3] == b"\xff\xd8\xff":
-        kind = mi.Bitmap.FileFormat.JPEG
-    else:
+    if kind not in ("PNG", "JPEG"):
         raise SceneError(f"{where}: is neither PNG nor JPEG nor WebP")
     width, height = _size(data)
     if width * height > MAX_TEXELS:
@@ -98,7 +116,7 @@ def inside(path: str, index: int, color_space: str, channel: str, base: Folder) 
     stream.write(data)
     stream.seek(0)
     try:
-        bitmap = mi.Bitmap(stream, kind)
+        bitmap = mi.Bitmap(stream, getattr(mi.Bitmap.FileFormat, kind))
     except Exception as error:  # as above
         raise SceneError(f"{where}: cannot be read as an image: {error}") from error
     return _decoded(bitmap, where, color_space, channel, True, True)

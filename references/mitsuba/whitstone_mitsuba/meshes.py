@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import functools
 import os
+import re
 from dataclasses import dataclass, replace
 from typing import Dict, List, Optional, Tuple
 
@@ -113,9 +114,10 @@ def _gltf(path: str, wanted: Wanted, base: Optional[Folder]) -> Triangles:
             colors = part.read("COLOR_0", "VEC3", "VEC4")
             found.colors = np.ones((len(positions), 4))
             if colors is not None:
-                found.colors[:, : colors.shape[1]] = colors
+                found.colors[:, : colors.shape[1]] = np.clip(colors, 0.0, 1.0)
         if wanted.tangents:
-            stored = part.read("TANGENT", "VEC4")
+            # TANGENT counts only next to NORMAL.
+            stored = None if found.normals is None else part.read("TANGENT", "VEC4")
             if stored is None:
                 found.tangents, found.signs = tangents(found)
             else:
@@ -201,22 +203,26 @@ def _obj(data: bytes, part: Optional[str] = None) -> Triangles:
     normals: List[List[float]] = []
     corners: List[Tuple[int, int, int]] = []
     colors: Dict[int, List[float]] = {}
+    most = [-1, -1, -1]
 
-    def corner(text: bytes) -> Tuple[int, int, int]:
+    def corner(text: bytes) -> List[int]:
         """Indices into v, vt, vn, counted from 0; -1 if missing. Negative ones in the file count
-        from the end.
+        from the end of what comes before the face; the others may name what follows it.
         """
         found = [-1, -1, -1]
         for place, (part, pool) in enumerate(zip(text.split(b"/"), (points, texcoords, normals))):
             if part:
                 number = int(part)
                 found[place] = number - 1 if number > 0 else len(pool) + number
-                if not 0 <= found[place] < len(pool):
+                if number == 0 or found[place] < 0:
                     raise ValueError(f"index {number} in a face is out of range")
+                most[place] = max(most[place], found[place])
         if found[0] < 0:
             raise ValueError("a corner of a face has no vertex index")
-        return found[0], found[1], found[2]
+        return found
 
+    # A byte order mark is no text.
+    data = data[3:] if data[:3] == b"\xef\xbb\xbf" else data
     for line in data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines():
         words = line.split(b"#", 1)[0].split()
         if not words:
@@ -237,8 +243,17 @@ def _obj(data: bytes, part: Optional[str] = None) -> Triangles:
                 raise ValueError("a face has fewer than three corners")
             if part is not None and part != material:
                 continue
-            for second in range(1, len(ring) - 1):
-                corners += [ring[0], ring[second], ring[second + 1]]
+            # A face has normals or texture coordinates only if all its corners do.
+            for place in (1, 2):
+                if any(found[place] < 0 for found in ring):
+                    for found in ring:
+                        found[place] = -1
+            whole = [(found[0], found[1], found[2]) for found in ring]
+            for second in range(1, len(whole) - 1):
+                corners += [whole[0], whole[second], whole[second + 1]]
+    for largest, pool in zip(most, (points, texcoords, normals)):
+        if largest >= len(pool):
+            raise ValueError(f"index {largest + 1} in a face is out of range")
     indices = np.array(corners, dtype=np.int64).reshape(-1, 3)
     has_uv, has_normals = bool((indices[:, 1] >= 0).any()), bool((indices[:, 2] >= 0).any())
     colored = None
@@ -416,7 +431,10 @@ def _stl(data: bytes) -> Triangles:
             rows = np.frombuffer(data, np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")]), count, 84)
             corners = rows["corners"].astype(np.float64)
             return Triangles(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3))
-    lines = data.decode("utf-8", "replace").splitlines()
+    lines = data.decode("utf-8", "replace").strip().splitlines()
+    if len(lines) == 1:
+        # In a file of a single line each keyword begins one.
+        lines = re.sub(r"\s(facet|outer|vertex|endloop|endfacet|endsolid)(?!\S)", r"\n\1", lines[0], flags=re.IGNORECASE).splitlines()
     if not any(line.split()[:1] and line.split()[0].lower() == "solid" for line in lines[:100]):
         raise ValueError("neither binary STL of the length that its header gives, nor text")
     words: List[str] = []

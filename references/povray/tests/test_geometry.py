@@ -305,6 +305,25 @@ class Meshes(unittest.TestCase):
         part = meshes.Mesh(whole.positions, [], [], whole.faces[:3], whole.normal_faces[:3], whole.uv_faces[:3])
         self.assertFalse(meshes.closed(part))
 
+    def test_faces_before_their_vertices_and_lines_of_stl(self):
+        corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
+        loop = "".join("  vertex %g %g %g\n" % corner for corner in corners)
+        stl = f"solid a\nfacet normal 0 0 1\nouter loop\n{loop}endloop\nendfacet\nendsolid\n"
+        obj = "f 1 2 3\n" + "".join("v %g %g %g\n" % corner for corner in corners)
+        files = [("a.obj", obj), ("b.obj", "\ufeff" + obj)]
+        files += [("c.stl", stl.replace("\n", end)) for end in ("\n", "\r", " ")]
+        with tempfile.TemporaryDirectory() as folder:
+            for name, text in files:
+                path = os.path.join(folder, name)
+                with open(path, "w", encoding="utf-8", newline="") as file:
+                    file.write(text)
+                found = meshes.load(path)
+                self.assertEqual([found.positions[k] for k in found.faces[0]], corners, name)
+            with open(os.path.join(folder, "d.obj"), "w", encoding="utf-8") as file:
+                file.write(obj.replace("f 1 2 3", "f 1 2 4"))
+            with self.assertRaisesRegex(SceneError, "does not exist"):
+                meshes.load(os.path.join(folder, "d.obj"))
+
     def test_an_obj_face_without_vertices_is_an_error_of_the_scene(self):
         with tempfile.TemporaryDirectory() as folder:
             path = os.path.join(folder, "none.obj")

@@ -53,8 +53,10 @@ def _fan(ring: Sequence[int]) -> List[Tuple[int, int, int]]:
 
 def _obj(data: bytes) -> Mesh:
     lists: Dict[str, List[Tuple[float, ...]]] = {"v": [], "vt": [], "vn": []}
+    most = {name: -1 for name in lists}
     corners: List[List[Corner]] = [[], [], []]
-    text = data.decode("utf-8", "replace").replace("\\\n", " ")
+    # A byte order mark is no text.
+    text = data.decode("utf-8-sig", "replace").replace("\\\n", " ")
     for line in text.splitlines():
         words = line.split("#")[0].split()
         if words and words[0] in lists:
@@ -67,10 +69,15 @@ def _obj(data: bytes) -> Mesh:
                     corners[kind] += [None] * (len(ring) - 2)
                     continue
                 count = len(lists[name])
-                numbers = [int(word) - 1 if int(word) > 0 else count + int(word) for word in named]
-                if not all(0 <= number < count for number in numbers):
+                # Only numbers from the end count from what comes before the face.
+                numbers = [int(word) - 1 if int(word) >= 0 else count + int(word) for word in named]
+                if min(numbers) < 0:
                     raise ValueError(f"a face refers to a {name} that does not exist")
+                most[name] = max(most[name], *numbers)
                 corners[kind] += _fan(numbers)
+    for name, largest in most.items():
+        if largest >= len(lists[name]):
+            raise ValueError(f"a face refers to a {name} that does not exist")
     faces = [face for face in corners[0] if face is not None]
     if len(faces) < len(corners[0]):
         raise ValueError("a corner of a face has no vertex")
@@ -142,7 +149,13 @@ def _stl(data: bytes) -> Mesh:
             points += [corners[0:3], corners[3:6], corners[6:9]]
     else:
         open_ = False
-        for line in data.decode("utf-8", "replace").splitlines():
+        lines = data.decode("utf-8", "replace").strip().splitlines()
+        if len(lines) == 1:
+            # In a file of a single line each keyword begins one.
+            starts = ("facet", "vertex", "endfacet", "endsolid")
+            broken = [("\n" if word.lower() in starts else " ") + word for word in lines[0].split()]
+            lines = "".join(broken).splitlines()
+        for line in lines:
             words = line.lower().split()
             if words[:1] == ["vertex"] and open_:
                 points.append((float(words[1]), float(words[2]), float(words[3])))

@@ -64,6 +64,9 @@ impl Importer<'_> {
                     let message = "expected `xmag` and `ymag` other than 0";
                     return Err(FormatError::at(format!("{at}/orthographic"), message));
                 }
+                if orthographic.xmag < 0.0 || orthographic.ymag < 0.0 {
+                    self.note("mirrored cameras", &at);
+                }
                 let window =
                     [("l", -x), ("r", x), ("b", -y), ("t", y)].map(|(key, size)| (key, Value::Float(size)));
                 keys.insert("type".into(), Value::String("orthographic".into()));

@@ -21,8 +21,8 @@ pub(crate) const FEATURES: &[Feature] = features! {
     Kept "EXT_texture_webp": "The WebP image is used.";
     Kept "KHR_materials_unlit": "An emissive material.";
     Kept "KHR_materials_emissive_strength": "It multiplies the emissive factor.";
-    Kept "alpha mode BLEND": "A mask whose opacity is alpha.";
-    Kept "alpha mode MASK": "A mask whose opacity is alpha cut at the cutoff.";
+    Kept "alpha mode BLEND": "A mask whose opacity is alpha; rays pass through up to 32 layers, unless they contribute less than 0.001.";
+    Kept "alpha mode MASK": "A mask whose opacity is alpha cut at the cutoff; rays pass through up to 32 layers.";
     Kept "images": "PNG, JPEG and WebP; in files, data URIs and buffer views.";
     Kept "no material": "The default material of the specification.";
     Kept "no camera": "A camera that shows the whole scene is added.";
@@ -43,7 +43,7 @@ pub(crate) const FEATURES: &[Feature] = features! {
     Approximated "KHR_materials_specular": "Its factor and colour scale the reflectance; its textures are dropped.";
     Approximated "single-sided materials": "Back faces are visible.";
     Approximated "spot light falloff": "Linear in the angle between the inner and the outer cone.";
-    Approximated "mirrored cameras": "The image is not mirrored.";
+    Approximated "mirrored cameras": "The image is neither mirrored nor turned.";
     Approximated "Whitstone scene, changed": "Another program has changed the file: it is imported like those of other programs.";
     Approximated "Whitstone scene, in parts": "Selected parts, stretched scenes and turned environments are imported like those of other programs.";
     Approximated "[[shape]] mesh far from its own origin": "Single precision may move its vertices by more than a millionth of its size.";
@@ -69,6 +69,7 @@ pub(crate) const FEATURES: &[Feature] = features! {
     Approximated "[texture] ewa": "Trilinear; it is kept for Whitstone.";
     Dropped "third texture coordinates": "A material uses at most two sets; textures of the others are left out.";
     Dropped "textures without an image": "They count as white.";
+    Dropped "morph targets of colours and texture coordinates": "Only positions, normals and tangents are morphed.";
     Dropped "occlusion textures": "Shadows are computed.";
     Dropped "alpha of refracting materials": "A refracting material has no opacity.";
     Dropped "points and lines": "They have no surface.";

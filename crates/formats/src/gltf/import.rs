@@ -5,7 +5,7 @@ use super::material::Translated;
 use super::{FEATURES, restore};
 use crate::document::{Document as Scene, Ids, Shared, table, transform};
 use crate::part::Part;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::Path;
 use toml::{Table, Value};
 use whitstone_core::{
@@ -156,6 +156,7 @@ impl Importer<'_> {
             };
             self.node(node, self.options.transform * world, 0)?;
         }
+        self.morph_targets()?;
         self.meshes()?;
         self.known_materials()?;
         if self.scene.shapes.is_empty() && !self.options.part {
@@ -187,6 +188,7 @@ impl Importer<'_> {
                 self.note("no lights", "/");
                 self.scene.lights = crate::fit::lights(bounds.0, bounds.1);
             }
+            self.scene.pass_through_layers();
         }
         Ok(())
     }
@@ -382,6 +384,37 @@ impl Importer<'_> {
         Ok((0..count).map(of).collect())
     }
 
+    /// Notes what is not read of morph targets.
+    fn morph_targets(&mut self) -> Result<(), FormatError> {
+        let meshes = &self.document.root.meshes;
+        let used: BTreeSet<usize> = self.uses.keys().map(|key| key.mesh).collect();
+        let is_morphed =
+            |mesh: &usize| (meshes[*mesh].primitives.iter()).any(|primitive| primitive.targets.is_some());
+        let morphed: Vec<usize> = used.into_iter().filter(is_morphed).collect();
+        if morphed.is_empty() {
+            return Ok(());
+        }
+        // The parsed document has only what is read.
+        let text = Document::text(self.document.path()).map_err(told)?;
+        let text = text.trim_start_matches('\u{feff}');
+        let root: serde_json::Value = serde_json::from_str(text).unwrap_or_default();
+        for mesh in morphed {
+            for number in 0..meshes[mesh].primitives.len() {
+                let pointer = format!("/meshes/{mesh}/primitives/{number}/targets");
+                let targets = root.pointer(&pointer).and_then(|targets| targets.as_array());
+                for (target, attributes) in targets.into_iter().flatten().enumerate() {
+                    for name in attributes.as_object().into_iter().flat_map(|all| all.keys()) {
+                        if name.starts_with("COLOR_") || name.starts_with("TEXCOORD_") {
+                            let feature = "morph targets of colours and texture coordinates";
+                            self.note(feature, &format!("{pointer}/{target}/{name}"));
+                        }
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
     /// Writes the shapes of all meshes: directly, or as instances of a group.
     fn meshes(&mut self) -> Result<(), FormatError> {
         // In the order of the meshes, not of the nodes.
@@ -463,7 +496,9 @@ impl Importer<'_> {
                 continue;
             }
             let has = |semantic| primitive.attributes.contains_key(&Checked::Valid(semantic));
-            let (colors, tangents) = (has(Semantic::Colors(0)), has(Semantic::Tangents));
+            let colors = has(Semantic::Colors(0));
+            // Tangents without normals are ignored.
+            let tangents = has(Semantic::Tangents) && has(Semantic::Normals);
             let index = primitive.material.map(|material| material.value());
             let material = self.material(index, colors, tangents, &pointer)?;
             let mut shape = table([
@@ -603,3 +638,6 @@ fn select<'n>(
         )),
     })
 }
+
+#[cfg(test)]
+mod tests;

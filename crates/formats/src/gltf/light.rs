@@ -2,6 +2,7 @@
 
 use super::import::{Importer, shortest};
 use crate::document::{color, numbers, table};
+use std::f32::consts::FRAC_PI_4;
 use toml::Value;
 use whitstone_core::{DAffine3, FormatError};
 use whitstone_gltf::Document;
@@ -58,9 +59,11 @@ impl Importer<'_> {
                 ("intensity", power),
             ]),
             Type::Spot => {
-                let spot = light.spot.clone().unwrap_or_default();
-                let outer = shortest(spot.outer_cone_angle).to_degrees();
-                let inner = shortest(spot.inner_cone_angle).to_degrees();
+                // Without `spot`, its numbers have their defaults.
+                let angles = light.spot.as_ref().map_or([FRAC_PI_4, 0.0], |spot| {
+                    [spot.outer_cone_angle, spot.inner_cone_angle]
+                });
+                let [outer, inner] = angles.map(|angle| shortest(angle).to_degrees());
                 // A hard border is a narrow one, and a cone ends before it is a half-space.
                 let outer = outer.clamp(0.01, 89.99);
                 let inner = inner.clamp(0.0, outer * 0.9999);

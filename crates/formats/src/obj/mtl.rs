@@ -109,11 +109,11 @@ impl Mtl {
                     }
                     None => numbers,
                 };
-                self.opacity = Some(fraction(one_number(numbers)?)?);
+                self.opacity = Some(self.fraction(numbers)?);
             }
             // `d` has priority.
             "tr" => {
-                let transparency = fraction(one_number(numbers)?)?;
+                let transparency = self.fraction(numbers)?;
                 self.opacity = self.opacity.or(Some(1.0 - transparency));
             }
             "illum" => {
@@ -124,12 +124,14 @@ impl Mtl {
                         format!("expected a number from 0 to 10, found \"{}\"", shorten(word))
                     })?);
             }
-            "map_kd" => self.diffuse_map = Some(self.map(rest, line)?),
-            "map_ks" => self.specular_map = Some(self.map(rest, line)?),
-            "map_ke" | "map_emissive" => self.emission_map = Some(self.map(rest, line)?),
-            "map_d" | "map_opacity" => self.opacity_map = Some(self.map(rest, line)?),
-            "norm" | "map_kn" => self.normal_map = Some(self.map(rest, line)?),
-            "bump" | "map_bump" => self.bump_map = Some(self.map(rest, line)?),
+            "map_kd" => self.diffuse_map = self.map(rest, line)?.or(self.diffuse_map.take()),
+            "map_ks" => self.specular_map = self.map(rest, line)?.or(self.specular_map.take()),
+            "map_ke" | "map_emissive" => {
+                self.emission_map = self.map(rest, line)?.or(self.emission_map.take())
+            }
+            "map_d" | "map_opacity" => self.opacity_map = self.map(rest, line)?.or(self.opacity_map.take()),
+            "norm" | "map_kn" => self.normal_map = self.map(rest, line)?.or(self.normal_map.take()),
+            "bump" | "map_bump" => self.bump_map = self.map(rest, line)?.or(self.bump_map.take()),
             "map_ka" => self.note("map_Ka"),
             "map_ns" => self.note("map_Ns"),
             "map_tr" => self.note("map_Tr"),
@@ -154,6 +156,15 @@ impl Mtl {
         }
     }
 
+    /// A number >= 0 that is limited to 1.
+    fn fraction(&mut self, text: &str) -> Result<f64, String> {
+        let value = positive(&mut text.split_ascii_whitespace())?;
+        if value > 1.0 {
+            self.note("d, Tr above 1");
+        }
+        Ok(value.min(1.0))
+    }
+
     /// A colour of one or three numbers; none if it is given in another way, which is noted.
     fn color(&mut self, text: &str) -> Result<Option<[f64; 3]>, String> {
         let mut words = text.split_ascii_whitespace();
@@ -169,7 +180,8 @@ impl Mtl {
         Ok(Some([first, second, positive(&mut words)?]))
     }
 
-    fn map(&mut self, text: &str, line: usize) -> Result<Map, String> {
+    /// A texture; none if it has no file, which is noted.
+    fn map(&mut self, text: &str, line: usize) -> Result<Option<Map>, String> {
         let mut map = Map {
             line,
             ..Map::default()
@@ -212,14 +224,34 @@ impl Mtl {
                 "-type" => {
                     next(&mut rest);
                 }
-                _ => return Err(format!("unknown option {} of a texture", shorten(option))),
+                _ => {
+                    rest = after_arguments(rest)
+                        .ok_or_else(|| format!("unknown option {} of a texture", shorten(option)))?;
+                    self.note("other options of a texture");
+                }
             }
         }
         if rest.is_empty() {
-            return Err("expected a file name".to_owned());
+            self.note("map without a file name");
+            return Ok(None);
         }
         map.file = rest.to_owned();
-        Ok(map)
+        Ok(Some(map))
+    }
+}
+
+/// The text after the arguments of an unknown option: numbers, `on` and `off`. None if they might
+/// be others: what follows is neither an option nor one word, the file name.
+fn after_arguments(mut rest: &str) -> Option<&str> {
+    loop {
+        let (first, after) = word(rest);
+        if first.starts_with('-') && number(first).is_err() || after.is_empty() {
+            return Some(rest);
+        }
+        if !matches!(first, "on" | "off") && number(first).is_err() {
+            return None;
+        }
+        rest = after;
     }
 }
 
@@ -270,14 +302,6 @@ fn nonnegative(word: &str) -> Result<f64, String> {
     Ok(value)
 }
 
-fn fraction(value: f64) -> Result<f64, String> {
-    if (0.0..=1.0).contains(&value) {
-        Ok(value)
-    } else {
-        Err(format!("expected a number from 0 to 1, found {value}"))
-    }
-}
-
 /// A finite number.
 fn number(word: &str) -> Result<f64, String> {
     let value = word.parse().ok().filter(|value: &f64| value.is_finite());
@@ -315,9 +339,40 @@ mod tests {
     }
 
     #[test]
+    fn statements_and_options_without_effect_are_noted() {
+        let noted = |text: &str| {
+            let (materials, errors) = parse(format!("newmtl a\n{text}").as_bytes());
+            assert_eq!(errors, []);
+            materials[0].clone()
+        };
+        for keyword in ["map_Kd", "map_Ks", "map_Ke", "map_d", "norm", "map_Bump -bm 2"] {
+            let found = noted(keyword);
+            assert_eq!(found.noted, ["map without a file name"], "{keyword}");
+        }
+        let kept = noted("map_Kd a.png\nmap_Kd\n").diffuse_map.unwrap();
+        assert_eq!(kept.file, "a.png");
+        for (options, scale) in [
+            ("-zz", None),
+            ("-zz 1 -2.5 off", None),
+            ("-zz -s 2 3", Some([2.0, 3.0])),
+            ("-zz 4 -s 2 3", Some([2.0, 3.0])),
+        ] {
+            let found = noted(&format!("map_Kd {options} a.png"));
+            assert_eq!(found.noted, ["other options of a texture"], "{options}");
+            let map = found.diffuse_map.unwrap();
+            assert_eq!((map.file.as_str(), map.scale), ("a.png", scale), "{options}");
+        }
+        let opaque = noted("d 1.0000001\n");
+        assert_eq!(
+            (opaque.opacity, &opaque.noted[..]),
+            (Some(1.0), &["d, Tr above 1"][..])
+        );
+    }
+
+    #[test]
     fn all_errors_are_reported_with_their_lines() {
         let text =
-            "newmtl a\nKd x\nKs 1 -1 1\nNs nan\nd 2\nillum two\nmap_Kd\nmap_Kd -zz a.png\nKe 1 1\nNi\n";
+            "newmtl a\nKd x\nKs 1 -1 1\nNs nan\nd -2\nillum two\nmap_Kd -zz my file.png\nTr x\nKe 1 1\nNi\n";
         let (_, errors) = parse(text.as_bytes());
         let lines: Vec<usize> = errors.iter().map(|(line, _)| *line).collect();
         assert_eq!(lines, [2, 3, 4, 5, 6, 7, 8, 9, 10]);

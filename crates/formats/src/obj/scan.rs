@@ -42,6 +42,8 @@ pub(super) fn scan(bytes: &[u8]) -> Scan {
     let mut positions: Vec<DVec3> = Vec::new();
     // Those of the face of a line.
     let mut corners: Vec<DVec3> = Vec::new();
+    // Vertices that faces name before they are there.
+    let mut later: Vec<usize> = Vec::new();
     let mut parts: HashMap<String, ()> = HashMap::new();
     let (mut material, mut material_is_new) = (String::new(), true);
     // Lines of the `vn`, which are read only for the first faces.
@@ -106,10 +108,14 @@ pub(super) fn scan(bytes: &[u8]) -> Scan {
                     {
                         of_corners.push(normal_of(line));
                     }
-                    if let Some(position) =
-                        place(index, positions.len()).and_then(|place| positions.get(place))
-                        && position.is_finite()
-                    {
+                    let Some(place) = place(index, positions.len()) else {
+                        continue;
+                    };
+                    let Some(position) = positions.get(place) else {
+                        later.push(place);
+                        continue;
+                    };
+                    if position.is_finite() {
                         corners.push(*position);
                         scan.low = scan.low.min(*position);
                         scan.high = scan.high.max(*position);
@@ -150,6 +156,12 @@ pub(super) fn scan(bytes: &[u8]) -> Scan {
             }
         }
     }
+    for position in later.into_iter().filter_map(|place| positions.get(place)) {
+        if position.is_finite() {
+            scan.low = scan.low.min(*position);
+            scan.high = scan.high.max(*position);
+        }
+    }
     if let Some(line) = smooth.filter(|_| normals.is_empty()) {
         scan.noted.insert("s", line);
     }
@@ -182,6 +194,11 @@ mod tests {
         assert_eq!((scan.low, scan.high), (DVec3::ZERO, DVec3::new(1.0, 2.0, 0.0)));
         assert!(scan.colors && scan.uvs);
         assert_eq!(scan.noted, BTreeMap::from([("p, l", 16), ("s", 2)]));
+        let before = super::scan(b"v -1 0 0\nf 1 2 -1\nv 0 2 0\n");
+        assert_eq!(
+            (before.low, before.high),
+            (DVec3::NEG_X, DVec3::new(0.0, 2.0, 0.0))
+        );
     }
 
     #[test]

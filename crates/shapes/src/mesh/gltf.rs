@@ -46,9 +46,6 @@ pub(super) fn read<E>(
         second_uvs: second,
         ..MeshAttributes::default()
     };
-    for color in attributes.colors.iter_mut().flatten() {
-        *color = color.max(0.0);
-    }
     if let Some(tangents) = found.tangents {
         attributes.handedness = if own {
             let sign = |[a, _, _]: &[u32; 3]| if tangents[*a as usize][3] < 0.0 { -1.0 } else { 1.0 };
@@ -77,12 +74,12 @@ fn first_uvs(primitive: &Primitive) -> Vec<DVec2> {
     set.into_iter().map(DVec2::from_array).collect()
 }
 
-/// Whether the file has tangents of this primitive.
+/// Whether the file has tangents of this primitive, which count only with normals.
 fn own_tangents(document: &Document, request: &Request<'_>) -> bool {
     let mesh = document.root.meshes.get(request.mesh);
     let primitive = mesh.and_then(|mesh| mesh.primitives.get(request.primitive));
     primitive.is_some_and(|primitive| {
-        let tangent = Checked::Valid(Semantic::Tangents);
-        primitive.attributes.contains_key(&tangent)
+        let has = |semantic| primitive.attributes.contains_key(&Checked::Valid(semantic));
+        has(Semantic::Tangents) && has(Semantic::Normals)
     })
 }

@@ -138,13 +138,17 @@ impl File<'_> {
         let mut first = 0;
         for &(line, end) in &self.polygons {
             polygon.clear();
-            for &corner in &self.corners[first..end] {
-                let (v, vt, vn) = corner;
+            let corners = &self.corners[first..end];
+            // A face has normals or texture coordinates only if all its corners do.
+            let has_uvs = corners.iter().all(|corner| corner.1.is_some());
+            let has_normals = corners.iter().all(|corner| corner.2.is_some());
+            for &(v, vt, vn) in corners {
                 check(v, self.positions.len(), "vertex", line)?;
                 vt.map_or(Ok(()), |vt| check(vt, self.uvs.len(), "texture vertex", line))?;
                 vn.map_or(Ok(()), |vn| check(vn, self.normals.len(), "normal", line))?;
+                let (vt, vn) = (vt.filter(|_| has_uvs), vn.filter(|_| has_normals));
                 let next = object.positions.len() as u32;
-                let vertex = *vertices.entry(corner).or_insert(next);
+                let vertex = *vertices.entry((v, vt, vn)).or_insert(next);
                 if vertex == next {
                     object.positions.push(self.positions[v as usize]);
                     if let Some([r, g, b]) = self.colors.get(v as usize) {
@@ -249,12 +253,12 @@ mod tests {
     #[test]
     fn polygons_become_fans_and_corners_are_merged() {
         let text = "# caf\u{e9}\nv 0 0 0\nv 1 0 0\nv 1 1 0 1\nv 0 1 0\nvn 0 0 1\nvn 0 0 -1\nvt 0.5\n\
-                    g a\nf 1//1 2//1 3//1 4//1\nusemtl b\nf -4//1 -3/1/1 \\\n -2//2\n";
+                    g a\nf 1//1 2//1 3//1 4//1\nusemtl b\nf -4//1 -3//1 \\\n -2//2\nf 1/1 2/1 3/1\n";
         let object = parse_all(text.as_bytes()).unwrap();
-        assert_eq!(object.triangles, [[0, 1, 2], [0, 2, 3], [0, 4, 5]]);
-        assert_eq!(object.normals[5], DVec3::NEG_Z);
-        assert_eq!(object.uvs[4], DVec2::new(0.5, 0.0));
-        assert_eq!(object.positions[5], DVec3::new(1.0, 1.0, 0.0));
+        assert_eq!(object.triangles, [[0, 1, 2], [0, 2, 3], [0, 1, 4], [5, 6, 7]]);
+        assert_eq!(object.normals[4], DVec3::NEG_Z);
+        assert_eq!(object.uvs[5], DVec2::new(0.5, 0.0));
+        assert_eq!(object.positions[4], DVec3::new(1.0, 1.0, 0.0));
     }
 
     #[test]
@@ -264,11 +268,18 @@ mod tests {
     }
 
     #[test]
-    fn corners_without_a_normal_have_none() {
-        let text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1 2 3\nf 1//1 2 3\n";
+    fn faces_without_a_normal_or_coordinate_at_each_corner_have_none() {
+        let text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nvt 0.5 0.5\nf 1 2 3\nf 1//1 2 3\n\
+                    f 1/1/1 2//1 3/1/1\nf 1/1/1 2/1 3/1/1\n";
         let object = parse_all(text.as_bytes()).unwrap();
-        assert_eq!(object.triangles, [[0, 1, 2], [3, 1, 2]]);
-        assert_eq!(object.normals, [DVec3::ZERO, DVec3::ZERO, DVec3::ZERO, DVec3::Z]);
+        let expected = [[0, 1, 2], [0, 1, 2], [3, 4, 5], [6, 7, 8]];
+        assert_eq!(object.triangles, expected);
+        let flat = object.normals.iter().map(|normal| *normal == DVec3::ZERO);
+        assert!(flat.eq([true, true, true, false, false, false, true, true, true]));
+        let origin = object.uvs.iter().map(|uv| *uv == DVec2::ZERO);
+        assert!(origin.eq([true, true, true, true, true, true, false, false, false]));
+        // Indices that have no effect are still checked.
+        assert_eq!(fails(&format!("{text}f 1//2 2 3\n")).0, Some(10));
     }
 
     #[test]

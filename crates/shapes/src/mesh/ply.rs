@@ -188,16 +188,17 @@ fn read_vertices(
     most: usize,
     object: &mut Triangles,
 ) -> Result<(), FileError> {
-    // The value that each property sets, and what it is divided by.
+    // The value that each property sets, and what it is divided by. Lists set none.
     let values = element.properties.iter().map(|property| {
         let value = NAMES.iter().position(|names| names.contains(&&*property.name));
+        let value = value.filter(|_| property.length.is_none());
         let divisor = match value {
             Some(COLOR..) => property.scalar.largest(),
             _ => 1.0,
         };
-        (property.scalar, value, divisor)
+        (property, value, divisor)
     });
-    let values: Vec<(Scalar, Option<usize>, f64)> = values.collect();
+    let values: Vec<(&Property, Option<usize>, f64)> = values.collect();
     let has = |wanted: usize| values.iter().any(|(_, value, _)| *value == Some(wanted));
     if !POSITION.into_iter().all(has) {
         return Err(FileError::anywhere("expected vertex properties x, y and z"));
@@ -212,8 +213,14 @@ fn read_vertices(
     vertex[COLOR..].fill(1.0);
     for number in 0..element.count {
         body.begin(element, number)?;
-        for (scalar, value, divisor) in &values {
-            let number = body.number(*scalar)?;
+        for (property, value, divisor) in &values {
+            if let Some(length) = property.length {
+                for _ in 0..body.length(length)? {
+                    body.number(property.scalar)?;
+                }
+                continue;
+            }
+            let number = body.number(property.scalar)?;
             if let Some(value) = value {
                 vertex[*value] = number / divisor;
             }
@@ -374,22 +381,13 @@ impl Header {
     /// Checks what is not visible in single lines.
     fn check(&self) -> Result<(), FileError> {
         let missing = |name: &str| FileError::anywhere(format!("expected an element `{name}`"));
-        let vertex = self.element("vertex").ok_or_else(|| missing("vertex"))?;
+        self.element("vertex").ok_or_else(|| missing("vertex"))?;
         let face = self.element("face").ok_or_else(|| missing("face"))?;
         let is_corners =
             |property: &Property| CORNERS.contains(&&*property.name) && property.length.is_some();
         if !face.properties.iter().any(is_corners) {
             let message = "expected a list property `vertex_indices` of `face`";
             return Err(FileError::anywhere(message));
-        }
-        for property in &vertex.properties {
-            if property.length.is_some() {
-                let message = format!(
-                    "expected a number for the vertex property `{}`, found a list",
-                    shorten(&property.name)
-                );
-                return Err(FileError::anywhere(message));
-            }
         }
         // An element without properties takes no bytes, so any count of them would fit into any
         // file.
@@ -640,7 +638,7 @@ mod tests {
                 "expected 1 of the element `edge`, one a line, found 0",
             ),
             ("property int z", "property int w", "x, y and z"),
-            ("property int z", "property list uchar int z", "found a list"),
+            ("property int z", "property list uchar int z", "x, y and z"),
             ("vertex_index", "corners", "`vertex_indices`"),
             ("element face 2", "element side 2", "an element `face`"),
             (
@@ -717,6 +715,39 @@ mod tests {
         for length in 0..whole.len() {
             assert!(parse_all(&whole[..length]).is_err(), "cut to {length} bytes");
         }
+    }
+
+    #[test]
+    fn lists_of_vertices_are_skipped() {
+        let head = |format: &str| {
+            format!(
+                "ply\nformat {format} 1.0\nelement vertex 3\nproperty float x\nproperty list uchar short red\n\
+                 property float y\nproperty float z\nproperty list uchar float more\nelement face 1\n\
+                 property list uchar int vertex_indices\nend_header\n"
+            )
+        };
+        let text = head("ascii") + "0 0 0 0 1 9\n1 2 7 8 0 0 0\n0 1 7 1 0 2 8 9\n3 0 1 2\n";
+        let mut binary = head("binary_little_endian").into_bytes();
+        for (point, reds, more) in [
+            ([0.0f32, 0.0, 0.0], &[][..], &[9.0f32][..]),
+            ([1.0, 0.0, 0.0], &[7i16, 8][..], &[][..]),
+            ([0.0, 1.0, 0.0], &[7][..], &[8.0, 9.0][..]),
+        ] {
+            binary.extend(point[0].to_le_bytes());
+            binary.push(reds.len() as u8);
+            binary.extend(reds.iter().flat_map(|red| red.to_le_bytes()));
+            binary.extend(point[1..].iter().flat_map(|x| x.to_le_bytes()));
+            binary.push(more.len() as u8);
+            binary.extend(more.iter().flat_map(|x| x.to_le_bytes()));
+        }
+        binary.push(3);
+        binary.extend([0i32, 1, 2].iter().flat_map(|x| x.to_le_bytes()));
+        for bytes in [text.as_bytes(), &binary] {
+            let object = parse_all(bytes).unwrap();
+            assert_eq!(object.positions, [DVec3::ZERO, DVec3::X, DVec3::Y]);
+            assert!(object.attributes.colors.is_empty());
+        }
+        assert!(parse_all(&binary[..binary.len() - 1]).is_err());
     }
 
     #[test]

@@ -53,7 +53,7 @@ fn text(bytes: &[u8]) -> Result<Vec<DVec3>, FileError> {
         return Err(FileError::anywhere(expected));
     }
     let mut positions: Vec<DVec3> = Vec::new();
-    for (line, number) in bytes.split(|byte| *byte == b'\n').zip(1..) {
+    for (line, number) in lines(bytes) {
         let mut words = line
             .split(u8::is_ascii_whitespace)
             .filter(|word| !word.is_empty());
@@ -84,7 +84,7 @@ fn text(bytes: &[u8]) -> Result<Vec<DVec3>, FileError> {
         }
     }
     if positions.is_empty() {
-        Err(FileError::anywhere(expected))
+        Err(FileError::anywhere("expected triangles, found none"))
     } else if positions.len().is_multiple_of(3) {
         Ok(positions)
     } else {
@@ -92,6 +92,40 @@ fn text(bytes: &[u8]) -> Result<Vec<DVec3>, FileError> {
             "is cut: the last triangle has fewer than three vertices",
         ))
     }
+}
+
+/// The lines of a text, with their numbers. They end in LF, or in CR in a file without LF; in a file
+/// of a single line each keyword begins one.
+fn lines(bytes: &[u8]) -> Vec<(&[u8], usize)> {
+    let bytes = bytes.trim_ascii();
+    for end in [b'\n', b'\r'] {
+        if bytes.contains(&end) {
+            return bytes.split(|byte| *byte == end).zip(1..).collect();
+        }
+    }
+    let mut found = Vec::new();
+    let (mut rest, mut at) = (bytes, 0);
+    while at < rest.len() {
+        let length = rest[at..]
+            .iter()
+            .take_while(|byte| !byte.is_ascii_whitespace())
+            .count();
+        let keywords: [&[u8]; 6] = [
+            b"facet",
+            b"outer",
+            b"vertex",
+            b"endloop",
+            b"endfacet",
+            b"endsolid",
+        ];
+        if at > 0 && keywords.contains(&&rest[at..at + length]) {
+            found.push((&rest[..at], 1));
+            (rest, at) = (&rest[at..], 0);
+        }
+        at += length + 1;
+    }
+    found.push((rest, 1));
+    found
 }
 
 #[cfg(test)]
@@ -117,6 +151,19 @@ mod tests {
         }
         binary.pop();
         assert!(parse(&binary).is_err());
+    }
+
+    #[test]
+    fn lines_may_end_in_any_way() {
+        let expected = parse(TEXT.as_bytes()).unwrap().positions;
+        for end in ["\r\n", "\r", " ", "\t"] {
+            let text = TEXT.replace('\n', end);
+            assert_eq!(parse(text.as_bytes()).unwrap().positions, expected, "{end:?}");
+        }
+        let two = format!("{TEXT}{TEXT}").replace('\n', " ");
+        assert_eq!(parse(two.as_bytes()).unwrap().positions.len(), 6);
+        let none = parse(b"solid a\nendsolid a\n").unwrap_err();
+        assert_eq!(none.message, "expected triangles, found none");
     }
 
     #[test]

@@ -44,6 +44,9 @@ pub(super) fn triangles(shape: &Table, base: &Path) -> Result<Triangles, Missing
             "has numbers that single precision cannot hold".to_owned(),
         ));
     }
+    if found.colors.iter().flatten().any(|part| *part > 1.0) {
+        return Err(Missing::Faulty("has vertex colours above 1".to_owned()));
+    }
     Ok(found)
 }
 

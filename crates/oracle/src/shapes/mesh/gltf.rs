@@ -149,16 +149,19 @@ impl Source<'_> {
 
     fn colors(&self, count: usize) -> Result<Option<Vec<[f64; 4]>>, String> {
         let found = self.attribute(&self.primitive["attributes"], "COLOR_0", Some(count))?;
-        found
-            .map(|found| match found.width {
-                3 => Ok(found
-                    .all::<3>()?
-                    .into_iter()
-                    .map(|[r, g, b]| [r, g, b, 1.0])
-                    .collect()),
-                _ => found.all::<4>(),
-            })
-            .transpose()
+        let Some(found) = found else { return Ok(None) };
+        let mut all: Vec<[f64; 4]> = match found.width {
+            3 => found
+                .all::<3>()?
+                .into_iter()
+                .map(|[r, g, b]| [r, g, b, 1.0])
+                .collect(),
+            _ => found.all::<4>()?,
+        };
+        for part in all.iter_mut().flatten() {
+            *part = part.clamp(0.0, 1.0);
+        }
+        Ok(Some(all))
     }
 
     fn mesh(&self, config: &Config) -> Result<Mesh, String> {
@@ -188,7 +191,12 @@ impl Source<'_> {
         }
         if config.tangents == Some(true) {
             let attributes = &self.primitive["attributes"];
-            match self.attribute(attributes, "TANGENT", Some(count))? {
+            // TANGENT counts only next to NORMAL.
+            let given = match &normals {
+                Some(_) => self.attribute(attributes, "TANGENT", Some(count))?,
+                None => None,
+            };
+            match given {
                 None => mesh.add_tangents()?,
                 Some(given) => {
                     let signs = given.all::<4>()?;

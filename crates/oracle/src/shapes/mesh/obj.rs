@@ -6,10 +6,11 @@ use std::collections::BTreeMap;
 /// Parses a file, whose bytes are the characters of `text`. `None` if it is malformed. With a
 /// `part`, only the faces of this material; with `colored`, the colours of vertices.
 pub(super) fn read(text: &str, part: Option<&str>, colored: bool) -> Option<Mesh> {
-    let (mut places, mut normals, mut uvs) = (Vec::new(), Vec::new(), Vec::new());
+    let mut lists = Lists::default();
+    let mut faces = Vec::new();
     let mut material = String::new();
-    let mut vertices = BTreeMap::new();
-    let mut mesh = Mesh::default();
+    // A byte order mark is no text.
+    let text = text.strip_prefix("\u{ef}\u{bb}\u{bf}").unwrap_or(text);
     // A trailing backslash continues the line.
     let text = text.replace("\\\r\n", " ").replace("\\\n", " ");
     for line in text.lines() {
@@ -27,41 +28,85 @@ pub(super) fn read(text: &str, part: Option<&str>, colored: bool) -> Option<Mesh
                     // Four numbers are a point with a weight, or one with a red.
                     _ => return None,
                 };
-                places.push((numbers::<3>(words.into_iter())?, color));
+                lists.places.push((numbers::<3>(words.into_iter())?, color));
             }
-            Some("vn") => normals.push(numbers::<3>(words)?),
+            Some("vn") => lists.normals.push(numbers::<3>(words)?),
             // The second coordinate is optional and defaults to 0.
-            Some("vt") => uvs.push(numbers::<2>(words.chain(["0"]))?),
+            Some("vt") => lists.uvs.push(numbers::<2>(words.chain(["0"]))?),
             Some("usemtl") => {
                 material = name(line.trim_ascii_start()["usemtl".len()..].trim_ascii());
             }
             Some("f") if part.is_some_and(|part| part != material) => {}
-            Some("f") => {
-                let mut corner = |word: &str| {
-                    let mut parts = word.split('/');
-                    let place = element(&places, parts.next()?)?;
-                    let uv = parts.next().and_then(|part| element(&uvs, part));
-                    let normal = parts.next().and_then(|part| element(&normals, part));
-                    let number = vertices.len();
-                    let key = [
-                        Some(place.0),
-                        uv.map(|(index, _)| index),
-                        normal.map(|(index, _)| index),
-                    ];
-                    Some(Corner {
-                        vertex: *vertices.entry(key).or_insert(number),
-                        uv: uv.map(|(_, uv)| uv),
-                        normal: normal.map(|(_, normal)| normal),
-                        color: place.1.1,
-                        ..Corner::at(place.1.0)
-                    })
-                };
-                mesh.add(&words.map(&mut corner).collect::<Option<Vec<_>>>()?);
-            }
+            Some("f") => faces.push(lists.face(words)?),
             _ => {}
         }
     }
+    // Faces may come before their vertices.
+    let mut vertices = BTreeMap::new();
+    let mut mesh = Mesh::default();
+    for face in &faces {
+        mesh.add(&lists.corners(face, &mut vertices)?);
+    }
     (part.is_none() || !mesh.triangles.is_empty()).then_some(mesh)
+}
+
+/// The places in the lists that a corner names: of `v`, `vt` and `vn`.
+type Named = [Option<usize>; 3];
+
+/// The lists of a file.
+#[derive(Default)]
+struct Lists {
+    places: Vec<([f64; 3], Option<[f64; 4]>)>,
+    uvs: Vec<[f64; 2]>,
+    normals: Vec<[f64; 3]>,
+}
+
+impl Lists {
+    /// What the corners of a face name.
+    fn face<'a>(&self, words: impl Iterator<Item = &'a str>) -> Option<Vec<Named>> {
+        let counts = [self.places.len(), self.uvs.len(), self.normals.len()];
+        let corner = |word: &str| {
+            let mut named = [None; 3];
+            for (k, part) in word.split('/').enumerate() {
+                if !part.is_empty() {
+                    *named.get_mut(k)? = Some(place(part, counts[k])?);
+                }
+            }
+            Some(named)
+        };
+        words.map(corner).collect()
+    }
+
+    /// The corners of a face, which has normals or texture coordinates only if all its corners do.
+    fn corners(&self, face: &[Named], vertices: &mut BTreeMap<Named, usize>) -> Option<Vec<Corner>> {
+        let all_name = |k: usize| face.iter().all(|named| named[k].is_some());
+        let (has_uvs, has_normals) = (all_name(1), all_name(2));
+        let corner = |named: &Named| {
+            let (position, color) = *self.places.get(named[0]?)?;
+            let uv = match named[1] {
+                Some(at) => Some(*self.uvs.get(at)?),
+                None => None,
+            };
+            let normal = match named[2] {
+                Some(at) => Some(*self.normals.get(at)?),
+                None => None,
+            };
+            let key = [
+                named[0],
+                named[1].filter(|_| has_uvs),
+                named[2].filter(|_| has_normals),
+            ];
+            let number = vertices.len();
+            Some(Corner {
+                vertex: *vertices.entry(key).or_insert(number),
+                uv: uv.filter(|_| has_uvs),
+                normal: normal.filter(|_| has_normals),
+                color,
+                ..Corner::at(position)
+            })
+        };
+        face.iter().map(corner).collect()
+    }
 }
 
 /// A name: its bytes are UTF-8, else Latin-1, whose characters are the bytes.
@@ -75,15 +120,14 @@ fn numbers<'a, const N: usize>(words: impl Iterator<Item = &'a str>) -> Option<[
     found.try_into().ok()
 }
 
-/// Resolves an index: counted from 1, or from the end if it is negative. Returns it, counted from
-/// 0, and the element.
-fn element<T: Copy>(all: &[T], word: &str) -> Option<(usize, T)> {
+/// Resolves an index: counted from 1, or if it is negative from the end of a list that has `count`
+/// elements so far. Returns it counted from 0.
+fn place(word: &str, count: usize) -> Option<usize> {
     let number: i64 = word.parse().ok()?;
     let place = if number < 0 {
-        all.len() as i64 + number
+        count as i64 + number
     } else {
         number - 1
     };
-    let place = usize::try_from(place).ok()?;
-    Some((place, *all.get(place)?))
+    usize::try_from(place).ok()
 }

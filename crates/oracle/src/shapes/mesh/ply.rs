@@ -79,7 +79,12 @@ pub(super) fn read(bytes: &[u8]) -> Option<Mesh> {
                 let (_, values) = row.iter().find(|(found, _)| *found == name)?;
                 Some(values)
             };
-            let number = |name: &str| of(name)?.first().copied();
+            let is_number = |found: &&Property| found.length.is_none();
+            let number = |name: &str| {
+                let mut numbers = element.properties.iter().filter(is_number);
+                numbers.find(|found| found.name == name)?;
+                of(name)?.first().copied()
+            };
             match &*element.name {
                 "vertex" => {
                     let uv = [["u", "v"], ["s", "t"], ["texture_u", "texture_v"]];

@@ -41,10 +41,32 @@ fn binary(bytes: &[u8]) -> Vec<[f64; 3]> {
         .collect()
 }
 
+/// A text with lines that end in LF: in a file without LF, CR ends them, and in one of a single line
+/// each keyword begins one.
+fn lines(text: &str) -> String {
+    let text = text.trim();
+    if text.contains('\n') {
+        return text.to_owned();
+    }
+    if text.contains('\r') {
+        return text.replace('\r', "\n");
+    }
+    let keywords = ["facet", "outer", "vertex", "endloop", "endfacet", "endsolid"];
+    let word = |word: &str| {
+        let before = if keywords.contains(&&*word.to_lowercase()) {
+            "\n"
+        } else {
+            " "
+        };
+        format!("{before}{word}")
+    };
+    text.split_whitespace().map(word).collect()
+}
+
 /// The vertices of a text file, three of each facet.
 fn text(text: &str) -> Option<Vec<[f64; 3]>> {
     let mut vertices = Vec::new();
-    for line in text.lines() {
+    for line in lines(text).lines() {
         let mut words = line.split_whitespace().map(str::to_lowercase);
         match words.next().as_deref() {
             Some("vertex") => {

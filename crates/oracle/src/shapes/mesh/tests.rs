@@ -43,6 +43,22 @@ fn mesh(keys: &str, files: &[(&str, &[u8])]) -> Result<Mesh, String> {
 const TRIANGLE: &[u8] = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
 
 #[test]
+fn faces_of_an_obj_name_what_all_their_corners_name_and_may_come_first() {
+    let text = b"\xef\xbb\xbff 1 2 3\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 1 1\nvt 0.5 0.5\n\
+        f 1/1/1 2/1/1 3/1/1 1/1\nf 1/1/1 2//1 3/1/1\n";
+    let found = mesh("file = \"m.obj\"", &[("m.obj", text)]).unwrap();
+    assert_eq!(found.triangles[0], [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+    let has_normals: Vec<bool> = found.normals.iter().map(Option::is_some).collect();
+    assert_eq!(has_normals, [false, false, false, true]);
+    let has_uvs: Vec<bool> = found.uvs.iter().map(Option::is_some).collect();
+    assert_eq!(has_uvs, [false, true, true, false]);
+    for wrong in ["f 1 2 4\n", "f 1 2 0\n", "f 1 2 -1\n", "f 1//2 2 3\n"] {
+        let text = [wrong.as_bytes(), TRIANGLE].concat();
+        assert!(mesh("file = \"m.obj\"", &[("m.obj", &text)]).is_err(), "{wrong}");
+    }
+}
+
+#[test]
 fn unsupported_files_and_keys_are_refused() {
     let names = ["m.obj", "m.OBJ", "m.xyz", "m.glb", "m.gltf", "m.stl"];
     let files = names.map(|name| (name, TRIANGLE));
@@ -143,6 +159,17 @@ fn colors_of_ply() {
 }
 
 #[test]
+fn lists_of_vertices_of_ply_are_skipped() {
+    let text = b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\n\
+        property list uchar uchar red\nproperty float y\nproperty float z\n\
+        element face 1\nproperty list uchar int vertex_indices\nend_header\n\
+        0 0 0 0\n1 2 7 8 0 0\n0 1 7 1 0\n3 0 1 2\n";
+    let found = mesh("file = \"m.ply\"\nvertex_colors = true", &[("m.ply", text)]).unwrap();
+    assert_eq!(found.triangles, [[[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]]);
+    assert_eq!(found.colors(0), Some([[1.0; 4]; 3]));
+}
+
+#[test]
 fn stl_in_both_forms() {
     let text = b"solid vertex of a cube\n facet normal 1 1 1\n  outer loop\n   vertex 0 0 0.5\n\
            vertex 1e0 0 0.5\n   VERTEX 0 1 0.5\n  endloop\n endfacet\nendsolid\n";
@@ -152,7 +179,16 @@ fn stl_in_both_forms() {
     let numbers = [9.0, 9.0, 9.0, 0.0, 0.0, 0.5, 1.0, 0.0, 0.5, 0.0, 1.0, 0.5_f32];
     binary.extend(numbers.iter().flat_map(|x| x.to_le_bytes()));
     binary.extend_from_slice(&[0, 0]);
-    for bytes in [&text[..], &binary] {
+    let ends = [&b"\n"[..], b"\r\n", b"\r", b" "];
+    let texts = ends.map(|end| {
+        let lines = text.split(|byte| *byte == b'\n').skip(1);
+        [
+            &b"solid a cube"[..],
+            &lines.flat_map(|line| [end, line].concat()).collect::<Vec<_>>(),
+        ]
+        .concat()
+    });
+    for bytes in texts.iter().map(Vec::as_slice).chain([&text[..], &binary]) {
         let mesh = mesh("file = \"m.stl\"", &[("m.stl", bytes)]).unwrap();
         assert_eq!(
             mesh.triangles,
@@ -456,7 +492,8 @@ fn tangents_of_gltf() {
     builder.floats(&[[0.0, 2.0, 0.0, -1.0], [1.0, 0.0, 0.0, 1.0], [0.0, 0.0, 1.0, 0.0]]);
     builder.codes(&[[1], [2], [0]], "SCALAR", "");
     builder.floats(&[[0.0, 0.0, 3.0]; 3]);
-    let primitive = r#""attributes": { "POSITION": 0, "TANGENT": 1 }, "targets": [{ "TANGENT": 3 }]"#;
+    let primitive =
+        r#""attributes": { "POSITION": 0, "NORMAL": 3, "TANGENT": 1 }, "targets": [{ "TANGENT": 3 }]"#;
     let file = builder.file(&format!(
         r#""meshes": [{{ "primitives": [{{ {primitive} }}, {{ {primitive}, "indices": 2 }}] }}]"#
     ));
@@ -467,6 +504,23 @@ fn tangents_of_gltf() {
     let turned = of(&file, "tangents = true\nprimitive = 1\nweights = [1]").unwrap();
     let moved = [[1.0, 0.0, 3.0], [0.0, 0.0, 4.0], [0.0, 2.0, 3.0]];
     assert_eq!(turned.tangents(0), Some((moved, 1.0)));
+    // Without normals they are computed: here there are no texture coordinates.
+    let ignored = of(&file.replace(r#""NORMAL": 3, "#, ""), "tangents = true").unwrap();
+    assert_eq!(ignored.tangents(0), Some(([[0.0; 3]; 3], 1.0)));
+}
+
+#[test]
+fn colors_of_gltf_are_limited() {
+    let mut builder = Builder::default();
+    builder.floats(&POINTS[..3]);
+    builder.floats(&[[-1.0, 0.5, 2.0], [0.0, 1.0, 1.5], [3.0, -0.5, 0.25]]);
+    let file =
+        builder.file(r#""meshes": [{ "primitives": [{ "attributes": { "POSITION": 0, "COLOR_0": 1 } }] }]"#);
+    let found = of(&file, "vertex_colors = true").unwrap().colors(0);
+    let limited = [[0.0, 0.5, 1.0, 1.0], [0.0, 1.0, 1.0, 1.0], [1.0, 0.0, 0.25, 1.0]];
+    assert_eq!(found, Some(limited));
+    // A byte order mark is no text.
+    assert!(of(&format!("\u{feff}{file}"), "").is_ok());
 }
 
 #[test]
