@@ -346,7 +346,7 @@ class Triangles(Files):
         self.near(found.normals, [[0, 2, 1]] * 4)
         self.near(found.tangents, [[1, 0.5, 0]] * 4)
         self.assertEqual(found.signs.tolist(), [-1, -1])
-        # Without normals there are no tangents either, and those of the texture coordinates are zero.
+        # Without normals there are no tangents either; those of the texture coordinates are zero.
         normal = builder.attributes.pop("NORMAL")
         self.near(self.load(builder, tangents=True).tangents, [[0, 0, 0]] * 4)
         builder.attributes["NORMAL"] = normal

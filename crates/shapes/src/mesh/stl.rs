@@ -94,8 +94,8 @@ fn text(bytes: &[u8]) -> Result<Vec<DVec3>, FileError> {
     }
 }
 
-/// The lines of a text, with their numbers. They end in LF, or in CR in a file without LF; in a file
-/// of a single line each keyword begins one.
+/// The lines of a text, with their numbers. They end in LF, or in CR in a file without LF; in a
+/// file of a single line each keyword begins one.
 fn lines(bytes: &[u8]) -> Vec<(&[u8], usize)> {
     let bytes = bytes.trim_ascii();
     for end in [b'\n', b'\r'] {

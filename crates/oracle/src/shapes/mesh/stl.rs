@@ -41,8 +41,8 @@ fn binary(bytes: &[u8]) -> Vec<[f64; 3]> {
         .collect()
 }
 
-/// A text with lines that end in LF: in a file without LF, CR ends them, and in one of a single line
-/// each keyword begins one.
+/// A text with lines that end in LF: in a file without LF, CR ends them, and in one of a single
+/// line each keyword begins one.
 fn lines(text: &str) -> String {
     let text = text.trim();
     if text.contains('\n') {
