@@ -169,8 +169,8 @@ impl Sampled<'_> {
         color.max(DVec3::ZERO).to_array()
     }
 
-    /// The colour of a reflectance, or of an index of refraction, under daylight (D65), which is the
-    /// white of the RGB space: a constant is grey.
+    /// The colour of a reflectance, or of an index of refraction, under daylight (D65), which is
+    /// the white of the RGB space: a constant is grey.
     pub(crate) fn color(&self) -> [f64; 3] {
         if let Some(value) = self.constant() {
             return [value; 3];

@@ -223,8 +223,8 @@ impl<'a> Translator<'a> {
         }
     }
 
-    /// Whether rays that leave the scene see light. In Mitsuba a path of `max_depth` edges sees it at
-    /// its end, where a surface is not lit any more. Here the last surface is both lit and seen.
+    /// Whether rays that leave the scene see light. In Mitsuba a path of `max_depth` edges sees it
+    /// at its end, where a surface is not lit any more. Here the last surface is both lit and seen.
     fn is_surrounded(&self) -> bool {
         let around = |object: &Object| ["constant", "envmap"].contains(&object.plugin.as_str());
         self.scene.objects.iter().any(around)
