@@ -94,44 +94,93 @@ fn pieces_are_the_parts_of_cells_in_an_interval() {
     }
 }
 
-/// Divides a part of an even sky by the rule of the model. A region is the range of the sine of the
-/// latitude, and that of the longitude.
-fn divide([y0, y1, phi0, phi1]: [f64; 4], count: usize, regions: &mut Vec<[f64; 4]>) {
+/// Divides a part of a sky by the rule of the model, given the integral of the weight over a part. A
+/// part is the range of the sine of the latitude, and that of the longitude.
+fn divide(part: [f64; 4], count: usize, integral: &dyn Fn([f64; 4]) -> f64, parts: &mut Vec<[f64; 4]>) {
     if count == 1 {
-        return regions.push([y0, y1, phi0, phi1]);
+        return parts.push(part);
     }
-    let share = (count / 2) as f64 / count as f64;
+    let [y0, y1, phi0, phi1] = part;
     let widest = match (y0 < 0.0, y1 > 0.0) {
         (true, true) => 1.0,
         (true, false) => y1.asin().cos(),
         (false, _) => y0.asin().cos(),
     };
-    let [a, b] = if 0.65 * widest * (phi1 - phi0) > y1.asin() - y0.asin() {
-        let cut = phi0 + share * (phi1 - phi0);
-        [[y0, y1, phi0, cut], [y0, y1, cut, phi1]]
-    } else {
-        let cut = y0 + share * (y1 - y0);
-        [[y0, cut, phi0, phi1], [cut, y1, phi0, phi1]]
+    let cut = |at: f64| match 0.65 * widest * (phi1 - phi0) > y1.asin() - y0.asin() {
+        true => [[y0, y1, phi0, at], [y0, y1, at, phi1]],
+        false => [[y0, at, phi0, phi1], [at, y1, phi0, phi1]],
     };
-    divide(a, count / 2, regions);
-    divide(b, count - count / 2, regions);
+    let share = integral(part) * (count / 2) as f64 / count as f64;
+    let (mut low, mut high) = (y0.min(phi0), y1.max(phi1));
+    for _ in 0..50 {
+        let middle = 0.5 * (low + high);
+        if integral(cut(middle)[0]) < share {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    let [a, b] = cut(0.5 * (low + high));
+    divide(a, count / 2, integral, parts);
+    divide(b, count - count / 2, integral, parts);
 }
 
 #[test]
-fn an_even_sky_is_divided_as_the_model_says() {
-    for count in [1, 2, 8, 13, 64, 300] {
-        let mut regions = Vec::new();
-        divide([-1.0, 1.0, -PI, PI], count, &mut regions);
-        let samples = directions(count, 1, |_, _| Rgb::WHITE);
-        assert_eq!(samples.len(), count);
-        for (sample, [y0, y1, phi0, phi1]) in samples.iter().zip(regions) {
-            let area = (y1 - y0) * (phi1 - phi0);
-            assert!((sample.irradiance.r / area - 1.0).abs() < 1e-9, "{count}");
-            let d = sample.direction;
-            let phi = d.x.atan2(-d.z);
-            let inside = y0 < d.y && d.y < y1 && phi0 < phi && phi < phi1;
-            // The centroid of the whole sphere is its centre.
-            assert!(inside || count == 1, "{count}: {d} {y0} {y1} {phi0} {phi1}");
+fn a_sky_is_divided_as_the_model_says() {
+    let even = |_: f64, _: f64| 1.0;
+    // 3^(7/4) has the weight 3.
+    let uneven = |u: f64, v: f64| 1.0 + 5.0 * u + if v > 0.75 { 3f64.powf(1.75) } else { 0.0 };
+    for (counts, value) in [
+        (&[1, 2, 8, 13, 64, 300][..], &even as &dyn Fn(f64, f64) -> f64),
+        (&[2, 3, 7], &uneven),
+    ] {
+        let look = |uv: DVec2| value(uv.x, uv.y);
+        let cells = (0..ROWS).flat_map(|row| (0..COLUMNS).map(move |column| (row, column)));
+        let cells: Vec<([f64; 4], f64)> = cells
+            .map(|(row, column)| {
+                let uv = DVec2::new(
+                    (column as f64 + 0.5) / COLUMNS as f64,
+                    (row as f64 + 0.5) / ROWS as f64,
+                );
+                let edges = [
+                    row_edge(row),
+                    row_edge(row + 1),
+                    column_edge(column),
+                    column_edge(column + 1),
+                ];
+                (edges, look(uv))
+            })
+            .collect();
+        // An even sky needs no sum over cells.
+        let sum = |[y0, y1, phi0, phi1]: [f64; 4], of: &dyn Fn(f64) -> f64| -> f64 {
+            if counts.contains(&300) {
+                return of(1.0) * (y1 - y0) * (phi1 - phi0);
+            }
+            let cell = |([a, b, c, d], value): &([f64; 4], f64)| {
+                let (height, width) = (b.min(y1) - a.max(y0), d.min(phi1) - c.max(phi0));
+                of(*value) * height.max(0.0) * width.max(0.0)
+            };
+            cells.iter().map(cell).sum()
+        };
+        let sphere = [-1.0, 1.0, -PI, PI];
+        let floor = 0.01 * sum(sphere, &|l| l.powf(4.0 / 7.0)) / (2.0 * TAU);
+        let integral = |part: [f64; 4]| sum(part, &|l| l.powf(4.0 / 7.0) + floor);
+        for &count in counts {
+            let mut parts = Vec::new();
+            divide(sphere, count, &integral, &mut parts);
+            let samples = directions(count, 1, |uv, _| Rgb::splat(look(uv)));
+            assert_eq!(samples.len(), count);
+            for (sample, part) in samples.iter().zip(parts) {
+                let energy = sum(part, &|l| l);
+                let found = sample.irradiance.r / energy;
+                assert!((found - 1.0).abs() < 1e-9, "{count}: {found}");
+                let [y0, y1, phi0, phi1] = part;
+                let d = sample.direction;
+                let phi = d.x.atan2(-d.z);
+                let inside = y0 < d.y && d.y < y1 && phi0 < phi && phi < phi1;
+                // The centroid of the whole sphere is its centre.
+                assert!(inside || count == 1, "{count}: {d} {part:?}");
+            }
         }
     }
 }
