@@ -236,7 +236,7 @@ pub(super) fn examine(
         // One sample per pixel is enough to find a number, and many are tried.
         let point = Guess {
             filter: Filter::Point,
-            ..guess.clone()
+            ..*guess
         };
         let mut quick = |picked: &Picked| -> Result<f64, String> {
             let all = [&film.changes[..], &changes(choices, picked)].concat();
