@@ -237,5 +237,13 @@ pub(super) mod tests {
             ..quilt(0)
         };
         assert!(huge.steps(&noise(512, 512)) > 1 << 33);
+        // 8 x 6 blocks at a distance of 5 texels.
+        let quilt = quilt(0);
+        assert_eq!([0, 1].map(|axis| quilt.count(axis)), [8, 6]);
+        assert_eq!([0, 1].map(|axis| quilt.extent(axis)), [43, 33]);
+        // Channels of the overlap of a block, places in the sample, blocks.
+        let overlap = 3 * 16 - 3 * 3;
+        assert_eq!(quilt.steps(&noise(20, 17)), 3 * overlap * 13 * 10 * 48);
+        assert_eq!(quilt.bytes(), 3 * (43 * 33 + 41 * 30));
     }
 }
