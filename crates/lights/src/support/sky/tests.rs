@@ -94,8 +94,8 @@ fn pieces_are_the_parts_of_cells_in_an_interval() {
     }
 }
 
-/// Divides a part of a sky by the rule of the model, given the integral of the weight over a part. A
-/// part is the range of the sine of the latitude, and that of the longitude.
+/// Divides a part of a sky by the rule of the model, given the integral of the weight over a part.
+/// A part is the range of the sine of the latitude, and that of the longitude.
 fn divide(part: [f64; 4], count: usize, integral: &dyn Fn([f64; 4]) -> f64, parts: &mut Vec<[f64; 4]>) {
     if count == 1 {
         return parts.push(part);
