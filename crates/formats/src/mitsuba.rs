@@ -48,7 +48,7 @@ const FEATURES: &[Feature] = features! {
     Dropped "far_clip": "There is no far limit.";
     Dropped "shutter_open, shutter_close": "Nothing moves.";
     Dropped "srf": "There are no spectra.";
-    Approximated "spectrum of wavelengths": "Its colour under even light.";
+    Approximated "spectrum of wavelengths": "Its colour, that of a reflectance under daylight (D65).";
     Kept "emitter point": "point.";
     Kept "emitter directional": "directional.";
     Kept "emitter spot": "spot; its texture is the image.";

@@ -162,8 +162,8 @@ impl Sampled<'_> {
         light(|nm| self.at(nm))
     }
 
-    /// The colour of a light with this spectrum, whose luminance is its mean over the observer's.
-    /// Negative channels are 0.
+    /// The colour of a light with this spectrum. Its luminance is the mean of the values, weighted
+    /// by the observer's y. Negative channels are 0.
     pub(crate) fn radiance(&self) -> [f64; 3] {
         let color = rgb(integral(|nm| self.at(nm))) / integral(|_| 1.0).y;
         color.max(DVec3::ZERO).to_array()

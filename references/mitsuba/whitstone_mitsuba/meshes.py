@@ -206,8 +206,9 @@ def _obj(data: bytes, part: Optional[str] = None) -> Triangles:
     most = [-1, -1, -1]
 
     def corner(text: bytes) -> List[int]:
-        """Indices into v, vt, vn, counted from 0; -1 if missing. Negative ones in the file count
-        from the end of what comes before the face; the others may name what follows it.
+        """Indices into v, vt, vn, counted from 0; -1 if missing. Negative numbers in the file count
+        back from the line of the face. Positive ones count from the start of the file, and their
+        lines may come after the face.
         """
         found = [-1, -1, -1]
         for place, (part, pool) in enumerate(zip(text.split(b"/"), (points, texcoords, normals))):
