@@ -205,6 +205,98 @@ pub(super) mod tests {
         assert!(3 * chosen < 2 * random, "{chosen}, at random {random}");
     }
 
+    /// A quilt of small pieces, and a canvas for it with an exact copy of a part of the sample.
+    fn small(tolerance: f64, seed: u32) -> (Quilt, Codes, Codes) {
+        let quilt = Quilt {
+            size: [8, 8],
+            block: 5,
+            overlap: 2,
+            tolerance,
+            seed,
+        };
+        let sample = noise(12, 11);
+        let mut canvas = Codes {
+            width: 8,
+            height: 8,
+            data: noise(9, 9).data[3..67].to_vec(),
+        };
+        for j in 0..5 {
+            for i in 0..5 {
+                canvas.data[(3 + j) * 8 + 3 + i] = sample.data[(6 + j) * 12 + 7 + i];
+            }
+        }
+        (quilt, sample, canvas)
+    }
+
+    #[test]
+    fn pieces_are_chosen_among_the_best() {
+        for [c, r] in [[0, 0], [1, 0], [0, 1], [1, 1]] {
+            for tolerance in [0.0, 0.5] {
+                // The errors of all places, texel by texel.
+                let (quilt, sample, canvas) = small(tolerance, 0);
+                let overlaps = |i: usize, j: usize| (c > 0 && i < 2) || (r > 0 && j < 2);
+                let error = |x: usize, y: usize| -> u64 {
+                    let texels = (0..25).map(|at| (at % 5, at / 5));
+                    let overlap = texels.filter(|&(i, j)| overlaps(i, j));
+                    let texel = |(i, j)| {
+                        let old = canvas.data[(3 * r + j) * 8 + 3 * c + i];
+                        u64::from(difference(old, sample.data[(y + j) * 12 + x + i]))
+                    };
+                    overlap.map(texel).sum()
+                };
+                let places = || (0..8 * 7).map(|at| [at % 8, at / 8]);
+                let errors = || places().map(|[x, y]| error(x, y));
+                let least = errors().filter(|error| *error > 0).min().unwrap_or(0);
+                let most = least as f64 * (1.0 + tolerance);
+                let best: Vec<_> = places().filter(|[x, y]| error(*x, *y) as f64 <= most).collect();
+                let all = if [c, r] == [0, 0] { 56 } else { 1 };
+                assert!(best.len() >= all);
+                let chosen = (0..2000).map(|seed| {
+                    let quilt = Quilt {
+                        seed,
+                        ..small(tolerance, 0).0
+                    };
+                    quilt.choose(&canvas, &sample, [3 * c, 3 * r], [c, r])
+                });
+                let chosen: std::collections::BTreeSet<_> = chosen.collect();
+                assert_eq!(
+                    chosen,
+                    best.into_iter().collect(),
+                    "{c}, {r}, {tolerance}: {quilt:?}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn pieces_are_cut_along_their_seams() {
+        for [c, r] in [[0, 0], [1, 0], [0, 1], [1, 1]] {
+            for seed in 0..20 {
+                let (quilt, sample, before) = small(1e9, seed);
+                let [x, y] = quilt.choose(&before, &sample, [3 * c, 3 * r], [c, r]);
+                let old = |i: usize, j: usize| before.data[(3 * r + j) * 8 + 3 * c + i];
+                let new = |i: usize, j: usize| sample.data[(y + j) * 12 + x + i];
+                let left = quilt.seam(|j, i| difference(old(i, j), new(i, j)));
+                let top = quilt.seam(|i, j| difference(old(i, j), new(i, j)));
+                let (_, _, mut after) = small(1e9, seed);
+                quilt.place(&mut after, &sample, c, r);
+                for at in 0..64 {
+                    let (i, j) = (at % 8, at / 8);
+                    let is_new = (3 * c..3 * c + 5).contains(&i)
+                        && (3 * r..3 * r + 5).contains(&j)
+                        && (c == 0 || i - 3 * c >= left[j - 3 * r])
+                        && (r == 0 || j - 3 * r >= top[i - 3 * c]);
+                    let expected = if is_new {
+                        new(i - 3 * c, j - 3 * r)
+                    } else {
+                        before.data[at]
+                    };
+                    assert_eq!(after.data[at], expected, "{c}, {r}, seed {seed}: {i}, {j}");
+                }
+            }
+        }
+    }
+
     #[test]
     fn seams_are_the_cheapest_paths() {
         let quilt = Quilt {
