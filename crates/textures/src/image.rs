@@ -287,8 +287,9 @@ fn one_channel(mut texels: Texels, channel: usize) -> Texels {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::support::pyramid::{Ellipse, Grid, elliptical};
     use crate::support::wrap::Wrap;
-    use whitstone_core::{DVec2, DVec3, Rgb, SurfaceInteraction};
+    use whitstone_core::{DVec2, DVec3, Rgb, SurfaceInteraction, Vec4};
     use whitstone_image::planes;
     use whitstone_image::png;
     use whitstone_image::tone::srgb_to_linear;
@@ -664,6 +665,9 @@ mod tests {
         texture.value(&point)
     }
 
+    /// Half axis of an ellipse, in texels per texel of a sample's step.
+    const RADIUS: f64 = 0.782_549_4;
+
     fn distance(a: Rgb, b: Rgb) -> f64 {
         (a + b * -1.0)
             .to_array()
@@ -715,7 +719,7 @@ mod tests {
     #[test]
     fn values_change_continuously_with_the_size_of_a_sample() {
         let [trilinear, ewa] = ["trilinear", "ewa"].map(|f| noise(16, 8, &format!("filter = \"{f}\"")));
-        let at = [0.21, 0.43];
+        let at = [3.8 / 16.0, 3.7 / 8.0];
         let steps = |wide: f64, high: f64| [[wide / 16.0, 0.0], [0.0, high / 8.0]];
         for [across, down] in [[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]] {
             let of =
@@ -732,12 +736,49 @@ mod tests {
         // From the bilinear value at one texel to the mean over an ellipse at two, and from level
         // to level.
         let of = |size: f64| filtered(&*ewa, at, steps(size, size));
-        for size in [1.0, 2.0, 4.0] {
+        for size in [1.0, 2.0, 4.0].map(|half_axis| half_axis / RADIUS) {
             let (before, after) = (of(size * (1.0 - 1e-5)), of(size * (1.0 + 1e-5)));
             assert!(distance(before, after) < 1e-3, "{size}: {before:?} {after:?}");
         }
         for [one, other] in [[0.9, 1.6], [1.6, 2.2], [2.2, 3.1]] {
             assert!(distance(of(one), of(other)) > 0.01, "{one} {other}");
+        }
+    }
+
+    #[test]
+    fn the_mean_over_an_ellipse_is_blended_in_between_one_texel_and_two() {
+        let [nearest, bilinear, ewa] =
+            ["nearest", "bilinear", "ewa"].map(|f| noise(16, 8, &format!("filter = \"{f}\"")));
+        let grid = || Grid {
+            width: 16,
+            height: 8,
+            wrap: [Wrap::Repeat; 2],
+        };
+        // Rows go down while v goes up.
+        let texel = |index: usize| {
+            let (i, j) = ((index % 16) as f64, (index / 16) as f64);
+            let [r, g, b] = at(&*nearest, (i + 0.5) / 16.0, 1.0 - (j + 0.5) / 8.0).to_array();
+            Vec4::new(r as f32, g as f32, b as f32, 0.0)
+        };
+        // The half axis in texels, and the share of the mean.
+        for (long, part) in [
+            (1.01, 0.01),
+            (1.25, 0.25),
+            (1.5, 0.5),
+            (1.75, 0.75),
+            (2.0, 1.0),
+            (3.0, 1.0),
+        ] {
+            let step = long / RADIUS;
+            let (place, steps) = ([3.8 / 16.0, 3.7 / 8.0], [[step / 16.0, 0.0], [0.0, 0.5 / 8.0]]);
+            let ellipse = Ellipse::new(steps.map(DVec2::from), DVec2::new(16.0, 8.0), 16.0);
+            assert!((ellipse.long - long).abs() < 1e-12);
+            let mean = elliptical(grid(), texel, DVec2::new(place[0], 1.0 - place[1]), &ellipse);
+            let plain = filtered(&*bilinear, place, steps);
+            assert!(distance(mean, plain) > 1e-3, "{mean:?} {plain:?}");
+            let expected = plain * (1.0 - part) + mean * part;
+            let found = filtered(&*ewa, place, steps);
+            assert!(distance(found, expected) < 1e-5, "{long}: {found:?} {expected:?}");
         }
     }
 
