@@ -1,11 +1,13 @@
 """Metals, thin dielectrics, emissive and composite materials (model §8)."""
 
 import math
+import os
+import tempfile
 import unittest
 
 import numpy as np
 
-from support import DOWN, FLOOR, Case, film
+from support import DOWN, FLOOR, Case, film, write_exr
 from whitstone_mitsuba.materials import METALS
 from whitstone_mitsuba.runtime import mi
 from whitstone_mitsuba.shaders import diffuse_transmittance
@@ -236,6 +238,14 @@ class Detail(Case):
             ball = '[[shape]]\ntype = "sphere"\nradius = 50\nmaterial = { type = "emissive" }\n'
             bump = f'material = {{ type = "bump", height = {block}, {more + ", " if more else ""}material = {{ type = "mirror" }} }}\n'
             nodes = self.nodes(HEAD + square + bump + ball)
+            self.near(np.array(nodes[1]["p"]) / 50, [-0.96, 0.28, 0], rel=1e-4, atol=1e-4)
+        # Beside so small a step coordinates in single precision would be coarse.
+        with tempfile.TemporaryDirectory() as folder:
+            write_exr(os.path.join(folder, "h.exr"), {"Y": np.array([[0, 0.375]], dtype=np.float32)})
+            image = '{ type = "image", file = "h.exr", wrap = "clamp" }'
+            square = f'[[shape]]\ntype = "rectangle"\ntransform = [{turn}]\n'
+            fine = f'material = {{ type = "bump", height = {image}, scale = 2, step = 1e-6, material = {{ type = "mirror" }} }}\n'
+            nodes = self.nodes(HEAD + square + fine + ball, base=folder)
             self.near(np.array(nodes[1]["p"]) / 50, [-0.96, 0.28, 0], rel=1e-4, atol=1e-4)
         cone = '[[shape]]\ntype = "cone"\n' + bump
         self.refuse(HEAD + cone, "unsupported", "bump map by (u, v)")

@@ -167,6 +167,17 @@ class Still:
         return values(self.part, si, si)
 
 
+def exact(texture: Any) -> Any:
+    """A built texture that uses coordinates in double precision where it can. Mitsuba's own textures
+    round them to single precision, which is coarse beside a small step.
+    """
+    if isinstance(texture, Compound):
+        combined = Combined(texture)
+        combined.parts = [exact(part) for part in texture.parts]
+        return combined
+    return texture.exact() if hasattr(texture, "exact") else texture.build()
+
+
 def smooth(texture: Any) -> Any:
     """A built texture whose `values` have double precision, so that derivatives can be measured by
     differences: Mitsuba's own textures have single precision.

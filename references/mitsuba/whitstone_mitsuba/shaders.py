@@ -14,7 +14,7 @@ import numpy as np
 
 from . import lights
 from .cameras import Lens
-from .compounds import by_uv, leaves, smooth, values
+from .compounds import by_uv, exact, leaves, smooth, values
 from .runtime import dr, mi
 
 FLAGS = {
@@ -621,7 +621,7 @@ class Bump(NormalMapped):
 
     def __init__(self, height: Any, scale: float, step: float, inner: Shader) -> None:
         NormalMapped.__init__(self, inner)
-        self.height, self.smooth = height.build(), smooth(height)
+        self.height, self.smooth = exact(height), smooth(height)
         # Constants and vertex colours have no slope and no mapping.
         self.flat = not any(hasattr(leaf, "mapping") for leaf in leaves(height))
         self.by_uv = by_uv(height)

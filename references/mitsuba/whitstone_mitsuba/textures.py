@@ -112,10 +112,10 @@ class Image:
         height, width = self.pixels.shape[:2]
         place = uv * np.array(self.scale) + np.array(self.offset)
         x, y = place[:, 0] * width, (1 - place[:, 1]) * height
-        pixels = self.pixels.reshape(height, width, -1).astype(np.float64)
+        pixels = self.pixels.reshape(height, width, -1)
 
         def texels(i: np.ndarray, j: np.ndarray) -> np.ndarray:
-            return pixels[_wrapped(j, height, self.wrap[1]), _wrapped(i, width, self.wrap[0])]
+            return pixels[_wrapped(j, height, self.wrap[1]), _wrapped(i, width, self.wrap[0])].astype(np.float64)
 
         if self.filter == "nearest":
             found = texels(np.floor(x), np.floor(y))
@@ -133,6 +133,10 @@ class Image:
         if self.filter == "nearest":
             return compounds.Still(self.build())
         return pyramid.Filtered(replace(self, filter="trilinear"), whole=True)
+
+    def exact(self) -> Any:
+        """See `compounds.exact`."""
+        return Precise(self) if self.mapping.usual() and not self.covers else self.build()
 
     def build(self) -> "mi.Texture":
         if self.covers:
@@ -161,6 +165,17 @@ def _wrapped(index: np.ndarray, count: int, rule: str) -> np.ndarray:
         index = index % (2 * count)
         index = np.minimum(index, 2 * count - 1 - index)
     return np.clip(index, 0, count - 1).astype(np.int64)
+
+
+class Precise:
+    """An image at texture coordinates in double precision: see `Image.precise`."""
+
+    def __init__(self, image: Image) -> None:
+        self.image = image
+
+    def values(self, si: Any, place: Any) -> np.ndarray:
+        """(n, 3) colours at `place`."""
+        return self.image.precise(np.array(place.uv, dtype=np.float64).T)
 
 
 class Folded(mi.Texture):
