@@ -80,7 +80,10 @@ impl Folder {
 }
 
 fn outside_message(name: &str) -> String {
-    format!("\"{}\" is outside of the folder of the scene", shorten(name))
+    format!(
+        "\"{}\" is outside of the folder of the scene; `convert --allow-outside` reads it",
+        shorten(name)
+    )
 }
 
 /// The path without `.` and inner `..`, with slashes; and whether it leaves its start.
@@ -132,13 +135,13 @@ pub(crate) fn read_main(path: &Path, limit: u64) -> Result<Vec<u8>, FormatError>
     read(path, limit).map_err(|problem| FormatError::anywhere(format!("cannot be read: {problem}")))
 }
 
-/// Whether the file starts like a PNG with an alpha channel.
-pub(crate) fn is_png_with_alpha(path: &Path) -> bool {
+/// Whether a file that starts like a PNG has an alpha channel; none for other files.
+pub(crate) fn png_has_alpha(path: &Path) -> Option<bool> {
     let mut start = [0; 26];
     let found = fs::metadata(path).is_ok_and(|metadata| metadata.is_file())
         && fs::File::open(path).is_ok_and(|mut file| file.read_exact(&mut start).is_ok());
     // Byte 25 is the colour type; 4 is grey and 6 is colour, both with alpha.
-    found && start.starts_with(b"\x89PNG\r\n\x1a\n") && matches!(start[25], 4 | 6)
+    (found && start.starts_with(b"\x89PNG\r\n\x1a\n")).then(|| matches!(start[25], 4 | 6))
 }
 
 fn reason(error: &std::io::Error) -> String {

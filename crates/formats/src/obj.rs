@@ -54,15 +54,18 @@ const FEATURES: &[Feature] = features! {
     Kept "illum 1, 2": "matte or blinn_phong.";
     Approximated "illum 3, 8": "whitted with k_refl = Ks, whose highlight has Phong's form with the exponent Ns/4; matte where Ks is 0.";
     Approximated "illum 4, 6, 7, 9": "A dielectric with the index Ni, without Kd, Ks and Tf.";
+    Approximated "illum 4, 6, 7, 9 with Ni 1": "As illum 2: such a glass would be invisible, and Maya writes this for opaque materials.";
     Approximated "illum 5": "As illum 3: the reflection does not follow Fresnel's formula.";
     Approximated "illum 10": "As illum 2: an invisible surface that catches shadows is visible.";
     Approximated "illum with another number": "As illum 2.";
-    Kept "map_Kd, map_Ks, map_Ke, map_d": "Images that multiply the value of the statement.";
+    Kept "map_Kd, map_Ks, map_Ke": "Images that multiply the value of the statement.";
+    Kept "map_d": "An opacity that multiplies that of d: without -imfchan the alpha channel of a PNG that has one, otherwise the green channel, which a grey image has too.";
     Approximated "map without a readable file": "The plain colour.";
     Dropped "map without a file name": "The statement has no effect.";
     Kept "norm": "normal_map with the tangents of the mesh; -bm is its strength.";
     Dropped "norm without texture coordinates": "There are no tangents without them.";
     Kept "-s, -o, -clamp, -imfchan": "scale, offset, wrap and channel of the image.";
+    Approximated "-imfchan l, z": "The green channel for map_d, otherwise the colour.";
     Dropped "-bm of a colour": "Only a normal map and a bump map have a strength.";
     Approximated "bump": "bump: the height in metres is -bm times the image, since MTL has no unit for it.";
     Dropped "bump without texture coordinates": "There are no slopes without them.";
@@ -233,12 +236,21 @@ impl Import {
                 _ => text.split_ascii_whitespace().collect(),
             };
             for name in names {
+                // The path of another machine: the library may have been copied next to the file.
+                let copied = || {
+                    let last = name.rsplit(['/', '\\']).next().unwrap_or_default();
+                    let copied = self.folder.find("", last).ok();
+                    copied.filter(|copied| is_absolute(name) && copied.path.is_file())
+                };
                 let named = match self.folder.find("", name) {
-                    Ok(named) => named,
-                    Err(message) => {
-                        self.errors.push(FormatError::at(line.to_string(), message));
-                        continue;
-                    }
+                    Ok(named) if named.path.exists() => named,
+                    written => match copied().map_or(written, Ok) {
+                        Ok(named) => named,
+                        Err(message) => {
+                            self.errors.push(FormatError::at(line.to_string(), message));
+                            continue;
+                        }
+                    },
                 };
                 if !named.path.exists() {
                     self.notes.add(FEATURES, "mtllib without a file", shorten(name));
@@ -305,7 +317,7 @@ impl Import {
         }
         // The path of another machine: its image may have been copied next to the library.
         let copied = written.rsplit(['/', '\\']).next().unwrap_or_default();
-        if is_windows_path(written) && is_image(copied) {
+        if is_absolute(written) && is_image(copied) {
             return Some(copied.to_owned());
         }
         // A file outside of the folder is an error where the map is used.
@@ -338,13 +350,15 @@ impl Import {
         match illum {
             0 => self.note("illum 0", mtl),
             3 | 8 => self.note("illum 3, 8", mtl),
+            4 | 6 | 7 | 9 if mtl.ior == Some(1.0) => self.note("illum 4, 6, 7, 9 with Ni 1", mtl),
             4 | 6 | 7 | 9 => self.note("illum 4, 6, 7, 9", mtl),
             5 => self.note("illum 5", mtl),
             10 => self.note("illum 10", mtl),
             1 | 2 => {}
             _ => self.note("illum with another number", mtl),
         }
-        let glass = matches!(illum, 4 | 6 | 7 | 9);
+        // Maya writes illum 4 with the index 1 for opaque materials.
+        let glass = matches!(illum, 4 | 6 | 7 | 9) && mtl.ior != Some(1.0);
         let shiny = !matches!(illum, 0 | 1) && specular != [0.0; 3];
         let mut table = if glass {
             self.glass(mtl)
@@ -489,17 +503,13 @@ impl Import {
 
     /// How an image is read as an opacity.
     fn opacity_channel(&self, material: &Material, map: &Map) -> Channel {
-        // Many programs name the image of the colour here and mean its alpha channel.
-        let same = material
-            .mtl
-            .diffuse_map
-            .as_ref()
-            .is_some_and(|diffuse| diffuse.file == map.file);
         let named = self.folder.find(folder_of(&material.library), &map.file);
-        if same && map.channel.is_none() && named.is_ok_and(|named| files::is_png_with_alpha(&named.path)) {
-            Channel::Alpha
-        } else {
-            Channel::Linear
+        let has_alpha = named.ok().and_then(|named| files::png_has_alpha(&named.path));
+        match (map.channel, has_alpha) {
+            // Many programs name the image of the colour here and mean its alpha channel.
+            (None, Some(true)) => Channel::Alpha,
+            (Some('m'), Some(true) | None) => Channel::Alpha,
+            _ => Channel::Green,
         }
     }
 
@@ -529,16 +539,17 @@ impl Import {
             Some('m') => Some("alpha"),
             _ => None,
         };
-        let alpha = written == Some("alpha") || (written.is_none() && channel == Some(Channel::Alpha));
-        if alpha {
-            set("channel", Value::String("alpha".into()));
-        } else {
-            if let Some(name) = written {
-                set("channel", Value::String(name.into()));
-            }
-            if channel.is_some() {
-                set("color_space", Value::String("linear".into()));
-            }
+        let name = match channel {
+            Some(Channel::Alpha) => Some("alpha"),
+            // An explicit colour channel, but not an alpha that the file lacks.
+            Some(Channel::Green) => written.filter(|name| *name != "alpha").or(Some("green")),
+            Some(Channel::Linear) | None => written,
+        };
+        if let Some(name) = name {
+            set("channel", Value::String(name.into()));
+        }
+        if channel.is_some() && name != Some("alpha") {
+            set("color_space", Value::String("linear".into()));
         }
         if map.clamp {
             set("wrap", Value::String("clamp".into()));
@@ -565,12 +576,14 @@ enum Channel {
     /// Its colour, as it is stored.
     Linear,
     Alpha,
+    /// One number of its colour, as it is stored.
+    Green,
 }
 
-/// Whether a path is an absolute one of Windows, with a drive or a server.
-fn is_windows_path(path: &str) -> bool {
+/// Whether a path begins at a root: of Unix, of a drive or of a server.
+fn is_absolute(path: &str) -> bool {
     let has_drive = matches!(path.as_bytes(), [letter, b':', ..] if letter.is_ascii_alphabetic());
-    has_drive || path.starts_with("\\\\")
+    has_drive || path.starts_with(['/', '\\'])
 }
 
 /// Text in any encoding: UTF-8, else each byte is a character of Latin-1. So names that differ stay

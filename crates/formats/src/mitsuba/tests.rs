@@ -509,7 +509,7 @@ fn unknown_plugins_and_parameters_are_errors_with_places() {
         ),
         (
             "<shape type='obj'><string name='filename' value='/etc/passwd'/></shape>",
-            "\"/etc/passwd\" is outside of the folder of the scene",
+            "\"/etc/passwd\" is outside of the folder of the scene; `convert --allow-outside` reads it",
         ),
         (
             "<emitter type='envmap'><string name='filename' value='m.obj'/></emitter>",

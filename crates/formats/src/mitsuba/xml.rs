@@ -983,7 +983,7 @@ mod tests {
             ),
             (
                 "<include filename='../x.xml'/>",
-                "\"../x.xml\" is outside of the folder of the scene",
+                "\"../x.xml\" is outside of the folder of the scene; `convert --allow-outside` reads it",
             ),
             ("<include filename='x.xml'/>", "there is no file \"x.xml\""),
             (

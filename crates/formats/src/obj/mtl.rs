@@ -199,7 +199,12 @@ impl Mtl {
                 }
                 "-clamp" => map.clamp = next(&mut rest) == "on",
                 "-bm" => map.multiplier = Some(number(next(&mut rest))?),
-                "-imfchan" => map.channel = next(&mut rest).chars().next(),
+                "-imfchan" => {
+                    map.channel = next(&mut rest).chars().next();
+                    if matches!(map.channel, Some('l' | 'z')) {
+                        self.note("-imfchan l, z");
+                    }
+                }
                 "-mm" => {
                     number(next(&mut rest))?;
                     number(next(&mut rest))?;

@@ -144,6 +144,52 @@ fn highlights_and_reflections_have_units() {
 }
 
 #[test]
+fn a_glass_that_would_be_invisible_is_opaque() {
+    // What Maya writes for its usual materials.
+    let maya = "illum 4\nKd 0.5 0.25 0.125\nKa 0 0 0\nTf 1 1 1\nNi 1.00\n";
+    let expected = toml("type = \"matte\"\nreflectance = [0.5, 0.25, 0.125]");
+    assert_eq!(material(maya), expected);
+    let (_, notes) = load(CUBE, &format!("newmtl a\n{maya}"), &ImportOptions::all());
+    assert!(
+        notes.iter().any(|note| note.0 == "illum 4, 6, 7, 9 with Ni 1"),
+        "{notes:?}"
+    );
+    assert_eq!(
+        material(&maya.replace("1.00", "1.5"))["type"].as_str(),
+        Some("dielectric")
+    );
+}
+
+#[test]
+fn an_opacity_is_one_number() {
+    let png = |colour_type: u8| {
+        let mut bytes = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\x01\0\0\0\x01\x08".to_vec();
+        bytes.extend([colour_type, 0, 0, 0]);
+        bytes
+    };
+    for (file, option, expected) in [
+        (Some(6), "", "alpha"),
+        (Some(4), "", "alpha"),
+        (Some(2), "", "green"),
+        (Some(0), "", "green"),
+        (Some(2), "-imfchan m ", "green"),
+        (Some(6), "-imfchan m ", "alpha"),
+        (Some(6), "-imfchan r ", "red"),
+        (Some(6), "-imfchan l ", "green"),
+        (None, "", "green"),
+        (None, "-imfchan m ", "alpha"),
+    ] {
+        let files = files(CUBE, &format!("newmtl a\nmap_d {option}o.png\nnewmtl b\n"));
+        // Neither a PNG nor anything else.
+        let image = file.map_or(b"?".to_vec(), png);
+        fs::write(files.path.with_file_name("o.png"), image).unwrap();
+        let text = import(&files.path, &ImportOptions::all()).unwrap().text;
+        let channel = format!("channel = \"{expected}\"");
+        assert!(text.contains(&channel), "{file:?} {option}: {text}");
+    }
+}
+
+#[test]
 fn textures_multiply_and_are_shared() {
     let textured =
         material("Kd 0.5 1 1\nmap_Kd -s 2 2 -clamp on dir\\t.png\nmap_d -imfchan m o.png\nd 0.5\n");
@@ -262,7 +308,8 @@ fn missing_materials_are_noted_and_errors_name_file_and_line() {
             ),
             (
                 "m.mtl:3".to_owned(),
-                "\"../../t.png\" is outside of the folder of the scene".to_owned()
+                "\"../../t.png\" is outside of the folder of the scene; `convert --allow-outside` reads it"
+                    .to_owned()
             ),
         ]
     );

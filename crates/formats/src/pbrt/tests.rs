@@ -453,7 +453,7 @@ fn errors_name_the_place_and_the_nearest_name() {
         ),
         (
             "Include \"../x.pbrt\"",
-            "1:9: \"../x.pbrt\" is outside of the folder of the scene",
+            "1:9: \"../x.pbrt\" is outside of the folder of the scene; `convert --allow-outside` reads it",
         ),
         (
             "Include \"no.pbrt\"",
