@@ -30,6 +30,7 @@ pub struct MitsubaPython;
 /// that are not listed are errors.
 const FEATURES: &[Feature] = features! {
     Kept "default, alias, ref, include, path": "They are resolved.";
+    Dropped "sensors after the first": "A scene has one camera; the option `camera` selects it.";
     Approximated "to_world of a sensor that mirrors": "The image is not mirrored.";
     Kept "film hdrfilm": "Width, height and crop window; the format of the file has no effect.";
     Approximated "rfilter": "Pixels are means over their square: a box filter.";
@@ -40,7 +41,7 @@ const FEATURES: &[Feature] = features! {
     Approximated "integrator volpath": "As path, without media.";
     Approximated "integrator aov": "Its nested integrator; no additional channels.";
     Approximated "unlimited max_depth": "16 bounces, without rays that contribute less than 0.001.";
-    Dropped "hide_emitters": "Emitters around the scene stay visible.";
+    Dropped "hide_emitters": "Emitters stay visible.";
     Kept "sensor perspective": "perspective; near_clip is its near limit.";
     Kept "sensor orthographic": "orthographic.";
     Kept "sensor thinlens": "thin_lens with 16 points of the lens.";
@@ -88,6 +89,7 @@ const FEATURES: &[Feature] = features! {
     Kept "bsdf normalmap": "normal_map.";
     Approximated "normalmap on a mesh": "Tangents are those of the vertices, and the bitangent grows with v; in Mitsuba both follow u of each triangle.";
     Dropped "normalmap without tangents": "On a disk or in a group, only a mesh has tangents.";
+    Dropped "use_shadowing_function": "Mitsuba darkens surfaces with a normal map or a bump map at grazing light, unless this is false.";
     Approximated "bsdf bumpmap": "bump; its height is the first channel of the texture, and its slope a difference over 0.0002 of (u, v).";
     Kept "bsdf null": "A mask that is open.";
     Dropped "specular_reflectance, specular_transmittance of glass": "A dielectric has no tint; a thin one has none for reflection.";

@@ -17,6 +17,8 @@ impl<'a> Translator<'a> {
     pub(super) fn emitter(&mut self, index: usize) {
         let mut fields = self.fields(index);
         let at = fields.at();
+        // How often it is chosen: here each light counts at each point.
+        fields.take("sampling_weight");
         let light = match fields.object.plugin.as_str() {
             "point" => self.point(&mut fields),
             "directional" => self.directional(&mut fields),

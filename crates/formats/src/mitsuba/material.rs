@@ -287,9 +287,7 @@ impl<'a> Translator<'a> {
 
     fn bump_map(&mut self, fields: &mut Fields<'a>, look: &Look) -> Table {
         self.note("bsdf bumpmap", fields.at());
-        for ignored in ["flip_invalid_normals", "use_shadowing_function"] {
-            fields.take(ignored);
-        }
+        self.shadowing(fields);
         let scale = self.number(fields, "scale", 1.0);
         // Heights rise along Mitsuba's normal.
         let scale = if look.flip != look.behind { -scale } else { scale };
@@ -500,10 +498,16 @@ impl<'a> Translator<'a> {
         self.sided(table, look)
     }
 
-    fn normal_map(&mut self, fields: &mut Fields<'a>, look: &Look) -> Table {
-        for ignored in ["flip_invalid_normals", "use_shadowing_function"] {
-            fields.take(ignored);
+    /// The parameters that a normal map and a bump map share.
+    fn shadowing(&mut self, fields: &mut Fields<'a>) {
+        fields.take("flip_invalid_normals");
+        if self.boolean(fields, "use_shadowing_function", true) {
+            self.note("use_shadowing_function", fields.at());
         }
+    }
+
+    fn normal_map(&mut self, fields: &mut Fields<'a>, look: &Look) -> Table {
+        self.shadowing(fields);
         let map = self.texture_or_color(fields, "normalmap", [0.5, 0.5, 1.0], look);
         let material = self.nested(fields, look);
         let Some((key, direction)) = look.tangent.clone() else {

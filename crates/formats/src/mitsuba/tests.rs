@@ -671,6 +671,27 @@ fn maps_lean_the_same_way_on_both_sides() {
 }
 
 #[test]
+fn what_mitsuba_does_by_default_is_noted() {
+    let map = |more: &str| {
+        format!(
+            "<shape type='rectangle'><bsdf type='normalmap'><texture name='normalmap' type='bitmap'>\
+             <string name='filename' value='t.png'/></texture>{more}<bsdf type='diffuse'/></bsdf></shape>"
+        )
+    };
+    let shadowing = |text: &str| load(text).1.contains(&"use_shadowing_function");
+    assert!(shadowing(&map("")));
+    assert!(!shadowing(&map(
+        "<boolean name='use_shadowing_function' value='false'/>"
+    )));
+    assert!(shadowing(&map("").replace("'normalmap'><", "'bumpmap'><")));
+    let sensor = "<sensor type='perspective'/>";
+    assert!(!load(sensor).1.contains(&"sensors after the first"));
+    assert!(load(&sensor.repeat(2)).1.contains(&"sensors after the first"));
+    let light = "<emitter type='point'><float name='sampling_weight' value='2'/></emitter>";
+    assert_eq!(load(light).0["light"].as_array().unwrap().len(), 1);
+}
+
+#[test]
 fn an_area_emitter_may_be_shared() {
     let (scene, _) = load(
         "<emitter type='area' id='e'><rgb name='radiance' value='2'/></emitter>

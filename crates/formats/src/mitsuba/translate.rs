@@ -242,7 +242,13 @@ impl<'a> Translator<'a> {
     /// Translates the selected sensor, or the first one.
     fn sensor_of(&mut self, sensors: &[usize]) {
         let selected = match &self.options.camera {
-            None => sensors.first().copied(),
+            None => {
+                if let [_, second, ..] = *sensors {
+                    let at = self.fields(second).at();
+                    self.note("sensors after the first", at);
+                }
+                sensors.first().copied()
+            }
             Some(wanted) => {
                 let by_id = sensors
                     .iter()

@@ -153,6 +153,10 @@ pub(super) struct Importer<'a> {
     /// Textures by kind (whether they are of float) and name, and whether they depend on (u, v).
     pub(super) textures: HashMap<(bool, String), (Value, bool, usize)>,
     pub(super) materials: HashMap<String, Look>,
+    /// Errors in the definitions of textures and materials that nothing has used so far: they count
+    /// with the first use.
+    faulty_textures: HashMap<(bool, String), Vec<Fault>>,
+    faulty_materials: HashMap<String, Vec<Fault>>,
     replaced: BTreeSet<String>,
     /// Tables of shared materials, by id.
     pub(super) tables: HashMap<String, Table>,
@@ -202,6 +206,8 @@ impl<'a> Importer<'a> {
             bounds: Part::EMPTY,
             textures: HashMap::new(),
             materials: HashMap::new(),
+            faulty_textures: HashMap::new(),
+            faulty_materials: HashMap::new(),
             replaced: BTreeSet::new(),
             tables: HashMap::new(),
             rays: HashMap::new(),
@@ -742,6 +748,7 @@ impl<'a> Importer<'a> {
                     return Err(self.fault(at, format!("{} needs \"string type\"", args.what)));
                 };
                 args.what = format!("Material \"{}\"", shorten(&plugin));
+                let before = self.errors.len();
                 let look = match self.options.materials.get(&name) {
                     Some(own) => {
                         self.replaced.insert(name.clone());
@@ -749,6 +756,10 @@ impl<'a> Importer<'a> {
                     }
                     None => self.material(&plugin, Some(&name), args),
                 };
+                let faults = self.errors.split_off(before);
+                if !faults.is_empty() {
+                    self.faulty_materials.insert(name.clone(), faults);
+                }
                 self.materials.insert(name, look);
             }
             "NamedMaterial" => {
@@ -772,7 +783,12 @@ impl<'a> Importer<'a> {
                 if self.textures.contains_key(&(float, name.clone())) {
                     return Err(self.fault(at, format!("the texture \"{}\" is given twice", shorten(&name))));
                 }
+                let before = self.errors.len();
                 let texture = self.texture(&name, float, &class, args);
+                let faults = self.errors.split_off(before);
+                if !faults.is_empty() {
+                    self.faulty_textures.insert((float, name.clone()), faults);
+                }
                 self.textures.insert((float, name), texture);
             }
             "LightSource" => {
@@ -1045,8 +1061,10 @@ impl<'a> Importer<'a> {
     }
 
     pub(super) fn named_material(&mut self, name: &str, at: At) -> Result<Look, Fault> {
-        if let Some(look) = self.materials.get(name) {
-            return Ok(look.clone());
+        if let Some(look) = self.materials.get(name).cloned() {
+            let faults = self.faulty_materials.get(name).cloned();
+            faults.into_iter().flatten().for_each(|fault| self.report(fault));
+            return Ok(look);
         }
         if name == "interface" {
             return Ok(Look::interface());
@@ -1405,9 +1423,13 @@ impl<'a> Importer<'a> {
             return None;
         };
         let text = texts.first().cloned().unwrap_or_default();
-        if let Some(found) = self.textures.get(&(float, text.clone())) {
-            return Some(found.clone());
+        let key = (float, text);
+        if let Some(found) = self.textures.get(&key).cloned() {
+            let faults = self.faulty_textures.get(&key).cloned();
+            faults.into_iter().flatten().for_each(|fault| self.report(fault));
+            return Some(found);
         }
+        let text = key.1;
         let kind = if float { "float" } else { "spectrum" };
         let message = format!("no {kind} texture is called \"{}\" here", shorten(&text));
         let known = self.textures.keys().filter(|(is_float, _)| *is_float == float);

@@ -615,6 +615,31 @@ fn mutants_are_scenes_or_errors() {
 }
 
 #[test]
+fn definitions_that_nothing_uses_may_be_unsupported() {
+    let defined = "Texture \"t\" \"float\" \"fbm\"\n\
+                   Texture \"u\" \"float\" \"scale\" \"texture tex\" \"t\"\n\
+                   MakeNamedMaterial \"m\" \"string type\" \"hair\"\n\
+                   MakeNamedMaterial \"n\" \"string type\" \"mix\" \"string materials\" [\"m\" \"m\"]\n";
+    import(defined);
+    for (used, expected) in [
+        (
+            "NamedMaterial \"m\"\nNamedMaterial \"m\"",
+            "3:1: the material \"hair\" is not supported",
+        ),
+        (
+            "NamedMaterial \"n\"",
+            "3:1: the material \"hair\" is not supported",
+        ),
+        (
+            "Material \"diffuse\" \"texture displacement\" \"u\"",
+            "1:1: the texture \"fbm\" is not supported",
+        ),
+    ] {
+        assert_eq!(errors(&format!("{defined}{used}")), expected, "{used}");
+    }
+}
+
+#[test]
 fn hostile_files_end_soon() {
     let deep = "AttributeBegin\n".repeat(100_000);
     assert!(errors(&deep).contains("more than 1024 attributes inside each other"));
@@ -626,12 +651,16 @@ fn hostile_files_end_soon() {
             )
         })
         .collect();
-    let text = format!("Texture \"t0\" \"spectrum\" \"checkerboard\"\n{nested}");
+    let used: String = (0..1000)
+        .map(|k| format!("Material \"diffuse\" \"texture reflectance\" \"t{k}\"\n"))
+        .collect();
+    let text = format!("Texture \"t0\" \"spectrum\" \"checkerboard\"\n{nested}{used}");
     assert!(errors(&text).contains("nested more than 12 deep"));
     let mixed: String = (0..100)
         .map(|k| format!("MakeNamedMaterial \"m{}\" \"string type\" \"mix\" \"string materials\" [\"m{k}\" \"m{k}\"]\n", k + 1))
         .collect();
-    let text = format!("MakeNamedMaterial \"m0\" \"string type\" \"diffuse\"\n{mixed}");
+    let used: String = (0..100).map(|k| format!("NamedMaterial \"m{k}\"\n")).collect();
+    let text = format!("MakeNamedMaterial \"m0\" \"string type\" \"diffuse\"\n{mixed}{used}");
     assert!(errors(&text).contains("nested more than 12 deep"));
     let scaled = "Scale 1e30 1e30 1e30\n".repeat(50);
     assert!(errors(&format!("{scaled}Shape \"sphere\"")).contains("too large"));

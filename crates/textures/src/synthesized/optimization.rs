@@ -397,6 +397,26 @@ mod tests {
         assert_eq!(same, sample);
     }
 
+    /// Ending once nothing changes only saves iterations.
+    #[test]
+    fn all_iterations_count_until_nothing_changes() {
+        let sample = noise(22, 19);
+        for (side, robust) in [(9, false), (9, true), (16, false), (16, true)] {
+            let how = |iterations| stage(side, iterations, robust);
+            let mut expected = quilted(&sample);
+            let mut found = Vec::new();
+            for iterations in 1..=10 {
+                found = how(1).search(&expected, &sample, &found);
+                how(1).blend(&mut expected, &sample, &found);
+                if matches!(iterations, 3 | 10) {
+                    let mut picture = quilted(&sample);
+                    how(iterations).improve(&mut picture, &sample);
+                    assert!(picture == expected, "{side} {robust} {iterations}");
+                }
+            }
+        }
+    }
+
     /// Known results and early termination only shorten the search.
     #[test]
     fn the_nearest_piece_is_the_first_of_those_with_the_least_error() {

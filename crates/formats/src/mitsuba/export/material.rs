@@ -239,6 +239,8 @@ impl<'a> Exporter<'a> {
                         "scale",
                         Item::Float(table::number(material, "scale").unwrap_or(1.0)),
                     )
+                    .with("flip_invalid_normals", Item::Boolean(false))
+                    .with("use_shadowing_function", Item::Boolean(false))
                     .with("", inner);
                 if bare { sided(node, sides) } else { node }
             }
