@@ -8,7 +8,9 @@ use std::path::Path;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 use whitstone_core::config::decode;
-use whitstone_core::{FormatError, ImportOptions, Registry, SceneError, SceneErrors, SourceSpan};
+use whitstone_core::{
+    FormatError, ImportOptions, Registry, SceneError, SceneErrors, SceneFormat, SourceSpan,
+};
 
 /// An `[[import]]` of a scene file.
 pub(crate) struct Import {
@@ -142,13 +144,18 @@ pub(crate) fn located(error: FormatError, file: &str, at: Option<&SourceSpan>) -
     }
 }
 
-/// The extensions of all formats that can be imported, as in ".glb, .gltf or .obj".
-pub(crate) fn extensions(registry: &Registry) -> String {
-    let all: Vec<String> = registry
-        .formats()
-        .flat_map(|format| format.extensions())
-        .map(|extension| format!(".{extension}"))
-        .collect();
+/// The extensions of all formats that can be imported, after `others`, as in ".glb, .gltf or .obj".
+pub(crate) fn extensions(registry: &Registry, others: &[&str]) -> String {
+    // Formats that are only written return none instead of an error for the missing file.
+    let is_read = |format: &&dyn SceneFormat| {
+        let missing = format.import(Path::new(""), &ImportOptions::all());
+        missing.is_some() && format.name() != "toml"
+    };
+    let formats = registry.formats().filter(is_read);
+    let formats = formats.flat_map(|format| format.extensions());
+    let formats = formats.map(|extension| format!(".{extension}"));
+    let others = others.iter().map(|other| (*other).to_owned());
+    let all: Vec<String> = others.chain(formats).collect();
     match all.split_last() {
         None => "a known format".to_owned(),
         Some((last, [])) => last.clone(),

@@ -118,6 +118,16 @@ impl Sources {
                 return loader.finish(&[]);
             }
         }
+        let extension = path.extension().map(|extension| extension.to_ascii_lowercase());
+        if options.format.is_none()
+            && registry.format_of(path).is_none()
+            && extension.is_some_and(|extension| extension != "toml")
+        {
+            let known = import::extensions(registry, &[".toml"]);
+            let message = format!("{name}: unknown format; expected a file that ends in {known}");
+            loader.fail(None, message);
+            return loader.finish(&[]);
+        }
         // TOML scenes are read here, though they may have a format for export.
         let is_toml = match &options.format {
             Some(name) => name == "toml",
@@ -446,10 +456,10 @@ impl<'r> Loader<'r> {
         let imported = format.and_then(|format| format.import(path, options));
         match imported {
             None => {
-                let known = import::extensions(self.registry);
+                let known = import::extensions(self.registry, &[]);
                 self.fail(
                     at,
-                    format!("cannot import \"{name}\": expected a file that ends in {known}"),
+                    format!("cannot read \"{name}\": expected a file that ends in {known}"),
                 );
             }
             Some(Err(errors)) => {
