@@ -150,9 +150,8 @@ impl Document {
                 read_range(&self.path, at + offset, length).map_err(|message| Error::at(pointer(), message))
             }
             Buffer::File(path) => {
-                let path = self.folder().join(path);
-                read_range(&path, offset, length)
-                    .map_err(|message| Error::at(format!("/buffers/{number}/uri"), message))
+                let fault = |message| Error::at(format!("/buffers/{number}/uri"), named(path, message));
+                read_range(&self.folder().join(path), offset, length).map_err(fault)
             }
             Buffer::Data(bytes, stated) => {
                 let bytes = match bytes.get() {
@@ -242,8 +241,9 @@ impl Document {
                 let fault = |message: String| Error::at(pointer("/uri"), message);
                 match relative_path(uri).map_err(fault)? {
                     None => decoded(uri).map_err(fault),
-                    Some(path) => {
-                        let path = self.folder().join(path);
+                    Some(name) => {
+                        let path = self.folder().join(&name);
+                        let fault = |message: String| fault(named(&name, message));
                         let length = std::fs::metadata(&path)
                             .map_err(|error| fault(format!("cannot be read: {error}")))?
                             .len();
@@ -268,6 +268,11 @@ impl Document {
         let image = self.root.images.get(number)?;
         relative_path(image.uri.as_deref()?).ok().flatten()
     }
+}
+
+/// A message about a file that the document names.
+fn named(path: &Path, message: String) -> String {
+    format!("\"{}\" {message}", path.display())
 }
 
 fn read_range(path: &Path, offset: u64, length: u64) -> Result<Vec<u8>, String> {
