@@ -3,7 +3,7 @@
 //! The ray is transformed to object space, where the plane is z = 0: one subtraction and one
 //! division.
 //!
-//! - Twin: Mitsuba `disk` of radius 1e7, textured by position (native): a rectangle of that size is
+//! - Twin: Mitsuba `disk` of radius 1e12 m, textured by position (native): a rectangle of that size is
 //!   a mesh there and misses rows of pixels near the horizon.
 //! - Example: `scenes/shapes/plane.toml`.
 

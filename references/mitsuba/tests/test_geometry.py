@@ -428,6 +428,8 @@ class Meshes(Case):
         # At +x the tangent around y is -z, the bitangent y; at +y there is none.
         self.near(tip(tangent + ", axis = [0, 2, 0]", x), [2, -0.5, -1])
         self.near(tip(tangent + ", axis = [0, 2, 0]", y), [0, 0, 0])
+        # Neither where rounding gives it one.
+        self.near(tip(tangent + ", axis = [0, 2, 0]", np.array([1e-16, 1, 0])), [0, 0, 0])
         self.near(tip(tangent + ", tangent = [0, 3, 4]", z), [0.5, 1, 2])
         node = self.nodes(looking([1, -0.5, 8], (1, -0.5, 0)) + shape.format(""), base=self.base)[0]
         self.near(node["t"], 8 - 3, rel=1e-5)

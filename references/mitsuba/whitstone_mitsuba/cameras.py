@@ -16,7 +16,7 @@ import numpy as np
 
 from whitstone_protocol.errors import Unsupported
 
-from .fields import REQUIRED, Fields, nearest
+from .fields import REQUIRED, Fields, there_are
 from .runtime import mi
 
 # Mitsuba starts rays on the near clip plane; a power of two makes undoing this exact. The far clip
@@ -205,7 +205,7 @@ def read(table: Any, width: int, height: int, errors: List[str], unsupported: Li
     kind = fields.kind()
     if kind not in KINDS:
         if kind is not None:
-            unsupported.append(f"camera: no twin for a camera of type {kind!r}; {nearest(kind, KINDS)}")
+            unsupported.append(f"camera: no twin for a camera of type {kind!r}; {there_are(KINDS)}")
         return None
     look = Fields(fields.take("look_at", REQUIRED) or {}, "camera.look_at", errors)
     origin, target = np.array(look.vector("origin", REQUIRED)), np.array(look.vector("target", REQUIRED))

@@ -89,9 +89,10 @@ def in_tangent_space(vectors: np.ndarray, normals: np.ndarray, direction: Tuple[
     along = np.broadcast_to(np.array(direction), normals.shape)
     tangents = np.cross(along, normals) if around else along - np.sum(along * normals, axis=1, keepdims=True) * normals
     length = np.linalg.norm(tangents, axis=1, keepdims=True)
-    tangents = np.divide(tangents, length, out=np.zeros_like(tangents), where=length > 0)
+    valid = length > 1e-9
+    tangents = np.divide(tangents, length, out=np.zeros_like(tangents), where=valid)
     x, y, z = (vectors[:, k, None] for k in range(3))
-    return np.where(length > 0, x * tangents + y * np.cross(normals, tangents) + z * normals, 0)
+    return np.where(valid, x * tangents + y * np.cross(normals, tangents) + z * normals, 0)
 
 
 def _look(texture: Any, place: _Place) -> np.ndarray:

@@ -23,7 +23,7 @@ from . import (
     shapes,
     textures,
 )
-from .fields import Fields, nearest
+from .fields import Fields, nearest, there_are
 from .files import Folder
 
 if sys.version_info >= (3, 11):
@@ -190,7 +190,7 @@ def _integrator(table: Any, errors: List[str], unsupported: List[str]) -> Option
     if kind not in ("whitted", "appel", "rasterizer"):
         if kind is not None:
             known = ["whitted", "appel", "rasterizer"]
-            unsupported.append(f"integrator: no twin for an integrator of type {kind!r}; {nearest(kind, known)}")
+            unsupported.append(f"integrator: no twin for an integrator of type {kind!r}; {there_are(known)}")
         return None
     shadowing = fields.choice("shadows", "opaque", ("opaque", "filtered", "none"))
     shadows, filtered = shadowing != "none", shadowing == "filtered"

@@ -22,6 +22,11 @@ def nearest(name: str, known: Sequence[str]) -> str:
     return f"{hint}known: {', '.join(sorted(known)) or 'none'}"
 
 
+def there_are(known: Sequence[str]) -> str:
+    """The hint for a type of the model that has no twin."""
+    return f"there are twins for {', '.join(sorted(known))}"
+
+
 def is_number(value: Any) -> bool:
     """A finite TOML integer or float. (TOML booleans are Python ints; they do not count.)"""
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)

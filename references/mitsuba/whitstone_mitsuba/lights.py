@@ -19,7 +19,7 @@ import numpy as np
 from whitstone_protocol.errors import SceneError
 
 from . import compounds, images, mappings, meshes, sky, textures, transforms
-from .fields import REQUIRED, Fields, Vector, nearest
+from .fields import REQUIRED, Fields, Vector, there_are
 from .files import Folder
 from .runtime import dr, mi
 
@@ -571,7 +571,7 @@ def read(tables: Any, reader: Any, base: Folder, errors: List[str], unsupported:
         else:
             if kind is not None:
                 known = [*LAMPS, "spot", "area", "projector", "ambient", "background", "environment"]
-                unsupported.append(f"light[{index}]: no twin for a light of type {kind!r}; {nearest(kind, known)}")
+                unsupported.append(f"light[{index}]: no twin for a light of type {kind!r}; {there_are(known)}")
             continue
         fields.close()
     ambient = np.sum([value for _, value in ambients], axis=0) if ambients else np.zeros(3)

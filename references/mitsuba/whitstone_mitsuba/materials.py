@@ -16,7 +16,7 @@ from typing import Any, Dict, List, Optional, Sequence, Set, Tuple
 
 from . import tabulated
 from .compounds import Product, leaves
-from .fields import REQUIRED, Fields, Vector, nearest
+from .fields import REQUIRED, Fields, Vector, nearest, there_are
 from .lights import direction_map
 from .runtime import dr, mi
 from .textures import Constant, Textures
@@ -506,7 +506,7 @@ class Materials:
         elif reader is None:
             if kind is not None:
                 known = [*READERS, *COMPOSITES]
-                self._unsupported.append(f"{where}: no twin for a material of type {kind!r}; {nearest(kind, known)}")
+                self._unsupported.append(f"{where}: no twin for a material of type {kind!r}; {there_are(known)}")
             return 0
         else:
             material = reader(fields, self._textures)

@@ -7,7 +7,7 @@ from typing import Any, List, Optional
 
 import numpy as np
 
-from .fields import Fields, nearest
+from .fields import Fields, there_are
 
 TYPES = ("adaptive", "center", "grid", "sobol", "stratified")
 
@@ -201,7 +201,7 @@ def read(table: Any, errors: List[str], unsupported: List[str]) -> Any:
         threshold = fields.number("threshold", 0.01, lambda radiance: radiance > 0, "a number > 0")
         found = Adaptive(count, fields.integer("seed", 0, 0, 2**32 - 1), Refinement(first, threshold))
     elif kind != "center" and kind is not None:
-        unsupported.append(f"sampler: no twin for a sampler of type {kind!r}; {nearest(kind, TYPES)}")
+        unsupported.append(f"sampler: no twin for a sampler of type {kind!r}; {there_are(TYPES)}")
         return found
     fields.close()
     return found

@@ -30,13 +30,13 @@ from . import (
     transforms,
     vertices,
 )
-from .fields import REQUIRED, Fields, is_number, nearest
+from .fields import REQUIRED, Fields, is_number, nearest, there_are
 from .files import Folder
 from .runtime import mi
 
 # Mitsuba has no infinite plane: a disk of this radius in metres replaces it. (A huge rectangle is a
 # mesh and loses rows at the horizon.)
-PLANE_RADIUS = 1e7
+PLANE_RADIUS = 1e12
 
 NO_MEDIA: Mapping[str, Any] = MappingProxyType({})
 
@@ -578,7 +578,7 @@ class _Reader:
             kind = fields.kind()
             if kind is not None and kind != "instance" and kind not in READERS:
                 known = list(READERS) + ["instance"]
-                self.unsupported.append(f"{fields.where}: no twin for a shape of type {kind!r}; {nearest(kind, known)}")
+                self.unsupported.append(f"{fields.where}: no twin for a shape of type {kind!r}; {there_are(known)}")
             if kind is None or (kind != "instance" and kind not in READERS):
                 continue
             name = fields.string("id", None)

@@ -16,7 +16,7 @@ import numpy as np
 from whitstone_protocol.errors import SceneError, Unsupported
 
 from . import compounds, footprints, gltf, images, mappings, patterns, pyramid, quilting
-from .fields import REQUIRED, Fields, Vector, as_color, is_number, nearest
+from .fields import REQUIRED, Fields, Vector, as_color, is_number, nearest, there_are
 from .files import Folder
 from .runtime import mi
 
@@ -288,7 +288,7 @@ class Textures:
             elif reader is None:
                 if kind is not None:
                     known = [*READERS, *COMPOUNDS]
-                    self.unsupported.append(f"{where}: no twin for a texture of type {kind!r}; {nearest(kind, known)}")
+                    self.unsupported.append(f"{where}: no twin for a texture of type {kind!r}; {there_are(known)}")
                 return Constant((0.0, 0.0, 0.0))
             else:
                 texture = reader(fields, self.base)

@@ -70,8 +70,12 @@ impl LookAt {
         let up = up / largest;
         let backwards = back.normalize();
         if up.cross(backwards).length() <= 1e-12 * up.length() {
+            let help = match backwards.z.abs() < 0.9 {
+                true => "give another `up`, such as [0, 0, 1] for a view straight down",
+                false => "give another `up`, such as [0, 1, 0] for a view along z",
+            };
             return Err(SceneError::at(up_place, "`up` is parallel to the view")
-                .with_help("give another `up`, such as [0, 0, 1] for a view straight down")
+                .with_help(help)
                 .into());
         }
         // If `up` is nearly parallel to the view, its products cancel. They must be accurate, and

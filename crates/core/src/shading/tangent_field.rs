@@ -2,6 +2,10 @@ use crate::plugin::config::Vector3;
 use crate::{DVec3, SceneError, SceneErrors};
 use toml::Spanned;
 
+/// Tangents no longer than this share of the vector or the axis count as none: they are rounding
+/// errors of a normal that is parallel to it.
+const SHORTEST: f64 = 1e-9;
+
 /// The tangents of a surface for vectors in tangent space, exact on every shape.
 #[derive(Clone, Copy, Debug)]
 pub enum TangentField {
@@ -53,11 +57,40 @@ impl TangentField {
     /// The vector with these components along the tangent, the bitangent and the unit normal;
     /// `None` where the tangent has no direction.
     pub fn vector(&self, parts: DVec3, normal: DVec3) -> Option<DVec3> {
-        let tangent = match self {
-            Self::Along(direction) => direction - direction.dot(normal) * normal,
-            Self::Around(axis) => axis.cross(normal),
+        let (from, tangent) = match self {
+            Self::Along(direction) => (direction, direction - direction.dot(normal) * normal),
+            Self::Around(axis) => (axis, axis.cross(normal)),
         };
-        let t = tangent.try_normalize()?;
+        let is_long = tangent.length_squared() > SHORTEST.powi(2) * from.length_squared();
+        let t = tangent.try_normalize().filter(|_| is_long)?;
         Some(parts.x * t + parts.y * normal.cross(t) + parts.z * normal)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rounding_error_is_no_tangent() {
+        let parts = DVec3::new(0.5, 0.25, 1.0);
+        for (field, normal) in [
+            (TangentField::Around(DVec3::Y), DVec3::Y),
+            (TangentField::Along(DVec3::X), DVec3::X),
+            // A vector that is not normalised.
+            (TangentField::Along(1e-12 * DVec3::X), DVec3::X),
+        ] {
+            for (lean, valid) in [
+                (0.0, false),
+                (1e-16, false),
+                (5e-10, false),
+                (2e-9, true),
+                (0.1, true),
+            ] {
+                let leaning = (normal + lean * DVec3::Z).normalize();
+                assert_eq!(field.vector(parts, leaning).is_some(), valid, "{field:?} {lean}");
+            }
+        }
+        assert_eq!(TangentField::Along(DVec3::ZERO).vector(parts, DVec3::Z), None);
     }
 }

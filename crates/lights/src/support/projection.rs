@@ -22,7 +22,10 @@ pub(crate) fn image_axes(
     let right = axis.cross(up);
     if right.length() <= 1e-12 {
         let error = SceneError::at(place, "`up` is parallel to the axis");
-        let help = "give another `up`, such as [0, 0, 1] for an image that is projected straight down";
+        let help = match axis.z.abs() < 0.9 {
+            true => "give another `up`, such as [0, 0, 1] for an image that is projected straight down",
+            false => "give another `up`, such as [0, 1, 0] for an image that is projected along z",
+        };
         return Err(error.with_help(help).into());
     }
     // If `up` is nearly parallel to the axis, rounding leaves a component along the axis. Remove

@@ -32,7 +32,7 @@ impl Tangent {
                 (across(along.try_normalize()?), sign)
             }
         };
-        let t = t.try_normalize()?;
+        let t = t.try_normalize().filter(|_| t.length() > 1e-9)?;
         Some([t, sign * n_s.cross(t)])
     }
 
