@@ -59,6 +59,17 @@ pub enum LiveError {
     },
 }
 
+/// The error of a driver's image that cannot be compared with a variant of itself.
+fn unusable(error: metrics::CompareError) -> LiveError {
+    LiveError::Image(match error {
+        metrics::CompareError::NotFinite { count, .. } => format!(
+            "{} of its values are not finite; they may exceed single precision",
+            count.ours.max(count.reference)
+        ),
+        error => error.to_string(),
+    })
+}
+
 #[derive(Default, Serialize, Deserialize)]
 struct ProbeCache {
     /// Maps "x,y" to the values of all trials. `None` stands for a number that JSON cannot
@@ -231,7 +242,7 @@ impl Live {
         for (done, &setting) in variations.iter().enumerate() {
             progress(1 + done, 1 + variations.len());
             let (varied, _) = self.render(scene, setting)?;
-            let between = floor::between(&image, &varied).map_err(|e| LiveError::Image(e.to_string()))?;
+            let between = floor::between(&image, &varied).map_err(unusable)?;
             worst = worst.max(between.error);
             moved = moved.max(between.moved);
         }

@@ -546,8 +546,8 @@ fn said(arguments: &Arguments, subject: &Subject) -> String {
         .unwrap_or_else(|| subject.name.clone())
 }
 
-/// A failed comparison decides the result. Cases that could not be compared matter only if all
-/// others agree.
+/// A failed case decides the result. Cases that could not be compared matter only if all others
+/// agree.
 fn verdict(cases: &[CaseResult], matrix: Tally, strict: bool) -> Result<Exit, Failure> {
     let is_good = |status: Status| {
         if strict {
@@ -566,7 +566,11 @@ fn verdict(cases: &[CaseResult], matrix: Tally, strict: bool) -> Result<Exit, Fa
     if failed.peek().is_none() {
         return Ok(Exit::Pass);
     }
-    if failed.any(|case| case.compared || case.subject.as_ref().is_some_and(|subject| subject.failed)) {
+    let decides = |case: &CaseResult| {
+        let subject_failed = case.subject.as_ref().is_some_and(|subject| subject.failed);
+        case.compared || case.status == Some(Status::Fail) || subject_failed
+    };
+    if failed.any(decides) {
         return Ok(Exit::Differs);
     }
     let without = cases.iter().filter(|case| !case.compared).count();
