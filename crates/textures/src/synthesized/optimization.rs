@@ -417,6 +417,30 @@ mod tests {
         }
     }
 
+    /// The same for images of two neighbourhoods, both of which find other pieces in the second
+    /// iteration of the last image.
+    #[test]
+    fn iterations_go_on_while_all_neighbourhoods_change() {
+        let sample = noise(22, 19);
+        let starts = noise(20, 378);
+        for start in starts.data.chunks(20).skip(350) {
+            let start = Codes {
+                width: 5,
+                height: 4,
+                data: start.to_vec(),
+            };
+            let how = |iterations| stage(4, iterations, false);
+            let (mut expected, mut found) = (start.clone(), Vec::new());
+            for iterations in 1..=5 {
+                found = how(1).search(&expected, &sample, &found);
+                how(1).blend(&mut expected, &sample, &found);
+                let mut picture = start.clone();
+                how(iterations).improve(&mut picture, &sample);
+                assert!(picture == expected, "{iterations}");
+            }
+        }
+    }
+
     /// Known results and early termination only shorten the search.
     #[test]
     fn the_nearest_piece_is_the_first_of_those_with_the_least_error() {
