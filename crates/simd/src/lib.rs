@@ -15,7 +15,9 @@ mod wide;
 
 pub use dispatch::{Level, dispatch};
 pub use lanes::{Kernel, Lanes, Machine, Portable, prefetch, with_lanes};
-pub use wide::{Doubles, Quad, QuadOrder, Sixteen, WideKernel, WideMachine, pack_order, with_wide_lanes};
+pub use wide::{
+    Doubles, Quad, QuadOrder, Sixteen, WideKernel, WideMachine, pack_order, unpack_order, with_wide_lanes,
+};
 
 /// Selects one of two computed values: unlike `if`, never a branch, which would prevent
 /// vectorisation.

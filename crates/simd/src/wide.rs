@@ -34,6 +34,14 @@ pub fn pack_order(order: [usize; 16], packed: &mut [u32; 16], entry: usize) {
     }
 }
 
+/// The lane at a place of an order that [`pack_order`] packed.
+#[inline(always)]
+pub fn unpack_order(packed: &[u32; 16], entry: usize, place: usize) -> usize {
+    let [even, odd] = packed.as_chunks().0[entry % 8];
+    let both = u64::from(even) | u64::from(odd) << 32;
+    (both >> (place << 5 & 32 | place << 1 & 28)) as usize & 15
+}
+
 /// Eight double-precision numbers at once. All implementations round alike.
 pub trait Doubles: Copy {
     /// A vector of eight numbers.
@@ -613,5 +621,7 @@ mod tests {
         let mut packed = [0; 16];
         pack_order(order, &mut packed, 5);
         assert_eq!(Portable.order(&packed, 5).map(|i| i as usize), order);
+        let places: [usize; 16] = std::array::from_fn(|i| i);
+        assert_eq!(places.map(|place| unpack_order(&packed, 5, place)), order);
     }
 }

@@ -4,7 +4,7 @@ use super::super::node;
 use super::ray::BoxRay;
 use crate::support::leaves::child::Child;
 use rayon::prelude::*;
-use whitstone_simd::{Sixteen, pack_order};
+use whitstone_simd::{Sixteen, pack_order, unpack_order};
 
 /// An inner node.
 #[derive(Clone, Copy, Debug)]
@@ -102,6 +102,13 @@ impl Node {
         let far = l.permute(entered.far, order);
         let children = l.permute_words(l.load_words(&self.boxes.children), order);
         (l.at_most(near, far), near, children)
+    }
+
+    /// The last child that a mask of [`Self::sorted`] selects, which must not be empty.
+    #[inline(always)]
+    pub(super) fn last(&self, octant: usize, mask: u32) -> Child {
+        let place = (31 - (mask & 0xffff | 1).leading_zeros()) as usize;
+        Child(self.boxes.children[unpack_order(&self.orders, octant, place)])
     }
 
     /// Bounds on the parameters where the ray crosses the near (0) or far (1) planes of all boxes.

@@ -117,7 +117,10 @@ impl Sixteen {
                 let node = &nodes[child.index()];
                 let entered = node.enter(m, local, limit);
                 if entered.mask & entered.mask.wrapping_sub(1) != 0 {
-                    child = stack.push_and_pop(m, height, node.sorted(m, local.octant, &entered));
+                    // Not read back from the stack: a single ray would wait for the store.
+                    let sorted = node.sorted(m, local.octant, &entered);
+                    child = node.last(local.octant, sorted.0);
+                    stack.push(m, height, sorted);
                 } else if entered.mask != 0 {
                     // A branch, so that the processor fetches the child that it predicts.
                     child = node.only(&entered);

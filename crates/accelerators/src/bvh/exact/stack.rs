@@ -53,20 +53,30 @@ impl Stack {
         self.height
     }
 
-    /// Adds the entries that the mask selects on top of `height`, removes the last one and returns
-    /// it.
+    /// Adds the entries that the mask selects, except the last one, on top of `height`.
     #[inline(always)]
-    pub(super) fn push_and_pop<L: Sixteen>(
+    pub(super) fn push<L: Sixteen>(
         &mut self,
         l: L,
         height: usize,
         (mask, near, children): (u32, L::Floats, L::Words),
-    ) -> Child {
+    ) {
         let to = self.near[height..].first_chunk_mut();
         if let Some(to) = to.zip(self.children[height..].first_chunk_mut()) {
             l.compress(mask, near, children, to);
         }
         self.height = height + mask.count_ones() as usize - 1;
+    }
+
+    /// The same; returns the last entry, or removes and returns the top one if the mask is empty.
+    #[inline(always)]
+    pub(super) fn push_and_pop<L: Sixteen>(
+        &mut self,
+        l: L,
+        height: usize,
+        selected: (u32, L::Floats, L::Words),
+    ) -> Child {
+        self.push(l, height, selected);
         Child(self.children[self.height % Self::ROOM])
     }
 
