@@ -3,8 +3,8 @@
 //! The ray is transformed to object space, where the plane is z = 0: one subtraction and one
 //! division.
 //!
-//! - Twin: Mitsuba `disk` of radius 1e12 m, textured by position (native): a rectangle of that size is
-//!   a mesh there and misses rows of pixels near the horizon.
+//! - Twin: Mitsuba `disk` of radius 1e12, textured by position (native): a rectangle of that size
+//!   is a mesh there and misses rows of pixels near the horizon.
 //! - Example: `scenes/shapes/plane.toml`.
 
 use crate::support::frame::{Frame, flat_hit};
