@@ -169,7 +169,7 @@ class Still:
 
 def exact(texture: Any) -> Any:
     """A built texture that uses coordinates in double precision where it can. Mitsuba's own textures
-    round them to single precision, which is coarse beside a small step.
+    round them to single precision, which makes differences over small steps inaccurate.
     """
     if isinstance(texture, Compound):
         combined = Combined(texture)
