@@ -239,7 +239,7 @@ class Detail(Case):
             bump = f'material = {{ type = "bump", height = {block}, {more + ", " if more else ""}material = {{ type = "mirror" }} }}\n'
             nodes = self.nodes(HEAD + square + bump + ball)
             self.near(np.array(nodes[1]["p"]) / 50, [-0.96, 0.28, 0], rel=1e-4, atol=1e-4)
-        # With coordinates in single precision, the slope over so small a step would be wrong by 4 %.
+        # In single precision, the slope over so small a step would be wrong by 4 %.
         with tempfile.TemporaryDirectory() as folder:
             write_exr(os.path.join(folder, "h.exr"), {"Y": np.array([[0, 0.375]], dtype=np.float32)})
             image = '{ type = "image", file = "h.exr", wrap = "clamp" }'
