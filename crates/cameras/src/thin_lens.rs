@@ -16,7 +16,7 @@ use serde::Deserialize;
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 use toml::Spanned;
 use whitstone_core::config::{Finite, IntegerIn, NonNegative, Positive};
-use whitstone_core::stream::{LANES, Lanes, RayStream};
+use whitstone_core::stream::{GROUP, Lanes, RayStream, groups};
 use whitstone_core::{
     Camera, Cameras, Context, DMat4, DVec2, DVec3, FilmSize, Plugin, Ray, SceneError, SceneErrors, simd,
 };
@@ -122,6 +122,20 @@ fn concentric(p: f64, q: f64) -> [f64; 2] {
     [r * cos, r * sin]
 }
 
+impl ThinLens {
+    /// The ray from a lens point, given relative to the lens centre, through the point in focus.
+    /// Its direction is computed at the distance of the window, because the point in focus may
+    /// overflow for a large or very near window.
+    #[inline(always)]
+    fn ray_from(&self, point: DVec3, raster: DVec2) -> Ray {
+        let through = self.pinhole.through(&self.frame, raster);
+        Ray::new(
+            self.frame.origin + point,
+            normalize(through - self.window_per_focus * point),
+        )
+    }
+}
+
 impl Camera for ThinLens {
     #[inline(always)]
     fn ray(&self, raster: DVec2) -> Ray {
@@ -133,27 +147,21 @@ impl Camera for ThinLens {
         self.lens.len() as u32
     }
 
-    /// The ray from a lens point through the point in focus. Its direction is computed at the
-    /// distance of the window, because the point in focus may overflow for a large or very near
-    /// window.
-    #[inline(always)]
     fn lens_ray(&self, raster: DVec2, point: u32) -> Ray {
-        let point = self.lens[point as usize];
-        let through = self.pinhole.through(&self.frame, raster);
-        Ray::new(
-            self.frame.origin + point,
-            normalize(through - self.window_per_focus * point),
-        )
+        self.ray_from(self.lens[point as usize], raster)
     }
 
     fn lens_stream(&self, raster: &Lanes<DVec2>, point: u32, rays: &mut RayStream) {
+        let point = self.lens[point as usize];
         simd::dispatch(
             #[inline(always)]
             || {
-                for lane in 0..rays.len.min(LANES) {
-                    let ray = self.lens_ray(raster[lane], point);
-                    rays.origin.set(lane, ray.origin);
-                    rays.direction.set(lane, ray.direction);
+                for start in groups(rays.len) {
+                    for lane in start..start + GROUP {
+                        let ray = self.ray_from(point, raster[lane]);
+                        rays.origin.set(lane, ray.origin);
+                        rays.direction.set(lane, ray.direction);
+                    }
                 }
             },
         );

@@ -127,9 +127,10 @@ impl Integrator for Whitted {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::ops::Range;
     use std::sync::Arc;
     use whitstone_core::stream::LANES;
-    use whitstone_core::{DVec3, Light, SelfHitFilter, TreeLimits, TreeNode};
+    use whitstone_core::{Counters, DVec3, Light, SelfHitFilter, TreeLimits, TreeNode};
     use whitstone_testkit::{Lamp, Simple, Wall, build, floor, integrator_laws, world_of_walls};
 
     const SKY: Lamp = Lamp {
@@ -202,15 +203,87 @@ mod tests {
 
     /// Panes one above the other that all reflect and transmit.
     fn panes() -> Scene {
+        panes_at(-20..20, [0.5, 0.5])
+    }
+
+    fn panes_at(heights: Range<i32>, [reflect, transmit]: [f64; 2]) -> Scene {
         let material = Simple {
-            reflect: Rgb::splat(0.5),
-            transmit: Rgb::splat(0.5),
+            reflect: Rgb::splat(reflect),
+            transmit: Rgb::splat(transmit),
             ..Simple::default()
         };
-        let walls: Vec<_> = (-20..20)
+        let walls: Vec<_> = heights
             .map(|height| (floor(f64::from(height) + 0.25), material))
             .collect();
         world_of_walls(&walls, SKY)
+    }
+
+    /// Two rays hit the pane below and two the one above; their reflections all hit the pane
+    /// between. The rays that it transmits come before those that the first panes have transmitted.
+    #[test]
+    fn the_ray_that_waits_last_goes_on_first() {
+        let scene = panes_at(-2..4, [0.3, 0.7]);
+        let integrator = build::<Integrators, Whitted>("max_depth = 9", ()).unwrap();
+        let mut stream = RayStream::default();
+        let mut expected = Vec::new();
+        for (lane, (height, slope)) in [(0.5, -1.0), (0.5, -0.9), (1.5, 1.0), (1.5, 0.9)]
+            .into_iter()
+            .enumerate()
+        {
+            let ray = Ray::new(DVec3::new(0.0, height, 0.0), DVec3::new(0.1, slope, 0.0));
+            stream.set(lane, ray, f64::INFINITY, SelfHitFilter::NOTHING);
+            expected.push(integrator.radiance(&scene, &ray, &mut Scratch::default()));
+        }
+        stream.len = expected.len();
+        let mut found = Colors::default();
+        integrator.radiance_stream(&scene, &stream, &mut Scratch::default(), &mut found);
+        for (lane, expected) in expected.into_iter().enumerate() {
+            assert_eq!(found.get(lane), expected);
+        }
+    }
+
+    /// Both rays first hit the same pane, one from above and one from below. Few panes are below.
+    /// While one pixel traces its many rays above the pane, the other one, which has finished those
+    /// below, waits: there are more waves than either has rays.
+    #[test]
+    fn rays_that_wait_for_others_are_not_counted() {
+        let scene = panes_at(-3..20, [0.5, 0.5]);
+        let integrator = build::<Integrators, Whitted>("max_depth = 12", ()).unwrap();
+        let pair = [(0.5, DVec3::NEG_Y), (-0.5, DVec3::Y)]
+            .map(|(height, direction)| Ray::new(DVec3::new(0.0, height, 0.0), direction));
+        let mut stream = RayStream::default();
+        let (mut expected, mut counters, mut most) = (Vec::new(), Counters::default(), 0);
+        for (lane, ray) in pair.into_iter().enumerate() {
+            stream.set(lane, ray, f64::INFINITY, SelfHitFilter::NOTHING);
+            let mut scratch = Scratch::default();
+            expected.push(integrator.radiance(&scene, &ray, &mut scratch));
+            counters.add(scratch.counters);
+            most = most.max(scratch.counters.closest as u32);
+        }
+        stream.len = pair.len();
+        for (rays, exceeded) in [(most, None), (most - 1, Some(true))] {
+            let limits = TreeLimits {
+                rays,
+                ..TreeLimits::default()
+            };
+            let mut scratch = Scratch::within(limits);
+            let mut found = Colors::default();
+            integrator.radiance_stream(&scene, &stream, &mut scratch, &mut found);
+            assert_eq!(scratch.too_large.map(|tree| tree.by_rays), exceeded);
+            if exceeded.is_none() {
+                assert_eq!([found.get(0), found.get(1)], expected[..]);
+                assert_eq!(scratch.counters, counters);
+            }
+            let mut scratch = Scratch::within(limits);
+            let mut hits = Box::default();
+            scene.accelerator.intersect_stream(&stream, &mut hits);
+            integrator.shade_stream(&scene, &stream, &mut hits, &mut scratch, &mut found);
+            assert_eq!(scratch.too_large.map(|tree| tree.by_rays), exceeded);
+            if exceeded.is_none() {
+                assert_eq!([found.get(0), found.get(1)], expected[..]);
+                assert_eq!(scratch.counters, counters);
+            }
+        }
     }
 
     #[test]

@@ -20,7 +20,8 @@ use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::{Color, FilePath, IntegerIn, TransformSteps};
-use whitstone_core::stream::{LANES, SampleStreams, Vectors};
+use whitstone_core::simd::{self, select};
+use whitstone_core::stream::{GROUP, SampleStreams, Vectors, groups};
 use whitstone_core::{
     Aabb, Context, DVec3, Light, LightBounds, LightFlags, LightSample, Lights, Plugin, Rgb, SceneError,
     SceneErrors, Transform, TriangleMesh,
@@ -309,14 +310,21 @@ impl Light for Area {
             let place = out.len();
             emission::sample_stream(*position, len, points, *intensity, self.falloff, out);
             let stream = out.stream(place);
-            for lane in 0..len.min(LANES) {
-                let irradiance = stream.irradiance.get(lane);
-                // Lanes without irradiance have no valid direction.
-                if !irradiance.is_black() {
-                    let cosine = facing(*normal, stream.direction.get(lane));
-                    stream.irradiance.set(lane, irradiance * cosine);
-                }
-            }
+            simd::dispatch(
+                #[inline(always)]
+                || {
+                    let normal = *normal;
+                    for start in groups(len) {
+                        for lane in start..start + GROUP {
+                            let irradiance = stream.irradiance.get(lane);
+                            let cosine = facing(normal, stream.direction.get(lane));
+                            // Lanes without irradiance have no valid direction.
+                            let factor = select(irradiance.is_black(), 0.0, cosine);
+                            stream.irradiance.set(lane, irradiance * factor);
+                        }
+                    }
+                },
+            );
         }
     }
 

@@ -23,7 +23,7 @@ use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::{Color, TextureRef};
-use whitstone_core::stream::{LANES, SurfaceStream};
+use whitstone_core::stream::{GROUP, SurfaceStream, groups};
 use whitstone_core::{
     BsdfFlags, ColorSource, Context, DVec3, Material, Materials, Plugin, Rgb, SceneError, SceneErrors,
     SpecularRay, SpecularRayKind, SpecularRayStreams, SpecularRays, SurfaceAttributes, SurfaceInteraction,
@@ -189,18 +189,16 @@ fn index(config: &Config) -> Result<[[f64; 3]; 2], SceneErrors> {
     Err(errors)
 }
 
-impl Conductor {
-    /// The mirror direction and the Fresnel reflectance.
-    #[inline(always)]
-    fn reflected(&self, point: &SurfaceInteraction, view: DVec3) -> (DVec3, Rgb) {
-        let n = point.n_towards(view);
-        // If the view grazes the geometric surface, rounding may put the viewer behind the normal.
-        // Rule G of the Whitted model (a reflected ray must leave on the viewer's side of the
-        // surface) then drops that branch.
-        let (c, s) = (n.dot(view).abs(), n.cross(view).length());
-        let [r, g, b] = self.channels.map(|index| index.reflectance(c, s));
-        (reflect(n, view), Rgb::new(r, g, b))
-    }
+/// The mirror direction and the Fresnel reflectance.
+#[inline(always)]
+fn reflected(channels: &[Index; 3], point: &SurfaceInteraction, view: DVec3) -> (DVec3, Rgb) {
+    let n = point.n_towards(view);
+    // If the view grazes the geometric surface, rounding may put the viewer behind the normal. Rule
+    // G of the Whitted model (a reflected ray must leave on the viewer's side of the surface) then
+    // drops that branch.
+    let (c, s) = (n.dot(view).abs(), n.cross(view).length());
+    let [r, g, b] = channels.map(|index| index.reflectance(c, s));
+    (reflect(n, view), Rgb::new(r, g, b))
 }
 
 impl Material for Conductor {
@@ -217,7 +215,7 @@ impl Material for Conductor {
     }
 
     fn specular_rays(&self, point: &SurfaceInteraction, view: DVec3, out: &mut SpecularRays) {
-        let (direction, fresnel) = self.reflected(point, view);
+        let (direction, fresnel) = reflected(&self.channels, point, view);
         out.push(SpecularRay {
             direction,
             weight: fresnel * self.tint.value(point),
@@ -228,14 +226,19 @@ impl Material for Conductor {
     fn specular_rays_stream(&self, points: &SurfaceStream, out: &mut SpecularRayStreams) {
         self.tint.value_stream(points, &mut out.reflection.weight);
         out.transmission.weight.fill(points.len, Rgb::BLACK);
+        // An unaliased local copy: it stays in registers.
+        let channels = self.channels;
+        let reflection = &mut out.reflection;
         simd::dispatch(
             #[inline(always)]
             || {
-                for lane in 0..points.len.min(LANES) {
-                    let (direction, fresnel) = self.reflected(&points.get(lane), points.view.get(lane));
-                    out.reflection.direction.set(lane, direction);
-                    let tint = out.reflection.weight.get(lane);
-                    out.reflection.weight.set(lane, fresnel * tint);
+                for start in groups(points.len) {
+                    for lane in start..start + GROUP {
+                        let view = points.view.get(lane);
+                        let (direction, fresnel) = reflected(&channels, &points.get(lane), view);
+                        reflection.direction.set(lane, direction);
+                        reflection.weight.set(lane, fresnel * reflection.weight.get(lane));
+                    }
                 }
             },
         );

@@ -178,10 +178,9 @@ fn take_planes(pixels: &mut Vec<[f32; 3]>) -> [Vec<f32>; 3] {
     let mut planes = [(); 3].map(|()| vec![0.0; pixels.len()]);
     while !pixels.is_empty() {
         let start = (pixels.len() - 1) / MOVED * MOVED;
-        for (channel, plane) in planes.iter_mut().enumerate() {
-            for (value, pixel) in plane[start..].iter_mut().zip(&pixels[start..]) {
-                *value = pixel[channel];
-            }
+        let [r, g, b] = planes.each_mut().map(|plane| plane[start..].iter_mut());
+        for (((r, g), b), pixel) in r.zip(g).zip(b).zip(&pixels[start..]) {
+            [*r, *g, *b] = *pixel;
         }
         pixels.truncate(start);
         pixels.shrink_to_fit();

@@ -7,11 +7,8 @@ use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
-use whitstone_core::stream::LANES;
-use whitstone_core::{
-    DVec2, DVec3, FilmSize, PreliminaryIntersection, Rgb, Scratch, SurfaceAttributes, SurfaceInteraction,
-    TreeLimits,
-};
+use whitstone_core::stream::{LANES, NO_SHAPE};
+use whitstone_core::{FilmSize, Rgb, Scratch, SurfaceAttributes, TreeLimits};
 use whitstone_scene::Aov;
 
 /// Side of the square tiles that are distributed to threads, in pixels, by default.
@@ -169,6 +166,18 @@ impl BlockScratch {
             band.rgb[place(pixel)] = *rgb;
         }
         let values = self.layers.chunks_exact(self.pixels.len().max(1));
+        // A row of a square lies side by side, unless the block is cut.
+        let width = self.ordered[0];
+        if width.is_multiple_of(SQUARE) {
+            let rows: Vec<usize> = self.pixels.iter().step_by(SQUARE as usize).map(place).collect();
+            for (layer, values) in band.layers.iter_mut().zip(values) {
+                let values = values.as_chunks::<{ SQUARE as usize }>().0;
+                for (place, row) in rows.iter().zip(values) {
+                    layer[*place..][..row.len()].copy_from_slice(row);
+                }
+            }
+            return;
+        }
         for (layer, values) in band.layers.iter_mut().zip(values) {
             for (pixel, value) in self.pixels.iter().zip(values) {
                 layer[place(pixel)] = *value;
@@ -439,25 +448,67 @@ impl Pipeline {
     }
 
     /// The layers of the hits of a stream of rays.
-    fn layers(&self, len: usize, memory: &SampleMemory, layers: &mut Vec<f32>) {
+    fn layers(&self, len: usize, memory: &mut SampleMemory, layers: &mut Vec<f32>) {
         let aovs = &self.film.aovs;
         let needs = aovs
             .iter()
             .fold(SurfaceAttributes::NOTHING, |all, aov| all | needs(*aov));
-        let reads_surface = aovs.iter().any(|aov| matches!(aov, Aov::Normal | Aov::Uv));
-        let channels = aovs.iter().map(|aov| aov.channels().len()).sum::<usize>();
-        layers.resize(channels * len, 0.0);
+        if aovs.iter().any(|aov| matches!(aov, Aov::Normal | Aov::Uv)) {
+            self.surfaces(len, memory, needs);
+        }
+        let SampleMemory {
+            raster, hits, points, ..
+        } = &*memory;
+        let shape = &hits.id.shape[..len];
+        let mut put = Columns { len, layers };
+        for aov in aovs {
+            match aov {
+                Aov::Depth => put.column(|lane| match shape[lane] {
+                    NO_SHAPE => 0.0,
+                    _ => (self.camera.near(raster.0[lane]) + hits.t.0[lane]) as f32,
+                }),
+                Aov::Normal => {
+                    for axis in 0..3 {
+                        put.column(|lane| match shape[lane] {
+                            NO_SHAPE => 0.0,
+                            _ => points.n_s.get(lane)[axis] as f32,
+                        });
+                    }
+                }
+                Aov::Uv => {
+                    for values in [&points.u, &points.v] {
+                        put.column(|lane| match shape[lane] {
+                            NO_SHAPE => 0.0,
+                            _ => values.0[lane] as f32,
+                        });
+                    }
+                }
+                Aov::ShapeId => put.column(|lane| match shape[lane] {
+                    NO_SHAPE => -1.0,
+                    shape => self.scene.shape_id(shape) as f32,
+                }),
+                Aov::PrimitiveId => put.column(|lane| match shape[lane] {
+                    NO_SHAPE => -1.0,
+                    _ => hits.id.primitive[lane] as f32,
+                }),
+            }
+        }
+    }
+
+    /// The surfaces at the hits of `memory.rays`; lanes without a hit are arbitrary.
+    fn surfaces(&self, len: usize, memory: &mut SampleMemory, needs: SurfaceAttributes) {
+        let SampleMemory {
+            rays, hits, points, ..
+        } = memory;
+        let (geometry, first) = (&self.scene.geometry, hits.id.shape[0]);
+        if first != NO_SHAPE && hits.id.shape[..len].iter().all(|shape| *shape == first) {
+            geometry.surface_stream(first, rays, hits, needs, points);
+            return;
+        }
         for lane in 0..len {
-            let hit = memory.hits.get(lane);
-            // Once for all layers.
-            let surface = hit.filter(|_| reads_surface);
-            let surface = surface.map(|hit| self.scene.geometry.surface(&memory.rays.ray(lane), &hit, needs));
-            let mut channel = lane;
-            let put = |value: f64| {
-                layers[channel] = value as f32;
-                channel += len;
-            };
-            self.layer_values(memory.raster.0[lane], hit.as_ref(), surface.as_ref(), put);
+            if let Some(hit) = hits.get(lane) {
+                points.set_geometry(lane, &geometry.surface(&rays.ray(lane), &hit, needs));
+            }
         }
     }
 
@@ -490,27 +541,17 @@ impl Pipeline {
             .sum();
         sum * (1.0 / f64::from(count))
     }
+}
 
-    /// The values of the layers for the ray through `raster`. The surface at the hit may be missing
-    /// if no layer reads it.
-    fn layer_values(
-        &self,
-        raster: DVec2,
-        hit: Option<&PreliminaryIntersection>,
-        surface: Option<&SurfaceInteraction>,
-        mut put: impl FnMut(f64),
-    ) {
-        for aov in &self.film.aovs {
-            let normal = surface.map_or(DVec3::ZERO, |surface| surface.n_s);
-            let uv = surface.map_or(DVec2::ZERO, |surface| surface.uv);
-            match aov {
-                Aov::Depth => put(hit.map_or(0.0, |hit| self.camera.near(raster) + hit.t)),
-                Aov::Normal => normal.to_array().into_iter().for_each(&mut put),
-                Aov::Uv => uv.to_array().into_iter().for_each(&mut put),
-                Aov::ShapeId => put(hit.map_or(-1.0, |hit| f64::from(self.scene.shape_id(hit.shape)))),
-                Aov::PrimitiveId => put(hit.map_or(-1.0, |hit| f64::from(hit.primitive))),
-            }
-        }
+/// Appends the channels of layers.
+struct Columns<'a> {
+    len: usize,
+    layers: &'a mut Vec<f32>,
+}
+
+impl Columns<'_> {
+    fn column(&mut self, value: impl Fn(usize) -> f32) {
+        self.layers.extend((0..self.len).map(value));
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::Pipeline;
 use std::ops::Range;
-use whitstone_core::stream::{Colors, HitStream, LANES, Lanes, Optional, RayStream};
+use whitstone_core::stream::{Colors, HitStream, LANES, Lanes, Optional, RayStream, SurfaceStream};
 use whitstone_core::{DVec2, Ray, RayDifferential, Rgb, Scene, Scratch, TooLarge, TreeLimits};
 
 /// Working memory for the samples of as many pixels as a stream has lanes.
@@ -17,6 +17,8 @@ pub(crate) struct SampleMemory {
     pub raster: Box<Raster>,
     radiance: Box<Colors>,
     pub hits: Box<HitStream>,
+    /// The surfaces at the hits, for layers.
+    pub points: Box<SurfaceStream>,
 }
 
 impl SampleMemory {

@@ -92,7 +92,7 @@ class LevelSets(Case):
         self.assertEqual(self.seen(ball, [(1.08, 0), (0, -1.08), (1.1, 0)]), [True, True, False])
         # More iterations take POV-Ray minutes per pixel. With c = -1 the set is rotationally
         # symmetric about the x axis, so the view from above shows its whole profile.
-        c, depth = -1, 3
+        c, depth = -1, 2
         solid = f'type = "fractal"\nSEEN\nkind = "julia"\nc = [{c}, 0, 0, 0]\ndepth = {depth}\n'
 
         def inside(x, y):

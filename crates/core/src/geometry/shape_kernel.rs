@@ -219,30 +219,31 @@ impl<P: ShapeKernel> Shape for P {
         points: &mut SurfaceStream,
     ) {
         let kernel = self.clone();
-        let len = rays.len.min(LANES);
         // Texture coordinates may need functions without a vector form.
         if needs.contains(SurfaceAttributes::UV) && !P::VECTOR_UV {
-            for lane in 0..len {
-                points.set(
-                    lane,
-                    &ShapeKernel::surface(&kernel, &rays.ray(lane), &hits.hit(lane), needs),
-                );
+            for lane in 0..rays.len.min(LANES) {
+                let point = ShapeKernel::surface(&kernel, &rays.ray(lane), &hits.hit(lane), needs);
+                points.set_geometry(lane, &point);
             }
             return;
         }
+        let last = kernel.primitives() - 1;
         simd::dispatch(
             #[inline(always)]
             || {
-                // Not in whole groups: a lane without a hit may contain an id that is no
-                // sub-primitive of this shape.
-                for lane in 0..len {
-                    let (ray, hit) = (rays.ray(lane), hits.hit(lane));
-                    // Constants, so that the compiler drops what is not needed.
-                    let needs = match P::VECTOR_UV {
-                        true => SurfaceAttributes::UV,
-                        false => SurfaceAttributes::NOTHING,
-                    };
-                    points.set(lane, &ShapeKernel::surface(&kernel, &ray, &hit, needs));
+                // Constants, so that the compiler drops what is not needed.
+                let needs = match P::VECTOR_UV {
+                    true => SurfaceAttributes::UV,
+                    false => SurfaceAttributes::NOTHING,
+                };
+                for start in rays.groups() {
+                    for lane in start..start + GROUP {
+                        let mut hit = hits.hit(lane);
+                        // An unused lane may contain the number of another shape's primitive.
+                        hit.primitive = hit.primitive.min(last);
+                        let point = ShapeKernel::surface(&kernel, &rays.ray(lane), &hit, needs);
+                        points.set_geometry(lane, &point);
+                    }
                 }
             },
         );

@@ -16,6 +16,7 @@ use crate::{
     SelfHitFilter, ShapeHit, SurfaceInteraction, VertexAttributeStream, VertexAttributes,
 };
 use glam::{DVec2, DVec3};
+use std::ops::Range;
 
 /// Capacity of a stream.
 pub const LANES: usize = 256;
@@ -31,6 +32,13 @@ const _: () = assert!(LANES.is_multiple_of(GROUP));
 #[inline(always)]
 pub fn groups(len: usize) -> impl Iterator<Item = usize> {
     (0..len.min(LANES).div_ceil(GROUP)).map(|group| group * GROUP)
+}
+
+/// The lanes of the groups that cover `len` rays. For loops with a short body: of two nested loops
+/// the compiler would unroll the inner one and vectorise the outer one, with gathers and scatters.
+#[inline(always)]
+pub fn whole_groups(len: usize) -> Range<usize> {
+    0..len.min(LANES).div_ceil(GROUP) * GROUP
 }
 
 /// One value for each ray of a stream.
@@ -542,14 +550,20 @@ impl SurfaceStream {
         }
     }
 
-    /// Replaces the point of a lane, except view, gradients of (u, v) and footprint.
+    /// Replaces the position, the normals and (u, v) of a lane.
     #[inline(always)]
-    pub fn set(&mut self, lane: usize, point: &SurfaceInteraction) {
+    pub fn set_geometry(&mut self, lane: usize, point: &SurfaceInteraction) {
         self.position.set(lane, point.position);
         self.error.0[lane] = point.error;
         self.n_g.set(lane, point.n_g);
         self.n_s.set(lane, point.n_s);
         (self.u.0[lane], self.v.0[lane]) = (point.uv.x, point.uv.y);
+    }
+
+    /// Replaces the point of a lane, except view, gradients of (u, v) and footprint.
+    #[inline(always)]
+    pub fn set(&mut self, lane: usize, point: &SurfaceInteraction) {
+        self.set_geometry(lane, point);
         if let Some(vertex) = self.vertex.get_mut() {
             vertex.0[lane] = point.vertex;
         }

@@ -172,8 +172,8 @@ fn compressed(image: &Image, block: usize) -> Vec<u8> {
     }
     // Not in place, so that no difference waits for the one before.
     let mut differences = halves.clone();
-    for (difference, pair) in differences[1..].iter_mut().zip(halves.windows(2)) {
-        *difference = pair[1].wrapping_sub(pair[0]).wrapping_add(128);
+    for ((difference, byte), before) in differences[1..].iter_mut().zip(&halves[1..]).zip(&halves) {
+        *difference = byte.wrapping_sub(*before).wrapping_add(128);
     }
     let compressed = miniz_oxide::deflate::compress_to_vec_zlib(&differences, LEVEL);
     if compressed.len() < halves.len() {

@@ -24,6 +24,13 @@ pub(crate) struct Frame {
     slant: DMat3,
 }
 
+/// The vector of an axis: selected, because a load at a computed place has no vector form.
+#[inline(always)]
+fn of_axis([x, y, z]: &[DVec3; 3], axis: usize) -> DVec3 {
+    let pick = |x, y, z| select(axis == 0, x, select(axis == 1, y, z));
+    DVec3::new(pick(x.x, y.x, z.x), pick(x.y, y.y, z.y), pick(x.z, y.z, z.z))
+}
+
 impl Frame {
     pub(crate) fn new(transform: Transform) -> Self {
         let forward = transform.world_from_object().matrix3;
@@ -83,7 +90,7 @@ impl Frame {
     /// Unit normal in world space of the planes perpendicular to an object axis.
     #[inline(always)]
     pub(crate) fn normal(&self, axis: usize) -> DVec3 {
-        self.normals[axis]
+        of_axis(&self.normals, axis)
     }
 
     /// Transforms the object-space point `p` to world space, with a bound on its distance from the
@@ -97,8 +104,8 @@ impl Frame {
         let origin = self.transform.world_from_object().translation;
         let [x, y, z] = self.columns(p);
         let terms = origin.abs() + x.abs() + y.abs() + z.abs();
-        let rounding = 5.0 * UNIT * self.normals[axis].abs().dot(terms);
-        let error = rounding + self.tilt[axis].dot(p.abs());
+        let rounding = 5.0 * UNIT * of_axis(&self.normals, axis).abs().dot(terms);
+        let error = rounding + of_axis(&self.tilt, axis).dot(p.abs());
         (origin + (x + y + z), error)
     }
 
