@@ -40,8 +40,8 @@ pub(crate) struct Memory {
     beyond: Box<BeyondLimit>,
 }
 
-/// Whole waves that wait, the next one last: a copy by columns takes a third of the time of a stack
-/// for each pixel.
+/// Whole waves that wait; the last one goes on first. They are copied column by column: glass
+/// renders 7 to 8% faster than with a stack for each pixel alone.
 #[derive(Default)]
 struct WaitingWaves {
     waves: Vec<Box<Paths>>,
