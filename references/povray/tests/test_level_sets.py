@@ -1,30 +1,15 @@
-"""Level sets: isosurface, implicit, fractal (model §9), against closed forms."""
+"""Level sets: isosurface, implicit (model §9), against closed forms; faults, also of fractals."""
 
 import math
 import unittest
 
-from support import Case, film, with_povray
+from level_sets import CAMERA, SeenFromAbove
+from support import film, with_povray
 from whitstone_povray.shapes import isosurface
-
-WHITE = '[[light]]\ntype = "ambient"\nradiance = 1\n'
-SEEN = 'material = { type = "matte", reflectance = 1 }\n'
-CAMERA = '[camera]\ntype = "orthographic"\nlook_at = { origin = [0, 0, 9], target = [0, 0, 0] }\nwidth = 4\n'
 
 
 @with_povray
-class LevelSets(Case):
-    def seen(self, shape, points, above=None):
-        """Whether the shape is seen from above at some points, also beyond a grey rectangle at a
-        height.
-        """
-        size = 400
-        sheet = f'[[shape]]\ntype = "rectangle"\ntransform = [{{ scale = 3 }}, {{ translate = [0, 0, {above}] }}]\nmaterial = {{ type = "matte", reflectance = 0.5 }}\n'
-        scene = film(size, size) + CAMERA + WHITE + f"[[shape]]\n{shape}\n" + (sheet if above is not None else "")
-        # The material precedes the tables of fields.
-        scene = scene.replace("SEEN", SEEN)
-        pixels = [(int((x + 2) / 4 * size), int((2 - y) / 4 * size)) for x, y in points]
-        return [value[0] > 0.75 for value in self.values(scene, pixels)]
-
+class LevelSets(SeenFromAbove):
     def test_interpolation_is_trilinear(self):
         # The density is 1/2 + (xy - z)/4: the iso value 1/2 gives the saddle z = xy; inside is
         # below it.
@@ -85,35 +70,6 @@ class LevelSets(Case):
         for text in (ball, f"{{ union = [{ball}] }}"):
             found = self.seen(f'type = "implicit"\nSEEN\nfield = {text}\n', [(edge - 0.01, 0), (edge + 0.01, 0)])
             self.assertEqual(found, [True, False])
-
-    def test_fractals(self):
-        # z^8: a ball of radius 2^(1/8).
-        ball = 'type = "fractal"\nSEEN\nkind = "julia"\nc = [0, 0, 0, 0]\ndepth = 3\n'
-        self.assertEqual(self.seen(ball, [(1.08, 0), (0, -1.08), (1.1, 0)]), [True, True, False])
-        # More iterations take POV-Ray minutes per pixel. With c = -1 the set is rotationally
-        # symmetric about the x axis, so the view from above shows its whole profile.
-        c, depth = -1, 2
-        solid = f'type = "fractal"\nSEEN\nkind = "julia"\nc = [{c}, 0, 0, 0]\ndepth = {depth}\n'
-
-        def inside(x, y):
-            z = complex(x, y)
-            for _ in range(depth):
-                z = z * z + c
-            return abs(z) < 2
-
-        # POV-Ray takes some seconds per point.
-        points = [(x / 8 + 0.01, y / 8 + 0.01) for x in range(-14, 15, 4) for y in (0, 4)]
-        expected = [any(inside(x, y + k / 200) for k in range(300)) for x, y in points]
-        clear = [p for p, e in zip(points, expected) if all(any(inside(p[0] + d, p[1] + f + k / 200) for k in range(300)) == e for d in (-0.02, 0.02) for f in (0, 0.02))]
-        self.assertGreater(len(clear), 8)
-        self.assertEqual(self.seen(solid, clear), [e for p, e in zip(points, expected) if p in clear])
-        # On +z, one iterate is r² + r: 2 at r = 1; on -z it is r² - r: 2 at r = 2.
-        bulb = 'type = "fractal"\nSEEN\nkind = "mandelbulb"\npower = 2\ndepth = 1\n'
-        self.assertEqual(self.seen(bulb, [(0, 0)], above=0.98), [True])
-        self.assertEqual(self.seen(bulb, [(0, 0)], above=1.02), [False])
-        over = bulb + "transform = { rotate = { axis = [1, 0, 0], degrees = 180 } }\n"
-        self.assertEqual(self.seen(over, [(0, 0)], above=1.98), [True])
-        self.assertEqual(self.seen(over, [(0, 0)], above=2.02), [False])
 
     def test_errors_are_reported(self):
         def scene(text):
