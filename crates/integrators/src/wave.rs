@@ -40,12 +40,13 @@ pub(crate) struct Memory {
     beyond: Box<BeyondLimit>,
 }
 
-/// Whole waves that wait; the last one goes on first. They are copied column by column: glass
-/// renders 7 to 8% faster than with a stack for each pixel alone.
+/// Transmitted rays that wait as a whole wave, instead of one by one on the stacks of their pixels.
+/// The wave that was added last is traced first. Scenes with glass render 7 to 8% faster with it,
+/// because a wave is copied column by column.
 #[derive(Default)]
 struct WaitingWaves {
     waves: Vec<Box<Paths>>,
-    /// Their memory, for others.
+    /// Memory of earlier waves, which serves again.
     spare: Vec<Box<Paths>>,
     /// Number of camera rays of the stream.
     camera_rays: usize,
@@ -479,8 +480,9 @@ impl WaitingWaves {
     /// Whether this number of transmitted rays of a group may wait as a wave, with a number of rays
     /// on the stacks of the pixels.
     ///
-    /// The stacks are emptied before a wave goes on, so that they must be empty when it begins to
-    /// wait. It must be nearly full, because it is traced alone.
+    /// The stacks must be empty: a ray that is on one of them would otherwise be traced before the
+    /// wave, although it was added earlier. The wave must be nearly full, because it is not merged
+    /// with other rays when its turn comes.
     fn take(&self, rays: usize, waiting: usize) -> bool {
         waiting == 0 && 4 * rays >= 3 * self.camera_rays && self.waves.len() < MAX_LATER
     }
