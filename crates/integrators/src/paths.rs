@@ -1,7 +1,7 @@
 //! Storage for the rays of one wave (the next ray of each pixel) and for the rays that wait; copies
 //! rays between them, given lists of lanes.
 
-use whitstone_core::stream::{Colors, GROUP, Ids, LANES, Lanes, RayStream, gather, groups};
+use whitstone_core::stream::{Colors, Ids, LANES, Lanes, RayStream, filter_lanes, gather};
 use whitstone_core::{DVec3, RayDifferential, Rgb, TreeLimits, simd};
 
 /// Rays of a wave with their throughput and medium. Their `limit`s stay infinite.
@@ -50,27 +50,7 @@ impl List {
     /// Replaces the list by those of the first `len` lanes for which `counts`.
     #[inline(always)]
     pub(crate) fn filter(&mut self, len: usize, counts: impl Fn(usize) -> bool) {
-        let (mut found, lanes) = (0, &mut self.lanes.0);
-        for start in groups(len) {
-            let mut mask = 0_u32;
-            for k in 0..GROUP {
-                mask |= u32::from(counts(start + k) & (start + k < len)) << k;
-            }
-            // Most groups agree.
-            if mask == (1 << GROUP) - 1 && found + GROUP <= LANES {
-                for k in 0..GROUP {
-                    lanes[found + k] = (start + k) as u16;
-                }
-                found += GROUP;
-                continue;
-            }
-            while mask != 0 {
-                lanes[found % LANES] = (start + mask.trailing_zeros() as usize) as u16;
-                found += 1;
-                mask &= mask - 1;
-            }
-        }
-        self.len = found;
+        self.len = filter_lanes(&mut self.lanes.0, len, counts);
     }
 
     #[inline(always)]

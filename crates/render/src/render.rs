@@ -161,28 +161,35 @@ impl BlockScratch {
             .first()
             .map_or(0, |[_, y]| region.place([region.x, *y]));
         let place = |pixel: &[u32; 2]| region.place(*pixel) - first;
-        // Without values if the pixels are not finished.
-        for (pixel, rgb) in self.pixels.iter().zip(&self.rgb) {
-            band.rgb[place(pixel)] = *rgb;
-        }
         let values = self.layers.chunks_exact(self.pixels.len().max(1));
         // A row of a square lies side by side, unless the block is cut.
         let width = self.ordered[0];
         if width.is_multiple_of(SQUARE) {
             let rows: Vec<usize> = self.pixels.iter().step_by(SQUARE as usize).map(place).collect();
+            copy_rows(band.rgb, &self.rgb, &rows);
             for (layer, values) in band.layers.iter_mut().zip(values) {
-                let values = values.as_chunks::<{ SQUARE as usize }>().0;
-                for (place, row) in rows.iter().zip(values) {
-                    layer[*place..][..row.len()].copy_from_slice(row);
-                }
+                copy_rows(layer, values, &rows);
             }
             return;
+        }
+        // Without values if the pixels are not finished.
+        for (pixel, rgb) in self.pixels.iter().zip(&self.rgb) {
+            band.rgb[place(pixel)] = *rgb;
         }
         for (layer, values) in band.layers.iter_mut().zip(values) {
             for (pixel, value) in self.pixels.iter().zip(values) {
                 layer[place(pixel)] = *value;
             }
         }
+    }
+}
+
+/// Copies each row of the squares of a block to its place. `values` is empty if the pixels are not
+/// finished.
+fn copy_rows<T: Copy>(to: &mut [T], values: &[T], places: &[usize]) {
+    let rows = values.as_chunks::<{ SQUARE as usize }>().0;
+    for (place, row) in places.iter().zip(rows) {
+        to[*place..][..row.len()].copy_from_slice(row);
     }
 }
 

@@ -47,10 +47,59 @@ pub type Lanes<T> = [T; LANES];
 /// The shape number for "none": a miss, or a ray that starts on no primitive.
 pub const NO_SHAPE: u32 = u32::MAX;
 
+/// Replaces the first entries of `list` by those of the first `len` lanes for which `counts`, in
+/// order, and returns their number.
+#[inline(always)]
+pub fn filter_lanes(list: &mut Lanes<u16>, len: usize, counts: impl Fn(usize) -> bool) -> usize {
+    let mut found = 0;
+    for start in groups(len) {
+        let mut mask = 0_u32;
+        for k in 0..GROUP {
+            mask |= u32::from(counts(start + k) & (start + k < len)) << k;
+        }
+        // Most groups agree.
+        if mask == (1 << GROUP) - 1 && found + GROUP <= LANES {
+            for k in 0..GROUP {
+                list[found + k] = (start + k) as u16;
+            }
+            found += GROUP;
+            continue;
+        }
+        while mask != 0 {
+            list[found % LANES] = (start + mask.trailing_zeros() as usize) as u16;
+            found += 1;
+            mask &= mask - 1;
+        }
+    }
+    found
+}
+
 /// Appends selected lanes of a column, in this order, after its first `start` lanes.
 #[inline(always)]
 pub fn gather<T: Copy>(to: &mut Lanes<T>, start: usize, from: &Lanes<T>, lanes: &[u16]) {
-    for (to, &lane) in to[start..].iter_mut().zip(lanes) {
+    let mut to = &mut to[start..];
+    let (runs, rest) = lanes.as_chunks::<GROUP>();
+    for run in runs {
+        let Some((places, others)) = to.split_first_chunk_mut::<GROUP>() else {
+            return;
+        };
+        // Neighbouring rays often do the same: most runs are copied as a whole.
+        let first = usize::from(run[0]);
+        let mut consecutive = true;
+        for (k, lane) in run.iter().enumerate() {
+            consecutive &= usize::from(*lane) == first + k;
+        }
+        match from.get(first..).and_then(|from| from.first_chunk()) {
+            Some(from) if consecutive => *places = *from,
+            _ => {
+                for (to, &lane) in places.iter_mut().zip(run) {
+                    *to = from[lane as usize % LANES];
+                }
+            }
+        }
+        to = others;
+    }
+    for (to, &lane) in to.iter_mut().zip(rest) {
         *to = from[lane as usize % LANES];
     }
 }

@@ -3,8 +3,8 @@ use crate::shading::shadow::shadow_ray;
 use crate::simd;
 use crate::simd::select;
 use crate::stream::{
-    Colors, GROUP, HitStream, Ids, LANES, Lanes, RayStream, SampleStreams, SurfaceStream, Vectors, gather,
-    groups,
+    Colors, GROUP, HitStream, Ids, LANES, Lanes, RayStream, SampleStreams, SurfaceStream, Vectors,
+    filter_lanes, gather, groups, whole_groups,
 };
 use crate::{
     Aabb, Accelerator, BsdfFlags, Context, DirectLighting, Footprint, Geometry, IncidentLight, Interval,
@@ -576,12 +576,11 @@ impl Scene {
                 }
                 continue;
             }
-            lit.len = 0;
             let mut lanes = [0_u16; LANES];
-            for lane in 0..len {
-                lanes[lit.len % LANES] = lane as u16;
-                lit.len += usize::from(faces[lane]);
-            }
+            lit.len = simd::dispatch(
+                #[inline(always)]
+                || filter_lanes(&mut lanes, len, |lane| faces[lane]),
+            );
             counters.shadow += lit.len as u64;
             if lit.len == 0 {
                 continue;
@@ -591,12 +590,27 @@ impl Scene {
                 all.len = len;
                 all.skip.copy_first(len, origin_primitive);
                 self.accelerator.occluded_stream(all, &mut hidden.0);
-            } else {
-                lit.gather_lines(0, all, lanes);
-                gather(&mut lit.limit, 0, &all.limit, lanes);
-                lit.skip.gather(0, origin_primitive, lanes);
-                self.accelerator.occluded_stream(lit, &mut hidden.0);
+                simd::dispatch(
+                    #[inline(always)]
+                    || {
+                        for lane in whole_groups(len) {
+                            let arrives = samples.irradiance.get(lane);
+                            let shown = if hidden.0[lane] { Rgb::BLACK } else { arrives };
+                            samples.irradiance.set(lane, shown);
+                        }
+                    },
+                );
+                continue;
             }
+            simd::dispatch(
+                #[inline(always)]
+                || {
+                    lit.gather_lines(0, all, lanes);
+                    gather(&mut lit.limit, 0, &all.limit, lanes);
+                    lit.skip.gather(0, origin_primitive, lanes);
+                },
+            );
+            self.accelerator.occluded_stream(lit, &mut hidden.0);
             for (&lane, hidden) in lanes.iter().zip(&hidden.0) {
                 let lane = lane as usize % LANES;
                 let arrives = samples.irradiance.get(lane);
