@@ -353,7 +353,8 @@ impl Memory {
     /// Replaces branches beyond the depth limit by the background. Returns whether background may
     /// have been added.
     fn stop_at_limit(&mut self, scene: &Scene, limits: Limits) -> bool {
-        let depths = &self.group.depth.0[..self.group.rays.len];
+        let len = self.group.rays.len.min(LANES);
+        let depths = &self.group.depth.0[..len];
         let deepest = simd::dispatch(
             #[inline(always)]
             || depths.iter().fold(0, |deepest: u32, depth| deepest.max(*depth)),
@@ -372,12 +373,16 @@ impl Memory {
             (&mut self.reflected, &self.group.absorption),
         ];
         for (branch, absorption) in kinds {
-            lanes.clear();
-            for (lane, depth) in depths.iter().enumerate() {
-                let beyond = *depth >= limits.max_depth;
-                lanes.push_if(beyond & branch.alive.0[lane], lane);
-                branch.alive.0[lane] &= !beyond;
-            }
+            let (depths, alive) = (&self.group.depth.0, &mut branch.alive.0);
+            simd::dispatch(
+                #[inline(always)]
+                || {
+                    lanes.filter(len, |lane| (depths[lane] >= limits.max_depth) & alive[lane]);
+                    for lane in whole_groups(len) {
+                        alive[lane] &= depths[lane] < limits.max_depth;
+                    }
+                },
+            );
             let lanes = lanes.lanes();
             if limits.beyond == Beyond::Black || lanes.is_empty() {
                 continue;

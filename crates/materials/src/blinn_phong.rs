@@ -11,6 +11,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::{Positive, TextureRef};
+use whitstone_core::stream::{Colors, SampleStreams, SurfaceStream};
 use whitstone_core::{
     BsdfFlags, Context, DVec3, LightSamples, Material, Materials, Plugin, Rgb, SceneErrors,
     SurfaceAttributes, SurfaceInteraction,
@@ -80,6 +81,17 @@ impl Material for BlinnPhong {
     fn local_illumination(&self, point: &SurfaceInteraction, view: DVec3, light: &LightSamples<'_>) -> Rgb {
         self.gloss
             .local_illumination(Highlight::BlinnPhong, point, view, light)
+    }
+
+    fn local_illumination_stream(
+        &self,
+        points: &SurfaceStream,
+        ambient: Rgb,
+        lights: &SampleStreams,
+        out: &mut Colors,
+    ) {
+        self.gloss
+            .local_illumination_stream(Highlight::BlinnPhong, points, ambient, lights, out);
     }
 }
 

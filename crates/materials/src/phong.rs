@@ -12,6 +12,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::{Positive, TextureRef};
+use whitstone_core::stream::{Colors, SampleStreams, SurfaceStream};
 use whitstone_core::{
     BsdfFlags, Context, DVec3, LightSamples, Material, Materials, Plugin, Rgb, SceneErrors,
     SurfaceAttributes, SurfaceInteraction,
@@ -81,6 +82,17 @@ impl Material for Phong {
     fn local_illumination(&self, point: &SurfaceInteraction, view: DVec3, light: &LightSamples<'_>) -> Rgb {
         self.gloss
             .local_illumination(Highlight::Phong, point, view, light)
+    }
+
+    fn local_illumination_stream(
+        &self,
+        points: &SurfaceStream,
+        ambient: Rgb,
+        lights: &SampleStreams,
+        out: &mut Colors,
+    ) {
+        self.gloss
+            .local_illumination_stream(Highlight::Phong, points, ambient, lights, out);
     }
 }
 

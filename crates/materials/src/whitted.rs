@@ -15,7 +15,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::{Color, Positive, TextureRef};
-use whitstone_core::stream::{LANES, SurfaceStream};
+use whitstone_core::stream::{Colors, LANES, SampleStreams, SurfaceStream};
 use whitstone_core::{
     BsdfFlags, ColorSource, Context, DVec3, LightSamples, Material, Materials, Plugin, Rgb, SceneErrors,
     SpecularRay, SpecularRayKind, SpecularRayStreams, SpecularRays, SurfaceAttributes, SurfaceInteraction,
@@ -136,6 +136,17 @@ impl Material for Whitted {
     fn local_illumination(&self, point: &SurfaceInteraction, view: DVec3, light: &LightSamples<'_>) -> Rgb {
         self.gloss
             .local_illumination(Highlight::Phong, point, view, light)
+    }
+
+    fn local_illumination_stream(
+        &self,
+        points: &SurfaceStream,
+        ambient: Rgb,
+        lights: &SampleStreams,
+        out: &mut Colors,
+    ) {
+        self.gloss
+            .local_illumination_stream(Highlight::Phong, points, ambient, lights, out);
     }
 
     fn shadow_transmittance(

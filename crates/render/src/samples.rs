@@ -76,9 +76,7 @@ impl Pipeline {
         let lens = self.camera.lens_points();
         rays.len = pixels.len();
         for sample in positions.start * lens..positions.end * lens {
-            for (raster, pixel) in raster.0.iter_mut().zip(pixels) {
-                *raster = self.raster(*pixel, sample / lens);
-            }
+            self.sampler.raster_stream(pixels, sample / lens, &mut raster.0);
             self.camera.lens_stream(&raster.0, sample % lens, rays);
             if let Some(scale) = self.sample_distance() {
                 rays.differential_from_camera(&*self.camera, &raster.0, sample % lens, scale, neighbours);

@@ -1,3 +1,4 @@
+use crate::stream::Lanes;
 use glam::DVec2;
 
 /// The fixed pattern of sample positions inside a pixel.
@@ -8,6 +9,14 @@ pub trait Sampler: Send + Sync {
     /// Position of sample `index` (below `count`) in a pixel, in `[0, 1)²` from its top left
     /// corner.
     fn position(&self, pixel: [u32; 2], index: u32) -> DVec2;
+
+    /// Raster coordinates of [`Self::position`] in each of some pixels (at most as many as a stream
+    /// has lanes).
+    fn raster_stream(&self, pixels: &[[u32; 2]], index: u32, out: &mut Lanes<DVec2>) {
+        for (out, [x, y]) in out.iter_mut().zip(pixels) {
+            *out = DVec2::new(f64::from(*x), f64::from(*y)) + self.position([*x, *y], index);
+        }
+    }
 
     /// The stopping rule for adaptive sampling; `None` if every pixel takes all samples.
     fn refinement(&self) -> Option<Refinement> {

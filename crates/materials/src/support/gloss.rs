@@ -1,9 +1,12 @@
 //! The shading sum of the lecture notes, shared by `phong`, `blinn_phong` and `whitted`.
 
-use crate::support::optics::{cosine_power, reflect};
+use crate::support::optics::{Angle, reflect};
 use whitstone_core::config::TextureRef;
+use whitstone_core::stream::{
+    Colors, LANES, Lanes, SampleStream, SampleStreams, SurfaceStream, whole_groups,
+};
 use whitstone_core::{
-    ColorSource, Context, DVec3, LightSamples, Rgb, SceneErrors, SurfaceAttributes, SurfaceInteraction,
+    ColorSource, Context, DVec3, LightSamples, Rgb, SceneErrors, SurfaceAttributes, SurfaceInteraction, simd,
 };
 
 /// `k_a I_a + sum of (k_d [n·l]+ + k_s highlight^exponent) E`.
@@ -21,6 +24,33 @@ pub(crate) enum Highlight {
     Phong,
     /// Between the normal and the half vector.
     BlinnPhong,
+}
+
+impl Highlight {
+    #[inline(always)]
+    fn angle(self, n: DVec3, l: DVec3, view: DVec3) -> Angle {
+        match self {
+            Self::Phong => Angle::between(reflect(n, l), view),
+            Self::BlinnPhong => {
+                let sum = l + view;
+                let scale = sum.length_recip();
+                // There is no half vector if l = -view, and no highlight.
+                let half = simd::select(scale.is_finite(), scale, 0.0) * sum;
+                Angle::between(n, half)
+            }
+        }
+    }
+}
+
+/// What a light sample contributes to the points of a stream.
+struct Lit {
+    /// Cosine between the normal and the light.
+    cosine: Lanes<f64>,
+    /// Whether the light reaches the front of the surface.
+    counts: Lanes<bool>,
+    angle: Lanes<Angle>,
+    /// The cosine of the highlight to its power.
+    power: Lanes<f64>,
 }
 
 impl Gloss {
@@ -81,19 +111,91 @@ impl Gloss {
             if cosine <= 0.0 {
                 continue;
             }
-            let mut response = k_d * cosine;
-            if !k_s.is_black() {
-                let power = match highlight {
-                    Highlight::Phong => cosine_power(reflect(n, l), view, self.exponent),
-                    // There is no half vector if l = -view.
-                    Highlight::BlinnPhong => (l + view)
-                        .try_normalize()
-                        .map_or(0.0, |h| cosine_power(n, h, self.exponent)),
-                };
-                response += k_s * power;
-            }
+            let power = if k_s.is_black() {
+                0.0
+            } else {
+                highlight.angle(n, l, view).cosine_power(self.exponent)
+            };
+            let response = k_d * cosine + k_s * power;
             sum += response * incoming.irradiance;
         }
         sum
+    }
+
+    /// [`Self::local_illumination`] for every point of a stream.
+    pub(crate) fn local_illumination_stream(
+        &self,
+        highlight: Highlight,
+        points: &SurfaceStream,
+        ambient: Rgb,
+        lights: &SampleStreams,
+        out: &mut Colors,
+    ) {
+        let len = points.len;
+        if ambient.is_black() {
+            out.fill(len, Rgb::BLACK);
+        } else {
+            self.k_a.value_stream(points, out);
+            for lane in whole_groups(len) {
+                out.set(lane, out.get(lane) * ambient);
+            }
+        }
+        if lights.is_empty() {
+            return;
+        }
+        let [mut k_d, mut k_s] = [Colors::default(), Colors::default()];
+        self.k_d.value_stream(points, &mut k_d);
+        self.k_s.value_stream(points, &mut k_s);
+        let mut lit = Lit {
+            cosine: [0.0; LANES],
+            counts: [false; LANES],
+            angle: [Angle::default(); LANES],
+            power: [0.0; LANES],
+        };
+        for light in lights.iter() {
+            match highlight {
+                Highlight::Phong => lit.angles(Highlight::Phong, points, light),
+                Highlight::BlinnPhong => lit.angles(Highlight::BlinnPhong, points, light),
+            }
+            for lane in 0..len {
+                lit.power[lane] = if lit.counts[lane] & !k_s.get(lane).is_black() {
+                    lit.angle[lane].cosine_power(self.exponent)
+                } else {
+                    0.0
+                };
+            }
+            simd::dispatch(
+                #[inline(always)]
+                || {
+                    for lane in whole_groups(len) {
+                        let response = k_d.get(lane) * lit.cosine[lane] + k_s.get(lane) * lit.power[lane];
+                        let before = out.get(lane);
+                        let after = before + response * light.irradiance.get(lane);
+                        out.set(lane, if lit.counts[lane] { after } else { before });
+                    }
+                },
+            );
+        }
+    }
+}
+
+impl Lit {
+    /// Computes everything but the powers.
+    #[inline(always)]
+    fn angles(&mut self, highlight: Highlight, points: &SurfaceStream, light: &SampleStream) {
+        simd::dispatch(
+            #[inline(always)]
+            || {
+                for lane in whole_groups(points.len) {
+                    let view = points.view.get(lane);
+                    let n = points.get(lane).n_towards(view);
+                    let l = light.direction.get(lane);
+                    let cosine = n.dot(l);
+                    self.cosine[lane] = cosine;
+                    self.counts[lane] = (cosine > 0.0) & !light.irradiance.get(lane).is_black();
+                    self.angle[lane] = highlight.angle(n, l, view);
+                }
+            },
+        );
     }
 }

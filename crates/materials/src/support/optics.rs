@@ -57,18 +57,33 @@ fn nearly_unit(v: DVec3) -> DVec3 {
     v * (1.5 - 0.5 * v.length_squared())
 }
 
-/// `[a·b]+` to a power, for unit vectors. Near 1 the cosine is too coarse for high exponents, so
-/// the logarithm is computed from the sine.
-pub(crate) fn cosine_power(a: DVec3, b: DVec3, exponent: f64) -> f64 {
-    let cosine = a.dot(b);
-    if cosine <= 0.0 {
-        return 0.0;
+/// The angle between two unit vectors.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Angle {
+    cosine: f64,
+    sine_squared: f64,
+}
+
+impl Angle {
+    #[inline(always)]
+    pub(crate) fn between(a: DVec3, b: DVec3) -> Self {
+        Self {
+            cosine: a.dot(b),
+            sine_squared: a.cross(b).length_squared(),
+        }
     }
-    let sine_squared = a.cross(b).length_squared();
-    if sine_squared < 0.5 {
-        libm::exp(exponent * 0.5 * libm::log1p(-sine_squared))
-    } else {
-        libm::pow(cosine, exponent)
+
+    /// `[cosine]+` to a power. Near 1 the cosine is too coarse for high exponents, so the logarithm
+    /// is computed from the sine.
+    pub(crate) fn cosine_power(self, exponent: f64) -> f64 {
+        let Self { cosine, sine_squared } = self;
+        if cosine <= 0.0 {
+            0.0
+        } else if sine_squared < 0.5 {
+            libm::exp(exponent * 0.5 * libm::log1p(-sine_squared))
+        } else {
+            libm::pow(cosine, exponent)
+        }
     }
 }
 

@@ -663,14 +663,14 @@ const POWERS: &[[f64; 4]] = &[
 fn high_powers_agree_with_high_precision() {
     for &[sin, cos, exponent, power] in POWERS {
         let (a, b) = incidence(sin, cos);
-        let found = cosine_power(a, b, exponent);
+        let found = Angle::between(a, b).cosine_power(exponent);
         assert!(
             (found / power - 1.0).abs() < 1e-12,
             "{sin} {exponent}: {found} {power}"
         );
     }
-    assert_eq!(cosine_power(DVec3::X, DVec3::Y, 1e-300), 0.0);
-    assert_eq!(cosine_power(DVec3::X, DVec3::X, f64::MAX), 1.0);
+    assert_eq!(Angle::between(DVec3::X, DVec3::Y).cosine_power(1e-300), 0.0);
+    assert_eq!(Angle::between(DVec3::X, DVec3::X).cosine_power(f64::MAX), 1.0);
 }
 
 /// n_t/n_i and 1 - F, by quadrature of the definition in mpmath with 40 digits.
