@@ -36,17 +36,6 @@ pub(crate) struct List {
 }
 
 impl List {
-    pub(crate) fn clear(&mut self) {
-        self.len = 0;
-    }
-
-    /// Appends a lane if `counts`, without a conditional jump.
-    #[inline(always)]
-    pub(crate) fn push_if(&mut self, counts: bool, lane: usize) {
-        self.lanes.0[self.len % LANES] = lane as u16;
-        self.len += usize::from(counts);
-    }
-
     /// Replaces the list by those of the first `len` lanes for which `counts`.
     #[inline(always)]
     pub(crate) fn filter(&mut self, len: usize, counts: impl Fn(usize) -> bool) {
