@@ -1,6 +1,7 @@
 //! Laws of samplers.
 
 use std::collections::BTreeSet;
+use whitstone_core::stream::LANES;
 use whitstone_core::{DVec2, Sampler};
 
 /// Some pixels, including the last one.
@@ -89,12 +90,25 @@ fn common(sampler: &dyn Sampler) {
             "the samples of {pixel:?} must be distinct"
         );
     }
+    for index in [0, count / 2, count - 1] {
+        let mut raster = [DVec2::ZERO; LANES];
+        sampler.raster_stream(&PIXELS, index, &mut raster);
+        for (pixel, found) in PIXELS.into_iter().zip(raster) {
+            let expected = DVec2::from(pixel.map(f64::from)) + sampler.position(pixel, index);
+            assert!(
+                found == expected,
+                "`raster_stream` must agree with `position`: sample {index} of {pixel:?} is at {expected}, \
+                 not {found}"
+            );
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use std::sync::atomic::{AtomicU32, Ordering};
+    use whitstone_core::stream::Lanes;
 
     struct At<F>(u32, F);
 
@@ -110,6 +124,29 @@ mod tests {
     #[test]
     fn a_correct_sampler_passes() {
         sampler_laws(&At(2, |i| 0.25 + 0.5 * f64::from(i)));
+    }
+
+    /// With another position in streams.
+    struct Shifted;
+
+    impl Sampler for Shifted {
+        fn count(&self) -> u32 {
+            1
+        }
+        fn position(&self, _: [u32; 2], _: u32) -> DVec2 {
+            DVec2::splat(0.5)
+        }
+        fn raster_stream(&self, pixels: &[[u32; 2]], _: u32, out: &mut Lanes<DVec2>) {
+            for (out, pixel) in out.iter_mut().zip(pixels) {
+                *out = DVec2::from(pixel.map(f64::from));
+            }
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "must agree with `position`")]
+    fn a_stream_with_other_positions_is_found() {
+        sampler_laws(&Shifted);
     }
 
     #[test]

@@ -78,7 +78,7 @@ pub fn filter_lanes(list: &mut Lanes<u16>, len: usize, counts: impl Fn(usize) ->
 #[inline(always)]
 pub fn gather<T: Copy>(to: &mut Lanes<T>, start: usize, from: &Lanes<T>, lanes: &[u16]) {
     let mut to = &mut to[start..];
-    let (runs, rest) = lanes.as_chunks::<GROUP>();
+    let (runs, rest) = lanes[..lanes.len().min(to.len())].as_chunks::<GROUP>();
     for run in runs {
         let Some((places, others)) = to.split_first_chunk_mut::<GROUP>() else {
             return;
@@ -696,5 +696,64 @@ impl SampleStreams {
     /// The samples in the order of addition.
     pub fn iter_mut(&mut self) -> impl Iterator<Item = &mut SampleStream> {
         self.streams[..self.used].iter_mut().map(|stream| &mut **stream)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Lists of lanes with runs that start anywhere, and with gaps.
+    fn lists() -> impl Iterator<Item = Vec<u16>> {
+        let every = |step: usize, start: u16| (start..LANES as u16).step_by(step).collect::<Vec<_>>();
+        let pieces = [0..16, 17..49, 60..61, 100..131].into_iter().flatten().collect();
+        let swapped = [1, 0].into_iter().chain(2..32).collect();
+        let reversed = (0..LANES as u16).rev().collect();
+        let ends = [(0..15).chain(16..17).collect(), (0..15).chain(200..217).collect()];
+        (0..20)
+            .map(move |start| every(1, start * 13))
+            .chain([
+                every(2, 0),
+                every(1, 0)[..31].to_vec(),
+                pieces,
+                swapped,
+                reversed,
+                Vec::new(),
+            ])
+            .chain(ends)
+    }
+
+    #[test]
+    fn gathers_what_the_list_names() {
+        let from: Lanes<u32> = std::array::from_fn(|lane| 1000 + lane as u32);
+        for (lanes, start) in lists().flat_map(|lanes| [0, 1, 200].map(|start| (lanes.clone(), start))) {
+            let mut to: Lanes<u32> = std::array::from_fn(|lane| lane as u32);
+            gather(&mut to, start, &from, &lanes);
+            for (place, found) in to.iter().enumerate() {
+                let lane = place.checked_sub(start).and_then(|k| lanes.get(k));
+                let expected = lane.map_or(place as u32, |lane| 1000 + u32::from(*lane));
+                assert_eq!(*found, expected, "place {place} after {start} of {lanes:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn filters_lanes_in_order() {
+        let ways: [fn(usize) -> bool; 5] = [
+            |_| true,
+            |_| false,
+            |lane| lane % 3 == 1,
+            |lane| lane != 20,
+            |lane| lane / GROUP % 2 == 1,
+        ];
+        for (len, counts) in (0..=LANES).flat_map(|len| ways.map(|counts| (len, counts))) {
+            let mut list = [7; LANES];
+            let found = filter_lanes(&mut list, len, counts);
+            let expected: Vec<u16> = (0..len)
+                .filter(|lane| counts(*lane))
+                .map(|lane| lane as u16)
+                .collect();
+            assert_eq!(list[..found], expected, "{len} lanes");
+        }
     }
 }
