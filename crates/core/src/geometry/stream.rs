@@ -77,12 +77,11 @@ pub fn filter_lanes(list: &mut Lanes<u16>, len: usize, counts: impl Fn(usize) ->
 /// Appends selected lanes of a column, in this order, after its first `start` lanes.
 #[inline(always)]
 pub fn gather<T: Copy>(to: &mut Lanes<T>, start: usize, from: &Lanes<T>, lanes: &[u16]) {
-    let mut to = &mut to[start..];
-    let (runs, rest) = lanes[..lanes.len().min(to.len())].as_chunks::<GROUP>();
-    for run in runs {
-        let Some((places, others)) = to.split_first_chunk_mut::<GROUP>() else {
-            return;
-        };
+    let to = &mut to[start..];
+    let len = lanes.len().min(to.len());
+    let (runs, rest) = lanes[..len].as_chunks::<GROUP>();
+    let (places_of_runs, places_of_rest) = to[..len].as_chunks_mut::<GROUP>();
+    for (places, run) in places_of_runs.iter_mut().zip(runs) {
         // Neighbouring rays often do the same: most runs are copied as a whole.
         let first = usize::from(run[0]);
         let mut consecutive = true;
@@ -97,9 +96,8 @@ pub fn gather<T: Copy>(to: &mut Lanes<T>, start: usize, from: &Lanes<T>, lanes: 
                 }
             }
         }
-        to = others;
     }
-    for (to, &lane) in to.iter_mut().zip(rest) {
+    for (to, &lane) in places_of_rest.iter_mut().zip(rest) {
         *to = from[lane as usize % LANES];
     }
 }

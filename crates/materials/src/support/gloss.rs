@@ -42,6 +42,12 @@ impl Highlight {
     }
 }
 
+/// Radiance by one light: `k_d` times the cosine plus `k_s` times the power, times the irradiance.
+#[inline(always)]
+fn reflected([k_d, k_s]: [Rgb; 2], [cosine, power]: [f64; 2], irradiance: Rgb) -> Rgb {
+    (k_d * cosine + k_s * power) * irradiance
+}
+
 /// What a light sample contributes to the points of a stream.
 struct Lit {
     /// Cosine between the normal and the light.
@@ -116,8 +122,7 @@ impl Gloss {
             } else {
                 highlight.angle(n, l, view).cosine_power(self.exponent)
             };
-            let response = k_d * cosine + k_s * power;
-            sum += response * incoming.irradiance;
+            sum += reflected([k_d, k_s], [cosine, power], incoming.irradiance);
         }
         sum
     }
@@ -153,6 +158,7 @@ impl Gloss {
             power: [0.0; LANES],
         };
         for light in lights.iter() {
+            // Each loop knows its highlight, so that both are vectorised.
             match highlight {
                 Highlight::Phong => lit.angles(Highlight::Phong, points, light),
                 Highlight::BlinnPhong => lit.angles(Highlight::BlinnPhong, points, light),
@@ -168,9 +174,10 @@ impl Gloss {
                 #[inline(always)]
                 || {
                     for lane in whole_groups(len) {
-                        let response = k_d.get(lane) * lit.cosine[lane] + k_s.get(lane) * lit.power[lane];
+                        let coefficients = [k_d.get(lane), k_s.get(lane)];
+                        let cosines = [lit.cosine[lane], lit.power[lane]];
                         let before = out.get(lane);
-                        let after = before + response * light.irradiance.get(lane);
+                        let after = before + reflected(coefficients, cosines, light.irradiance.get(lane));
                         out.set(lane, if lit.counts[lane] { after } else { before });
                     }
                 },
